@@ -1,4 +1,4 @@
-"""Campaigns: many runs of one scenario in closed loop with drawn plants, targets, noise and faults."""
+"""Campaigns: closed-loop runs of one scenario with drawn plants, targets, noise and faults."""
 
 from ffsms_pin.campaigns.definition import Campaign
 from ffsms_pin.campaigns.report import by_method, report

@@ -1,4 +1,4 @@
-"""A campaign: a scenario file, the distributions of what is drawn of it, and the scenario of each seed."""
+"""The definition of a campaign: a scenario file, distributions of its keys, and each seed's scenario."""
 
 from __future__ import annotations
 
@@ -26,10 +26,10 @@ class Campaign:
 
     source: str  #: path of the scenario file
     content: Mapping[str, Any]  #: its tables without [campaign]
-    draws: Mapping[str, Any]  #: distributions by key, as {"plant.arm_mass": {"uniform": [0.8, 1.2]}}
+    draws: Mapping[str, Any]  #: distributions by key, such as {"plant.arm_mass": {"uniform": [0.8, 1.2]}}
     runs: int
-    seed: int = 1  #: of the first run
-    compare: bool = False  #: whether each drawn scenario is followed twice: planned once and re-planned
+    seed: int = 1  #: seed of the first run
+    compare: bool = False  #: True to run each drawn scenario twice: planned once and re-planned
     allow_import: bool = False  #: as for `ffsms_pin.scenario`
     hash: str = ""  #: digest under which results are stored
 
@@ -51,16 +51,16 @@ class Campaign:
         if compare:
             content.setdefault("reference", {})["kind"] = "re-planning"
         campaign = cls(source, content, draws, whole("runs", runs, 1), first, compare, allow_import)
-        campaign.scenario(first).load()  # raises for keys and robots that do not exist before anything runs
+        campaign.scenario(first).load()  # raises for unknown keys and robots before any run
         return campaign
 
     @classmethod
     def open(cls, folder: str | os.PathLike[str], *, allow_import: bool = False) -> Campaign:
-        """Read the campaign whose results a folder holds."""
+        """Read the campaign of a results folder."""
         try:
             return cls(**{**read_json(Path(folder) / "campaign.json"), "allow_import": allow_import})
         except TypeError:
-            raise ResultError(folder, "does not hold the results of a campaign") from None
+            raise ResultError(folder, "is no results folder of a campaign") from None
 
     @property
     def seeds(self) -> range:
@@ -73,7 +73,7 @@ class Campaign:
         return scenario_of(Path(self.source), content, allow_import=self.allow_import)
 
     def digest(self) -> str:
-        """Return the SHA-256 of all that a run depends on besides its seed."""
+        """Return the SHA-256 of all inputs of a run except its seed."""
         names = [self.content.get(table, {}).get("model") for table in ("robot", "plant")]
         names += [row.get("file") for row in self.content.get("obstacle", [])]
         names.append(self.content.get("path", {}).get("file"))

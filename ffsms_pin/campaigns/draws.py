@@ -1,4 +1,4 @@
-"""Draw keys of a scenario file from the distributions in its table [campaign.draw]."""
+"""The draws of keys of a scenario file from the distributions in [campaign.draw]."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ import numpy as np
 from ffsms_pin.errors import InvalidScenario
 from ffsms_pin.scenarios.keys import DEGREES
 
-# Keys that have another value for each seed if the scenario has their table.
+# Keys that get a new value for each seed if the scenario has their table.
 _SEEDS = ("sensors.seed", "wrist.seed", "plant.random.seed", "client.sensor.seed")
 _ADVICE = "write { uniform = [low, high] }, { normal = [mean, deviation] } or { choice = [value, value] }"
 
 
 def flat_draws(table: Mapping[str, Any], path: str = "") -> Iterator[tuple[str, Any]]:
-    """Yield drawn keys and their distributions; `plant.arm_mass` in TOML is a table in a table."""
+    """Yield drawn keys and their distributions from nested tables, such as `plant.arm_mass`."""
     for name, value in table.items():
         if isinstance(value, Mapping) and value and not set(value) & {"uniform", "normal", "choice"}:
             yield from flat_draws(value, f"{path}{name}.")
@@ -30,7 +30,7 @@ def flat_draws(table: Mapping[str, Any], path: str = "") -> Iterator[tuple[str, 
 
 
 def drawn_columns(draws: Mapping[str, Any], seed: int) -> dict[str, Any]:
-    """Return what a seed draws as columns: entries of lists have numbers, choices of other kinds are JSON."""
+    """Return a seed's drawn values as columns: entries of lists are numbered, other choices are JSON."""
     columns: dict[str, Any] = {}
     for key, distribution in draws.items():
         value = _draw(distribution, _stream(key, seed))
@@ -45,7 +45,7 @@ def drawn_columns(draws: Mapping[str, Any], seed: int) -> dict[str, Any]:
 def drawn_content(
     source: Path, content: Mapping[str, Any], draws: Mapping[str, Any], seed: int
 ) -> dict[str, Any]:
-    """Return the content of a scenario file with the keys that a seed draws.
+    """Return the content of a scenario file with the drawn values of a seed.
 
     Raises
     ------
@@ -67,17 +67,17 @@ def drawn_content(
             _set(tables, key, copy.deepcopy(value))
         except (AttributeError, LookupError, TypeError, ValueError):
             message = (
-                f"[campaign.draw] {key} is no key of the file; write it as plant.arm_mass or fault.1.time"
+                f"[campaign.draw] {key} is no key of the file; write it like plant.arm_mass or fault.1.time"
             )
             raise InvalidScenario(source, message) from None
-    for name in ("fault", "capture", "disturbance"):  # a drawn {} stands for none
+    for name in ("fault", "capture", "disturbance"):  # a drawn {} removes the entry
         if isinstance(tables.get(name), list):
             tables[name] = [row for row in tables[name] if row != {}]
     return tables
 
 
 def _stream(key: str, seed: int) -> np.random.Generator:
-    """Return the random stream of a key, on which the other draws in the file have no influence."""
+    """Return the random stream of a key, which does not depend on the other draws in the file."""
     return np.random.default_rng([seed, zlib.crc32(key.encode())])
 
 
@@ -92,7 +92,7 @@ def _draw(distribution: Mapping[str, Any], rng: np.random.Generator) -> Any:
 
 
 def _set(table: Any, key: str, value: Any) -> None:
-    """Set a key of nested tables; a number in the key counts the tables of a list, from 1."""
+    """Set a key of nested tables; a number in the key is an index of a list, from 1."""
     *path, last = key.split(".")
     for name in path:
         table = (
@@ -100,6 +100,6 @@ def _set(table: Any, key: str, value: Any) -> None:
         )
     if isinstance(table, list):
         table[range(len(table)).index(int(last) - 1)] = value
-    else:  # the drawn value replaces that of the file, whatever the unit of each
+    else:  # the drawn value replaces that of the file, also one in another unit
         table.pop(last.removesuffix(DEGREES) if last.endswith(DEGREES) else last + DEGREES, None)
         table[last] = value

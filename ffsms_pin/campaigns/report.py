@@ -10,11 +10,11 @@ import numpy as np
 from ffsms_pin.analysis import finite, wilson_interval
 
 _PERCENTILES = (5, 25, 50, 75, 95, 99)
-_SHOWN = ("seed", "outcome", "error")  # of the worst runs
+_SHOWN = ("seed", "outcome", "error")  # columns of the worst runs
 
 
 def by_method(table: dict[str, Any]) -> dict[str, dict[str, Any]]:
-    """Return the table of each method if a campaign compares, or one table without a name."""
+    """Return the table of each method if the campaign compares, else one table without a name."""
     columns = dict(table)
     methods = columns.pop("method", np.full(len(table["seed"]), "", object))
     names = dict.fromkeys(methods.tolist())
@@ -22,7 +22,7 @@ def by_method(table: dict[str, Any]) -> dict[str, dict[str, Any]]:
 
 
 def report(table: dict[str, Any]) -> dict[str, Any]:
-    """Return the numbers of a campaign, for each method if it compares, as JSON can hold them."""
+    """Return the numbers of a campaign for JSON, by method if the campaign compares methods."""
     if "method" in table:
         return {method: report(part) for method, part in by_method(table).items()}
     outcomes, errors = Counter(table["outcome"].tolist()), Counter(filter(None, table["error"].tolist()))

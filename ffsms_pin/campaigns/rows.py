@@ -1,4 +1,4 @@
-"""Plan and follow a scenario, and return the run as one row of numbers."""
+"""The run of a scenario as one row of numbers."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from ffsms_pin.scenarios.closed_loop import ClosedLoop, controller, flown, plann
 from ffsms_pin.scenarios.definition import Scenario
 from ffsms_pin.simulation import Tracking
 
-# Tables that no plan depends on.
+# Tables without influence on the plan.
 _LOOP: tuple[str, ...] = ("control", "reference", "plant", "friction", "actuator", "sensors", "wrist")
 _LOOP += ("estimator", "disturbance", "capture", "fault", "guards", "attitude", "learn")
-_last: dict[str, Any] = {}  # the last plan of this process and what it depends on
+_last: dict[str, Any] = {}  # the last plan of this process and its inputs
 
 
 def run_numbers(scenario: Scenario, once: bool = False, files: str = "") -> dict[str, Any]:
@@ -28,12 +28,12 @@ def run_numbers(scenario: Scenario, once: bool = False, files: str = "") -> dict
     ----------
     scenario : Scenario
     once : bool
-        Whether to follow the plan made once if the scenario re-plans.
+        True to follow the plan made once even if the scenario re-plans.
     files : str
-        A hash of the files that the scenario names; runs that differ in the loop alone share one plan.
+        A hash of the scenario's files; runs with equal planning inputs share one plan.
     """
     with scenario.named(), warnings.catch_warnings():
-        warnings.simplefilter("ignore", FfsmsWarning)  # a campaign would repeat it for each run
+        warnings.simplefilter("ignore", FfsmsWarning)  # each run would repeat the warnings
         sms = scenario.load()
         q0 = scenario.start_configuration(sms)
         law, loop = controller(scenario, sms), prepared(scenario, sms, q0)
@@ -60,7 +60,7 @@ def run_numbers(scenario: Scenario, once: bool = False, files: str = "") -> dict
 
 
 def _loop_numbers(loop: ClosedLoop, plan: Trajectory, tracking: Tracking) -> dict[str, float]:
-    """Return numbers of a closed loop as far as it went."""
+    """Return the numbers of a complete or stopped closed loop."""
     if len(tracking.t) < 2:
         return {}
     late = tracking.t >= ARRIVAL_SHARE * plan.duration - 1e-9

@@ -1,4 +1,4 @@
-"""Run the seeds of a campaign, in this process or on Dask, and write one file for each chunk of seeds."""
+"""The runs of a campaign, in this process or on Dask, with one file for each chunk of seeds."""
 
 from __future__ import annotations
 
@@ -38,14 +38,14 @@ def campaign(
     scheduler: str | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Path:
-    """Run the seeds of a campaign that a folder does not hold yet, and write the table of all runs.
+    """Run the missing seeds of a campaign in a folder, and write the table of all runs.
 
     `jobs` is the number of processes: 1 runs in this process; the default is the number of cores, or 1
-    without Dask. `scheduler` is the address of a Dask scheduler, as "tcp://host:8786", whose workers see the
-    folder under the same path. `progress` is called with the number of runs that are done and of all runs.
+    without Dask. `scheduler` is the address of a Dask scheduler, such as "tcp://host:8786"; its workers need
+    the folder under the same path. `progress` is called with the numbers of completed and of all runs.
     """
     if scheduler is not None and jobs is not None:
-        raise InvalidValue("jobs", jobs, "must be left out with a scheduler, whose workers run the chunks")
+        raise InvalidValue("jobs", jobs, "must be left out with a scheduler: its workers run the chunks")
     jobs = (usable_cores() if installed("cluster") else 1) if jobs is None else whole("jobs", jobs, 1, 1024)
     if not (alone := scheduler is None and jobs == 1):
         require("cluster", "a campaign in several processes")
@@ -81,9 +81,9 @@ def read_table(folder: str | os.PathLike[str]) -> dict[str, Any]:
 
 
 def _chunks(of: Campaign) -> list[range]:
-    """Return the seeds in chunks of at most 16; a chunk is written whole or not at all.
+    """Return the seeds in chunks of at most 16; each chunk is written atomically.
 
-    The size of a chunk follows from its place alone, so that a campaign with more runs has the same chunks.
+    The size of a chunk depends only on its position, so that an extended campaign keeps its chunks.
     """
     chunks, start = [], 0
     while start < of.runs:
@@ -102,7 +102,7 @@ def _run(of: Campaign, folder: Path, seeds: range, rows: list[Any] | None = None
 
 
 def _read(of: Campaign, folder: Path, seeds: range) -> list[Any] | None:
-    """Return the rows of a chunk; None if its file is missing, damaged or of another campaign."""
+    """Return the rows of a chunk; None if its file is missing, damaged or belongs to another campaign."""
     try:
         chunk = json.loads(read_content(folder / "chunks" / f"{seeds[0]:010d}.json", LARGEST_DATA))
         return chunk["rows"] if [chunk["campaign"], chunk["seeds"]] == [of.hash, list(seeds)] else None
@@ -111,21 +111,21 @@ def _read(of: Campaign, folder: Path, seeds: range) -> list[Any] | None:
 
 
 def _rows(of: Campaign, seed: int, error: str = "") -> list[Any]:
-    """Return the rows of a seed, one for each method; an `error` says that it killed its process."""
+    """Return the rows of a seed, one per method; `error` is set if the seed killed its process."""
     rows = []
     for method in ("planned once", "re-planned") if of.compare else ("",):
         row = {"seed": seed, **({"method": method} if method else {}), **drawn_columns(of.draws, seed)}
         numbers: dict[str, Any] = {"outcome": "killed", "error": error, "final_error_m": None}
         try:
             numbers = numbers if error else run_numbers(of.scenario(seed), method == "planned once", of.hash)
-        except Exception as problem:  # of any kind, because the other runs go on
+        except Exception as problem:  # any exception, because the other runs continue
             numbers |= {"outcome": "failed", "error": f"{type(problem).__name__}: {problem}"}
         rows.append(row | numbers)
     return rows
 
 
 def _on_dask(of: Campaign, folder: Path, missing: list[range], jobs: int, address: Any) -> Iterator[range]:
-    """Run chunks on Dask, and yield the seeds of each that has ended."""
+    """Run chunks on Dask and yield the seeds of each completed chunk."""
     import dask
     from distributed import Client, KilledWorker, LocalCluster, as_completed, comm, utils
 
@@ -151,7 +151,7 @@ def _on_dask(of: Campaign, folder: Path, missing: list[range], jobs: int, addres
                     yield future.result()
                 except KilledWorker:
                     suspects.append(seeds)
-            for seeds in suspects:  # each seed alone: a death counts against all tasks of the worker
+            for seeds in suspects:  # each seed alone, because Dask blames a worker's death on all its tasks
                 rows: list[Any] = []
                 for seed in seeds:
                     try:
@@ -160,9 +160,11 @@ def _on_dask(of: Campaign, folder: Path, missing: list[range], jobs: int, addres
                         rows += _rows(of, seed, str(problem))
                 yield _run(of, folder, seeds, rows)
         except (CancelledError, comm.core.CommClosedError):
-            raise ClusterError(f"the scheduler at {address} is gone; the same command goes on") from None
+            raise ClusterError(
+                f"the scheduler at {address} is gone; run the same command again to continue"
+            ) from None
 
 
 async def _end(cluster: Any) -> None:
-    """End the workers now: a cluster that closes waits for the runs under way, after Ctrl-C as well."""
+    """End the workers at once, because a closing cluster waits for unfinished runs, even after Ctrl-C."""
     await asyncio.gather(*(nanny.close(timeout=0.5) for nanny in cluster.workers.values()))

@@ -1,4 +1,4 @@
-"""Run a scenario many times: `ffsms-pin campaign`."""
+"""The command `ffsms-pin campaign`: the runs of a scenario with drawn values."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _METRICS = [
     ("largest torque{} [Nm]", "torque_max", 1.0),
     ("largest turn of the base{} [deg]", "base_rotation_max_deg", 1.0),
 ]
-_WORST = 5  # runs of each method that are printed
+_WORST = 5  # number of worst runs printed per method
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -57,12 +57,12 @@ def _is_folder(arguments: argparse.Namespace) -> bool:
 
 
 def _campaign_of_folder(arguments: argparse.Namespace) -> tuple[campaigns.Campaign, Path]:
-    """Return the campaign in a folder, with more runs if --runs is given."""
+    """Return the campaign in a folder, extended to --runs if given."""
     for name in ("seed", "out", "compare"):
         value = getattr(arguments, name)
-        if value is not None and value is not False:  # a seed may be 0
+        if value is not None and value is not False:  # 0 is a valid seed
             raise InvalidValue(
-                name, value, f"is already set in {arguments.scenario}; leave it out to go on there"
+                name, value, f"is already set in {arguments.scenario}; leave it out to continue that campaign"
             )
     chosen = campaigns.Campaign.open(arguments.scenario, allow_import=arguments.allow_import)
     return replace(chosen, **named(arguments, "runs")), Path(arguments.scenario)
@@ -71,7 +71,7 @@ def _campaign_of_folder(arguments: argparse.Namespace) -> tuple[campaigns.Campai
 def _campaign_of_file(arguments: argparse.Namespace) -> tuple[campaigns.Campaign, Path]:
     """Return the campaign of a scenario file, and the folder for its results."""
     if arguments.runs is None:
-        raise InvalidValue("--runs", None, "must be given with a scenario file")
+        raise InvalidValue("--runs", None, "is required with a scenario file")
     how = named(arguments, "runs", "seed", "compare", "allow_import")
     chosen = campaigns.Campaign.read(arguments.scenario, **how)
     return chosen, output.chosen_folder(arguments.out, f"{Path(chosen.source).stem}-campaign")

@@ -1,4 +1,4 @@
-"""Plan a scenario by every method, side by side: `ffsms-pin compare`."""
+"""The command `ffsms-pin compare`: the plans of a scenario by every method."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def _remarks(comparison: scenarios.Comparison, numbers: dict[str, dict[str, Any]
     """Yield a line for each method that did not reach the target or was left out."""
     for name, row in numbers.items():
         if not row["reached"]:
-            yield f"{name} has not reached: {row['note']}"
+            yield f"{name} does not reach the target: {row['note']}"
     for name, reason in comparison.left_out.items():
         yield f"left out: {name}, which {reason}"
     if options := [key for key in OF_HORIZON if key in comparison.scenario.plan]:

@@ -1,4 +1,4 @@
-"""`ffsms-pin export`: a robot as a file for other tools."""
+"""The command `ffsms-pin export`: a robot as a file for other tools."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def run(arguments: argparse.Namespace) -> int:
     name = arguments.model
     if name.endswith(".toml") or name in scenario_names():
         if arguments.end_effector is not None:
-            remedy = "is for a robot: that of a scenario is [robot] end_effector in its file"
+            remedy = "is for a robot; in a scenario set [robot] end_effector in its file"
             raise InvalidValue("--end-effector", arguments.end_effector, remedy)
         sms = scenario(name).load()
     else:

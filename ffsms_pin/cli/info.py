@@ -1,4 +1,4 @@
-"""`ffsms-pin info`: masses, limits and coupling of a robot, faults of its file, and the repaired file."""
+"""The command `ffsms-pin info`: masses, limits and coupling of a robot, and the faults of its file."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def run(arguments: argparse.Namespace) -> int:
         if arguments.repair is None and (value := getattr(arguments, name)) is not None:
             raise InvalidValue(f"--{name}", value, "is for joints of a repaired file: add --repair OUT")
     if robot in satellite_names() and arguments.repair is not None:
-        raise InvalidValue("--repair", arguments.repair, f"is for a URDF file, and '{robot}' is none")
+        raise InvalidValue("--repair", arguments.repair, f"is for a URDF file, which '{robot}' is not")
     if report is not None and report.faults:
         console.print(_faults(report))
     if arguments.repair is not None:
@@ -52,11 +52,11 @@ def run(arguments: argparse.Namespace) -> int:
         for name in ("joints_deg", "end_effector"):
             if (value := getattr(arguments, name)) is not None:
                 option = f"--{name.replace('_', '-')}"
-                raise InvalidValue(option, value, f"is for a robot, and no joint of '{robot}' moves")
+                raise InvalidValue(option, value, f"is for robots, and no joint of '{robot}' moves")
         say(*_client(robot))
         return 0
     with warnings.catch_warnings():
-        if report is not None:  # the table of faults tells what these would
+        if report is not None:  # the table of faults replaces the warnings
             warnings.simplefilter("ignore", FfsmsWarning)
         sms = load(robot, end_effector=arguments.end_effector)
     posture = _posture(sms, arguments.joints_deg)
@@ -71,7 +71,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _client(path: str) -> list[str]:
-    """Return lines on a file whose joints do not move: one rigid body."""
+    """Return lines about a file without moving joints, which is one rigid body."""
     client = Client.from_urdf(os.path.expanduser(path))
     inertias = ", ".join(f"{x:.4g}" for x in np.linalg.eigvalsh(client.inertia))
     com = ", ".join(f"{x + 0.0:.4g}" for x in -client.link_placement.translation)
@@ -157,7 +157,7 @@ def _coupling(sms: SpaceManipulator, posture: FloatArray) -> Table:
         ("1 - H_norm, which the cost compares with [-]", f"{1.0 - entropy:.4f}"),
         ("condition number of H_q [-]", f"{np.linalg.cond(state.H_q):.4g}"),
     ):
-        table.add_row(escape(quantity), value)  # what stands in brackets is no markup
+        table.add_row(escape(quantity), value)  # brackets in the text are not markup
     return table
 
 

@@ -1,4 +1,4 @@
-"""Entry point, arguments, errors, signals and exit codes of `ffsms-pin`."""
+"""The entry point, arguments, errors, signals and exit codes of `ffsms-pin`."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ Plan and track motions of free-floating space manipulators, informed by dynamic 
 
 examples:
   ffsms-pin run case-2                        a packaged scenario, into results/case-2
-  ffsms-pin scenario --print case-2           a packaged scenario file, to begin with
+  ffsms-pin scenario --print case-2           a packaged scenario file, to start from
   ffsms-pin run mine.toml --out somewhere     a scenario of your own, into a folder of your choice
   ffsms-pin view results/case-2               the motion in the browser, as one HTML file
   ffsms-pin info planar_3r                    masses, limits and coupling of a packaged robot
@@ -35,7 +35,7 @@ examples:
 ffsms-pin COMMAND --help has examples of each command.
 """
 _PACKAGED = "case-1, case-2, paper-case-1, paper-case-2, wrong-model, inspect, capture, nozzle"
-_SCENARIO = "a packaged scenario, as case-2, or a scenario file (TOML)"
+_SCENARIO = "a packaged scenario such as case-2, or a scenario file (TOML)"
 _ROBOT = (
     "a URDF file, or a robot by name: planar_3r, servicer, space_arm_7, two_arms, satellite_kinova, "
     "satellite_panda, satellite_ur5, satellite_ur10, satellite_xarm7, satellite_z1"
@@ -65,11 +65,11 @@ def command_names() -> list[str]:
 
 
 def named(arguments: argparse.Namespace, *names: str) -> dict[str, Any]:
-    """Return some of the arguments as keyword arguments, without those that were left out."""
+    """Return the named arguments as keyword arguments, without absent ones."""
     return {name: value for name in names if (value := getattr(arguments, name)) is not None}
 
 
-# Advice for Python in errors of the library, and what the command line has in its place.
+# Advice for Python in errors of the library, and its counterpart for the command line.
 _IN_COMMANDS = {
     "allow_import=True": "--allow-import",
     "allow_outside=True": "--allow-outside",
@@ -80,9 +80,9 @@ _IN_COMMANDS = {
 
 
 def in_options(message: str, known: Container[str] = ()) -> str:
-    """Return a message of the library with advice about functions and arguments as advice about options.
+    """Return a message of the library, its advice about arguments replaced by advice about options.
 
-    Advice about arguments of `load` that are not `known` options becomes advice to repair the file.
+    Advice about arguments of `load` without a `known` option becomes advice to repair the file.
     """
     for python, command in _IN_COMMANDS.items():
         message = message.replace(python, command)
@@ -96,19 +96,19 @@ def _add_run(commands: Commands) -> None:
         "run",
         """Plan and track a scenario, write results.
 
-        Plan a scenario and follow it in closed loop, under whatever conditions it sets: a plant that is not
-        the model, planning again in the loop, friction, sensors, disturbances, failures (all keys: page
-        "Keys of scenario files" of the documentation, docs/scenario-keys.md). Prints a summary table, and
-        writes trajectory.npz, tracking.npz, scenario.json, summary.json and the figures (pdf and png).
+        Plan a scenario and follow it in closed loop under the conditions that it sets: a plant that differs
+        from the model, re-planning in the loop, friction, sensors, disturbances, failures (all keys: page
+        "Keys of scenario files" of the documentation, docs/scenario-keys.md). Print a summary table, and
+        write trajectory.npz, tracking.npz, scenario.json, summary.json and the figures (pdf and png).
 
-        paper-case-1 and paper-case-2 fly the paper's own step (method "paper"); case-1 and case-2 plan the
-        whole motion at once (method "horizon").
+        paper-case-1 and paper-case-2 use the paper's step-by-step method ("paper"); case-1 and case-2 plan
+        the whole motion at once (method "horizon").
 
         example: ffsms-pin run case-2 --out results/case-2
-        One run of a campaign, by its seed: ffsms-pin run --replay results/mine-campaign 4711
+        To repeat one run of a campaign by its seed: ffsms-pin run --replay results/mine-campaign 4711
         """,
-        "0 the plan reaches the target and the closed loop ends there; 1 one of them does not, results "
-        "written; 2 bad input, or a state that is not finite",
+        "0 plan and closed loop reach the target; 1 one of them does not, results written; 2 bad input, "
+        "or a state that is not finite",
     )
     what = run.add_mutually_exclusive_group(required=True)
     what.add_argument(
@@ -118,12 +118,12 @@ def _add_run(commands: Commands) -> None:
         "--replay", metavar=("DIR", "SEED"), nargs=2, help="one run of the campaign in a folder, by its seed"
     )
     _add_out(run, "results/SCENARIO")
-    run.add_argument("--no-figures", action="store_true", help="write the numbers only, no figures")
+    run.add_argument("--no-figures", action="store_true", help="write no figures")
     run.add_argument("--show", action="store_true", help="open the animated scene, if there is a display")
     run.add_argument(
         "--allow-outside",
         action="store_true",
-        help="let files that the scenario names ([guards] path) lie outside the results folder",
+        help="allow files of the scenario ([guards] path) outside the results folder",
     )
 
 
@@ -133,7 +133,7 @@ def _add_compare(commands: Commands) -> None:
         "compare",
         """Plan a scenario by every method, side by side.
 
-        Prints one table, and writes comparison.json and one figure.
+        Print one table, and write comparison.json and one figure.
 
         example: ffsms-pin compare case-2
         """,
@@ -144,8 +144,8 @@ def _add_compare(commands: Commands) -> None:
         "--methods",
         metavar="METHOD",
         nargs="+",
-        help="only these, of horizon, step, paper, resolved-rate, least-disturbance, minimum-effort "
-        "(default: all that can do what the scenario asks for)",
+        help="methods among horizon, step, paper, resolved-rate, least-disturbance, minimum-effort "
+        "(default: all that can plan the scenario)",
     )
 
 
@@ -155,19 +155,19 @@ def _add_campaign(commands: Commands) -> None:
         "campaign",
         """Run a scenario many times with drawn plants, targets, noise and faults.
 
-        Each run is in closed loop, and drawn from the distributions in the scenario's table [campaign.draw]
-        (docs/campaigns.md). Writes one row a run to DIR/runs.csv, a report (report.json) and figures. The
-        same command goes on where it was killed, and ends with the same table, whatever the number of
-        processes.
+        Each run is a closed loop with values drawn from the distributions in the scenario's table
+        [campaign.draw] (docs/campaigns.md). Write one row per run to DIR/runs.csv, a report (report.json) and
+        figures. If the command was interrupted, run it again to continue. The table does not depend on
+        interruptions or on the number of processes.
 
         For example:
-          ffsms-pin campaign mine.toml --runs 10000 --out mine          one process a core
+          ffsms-pin campaign mine.toml --runs 10000 --out mine          one process per core
           ffsms-pin campaign mine.toml --runs 10000 --out mine --scheduler tcp://head:8786
-          ffsms-pin campaign mine --runs 20000                          ten thousand more in the folder mine
+          ffsms-pin campaign mine --runs 20000                          extend it to 20000 runs
           ffsms-pin campaign case-1 --runs 50 --compare                 planned once and re-planned
-          ffsms-pin run --replay mine 4711                              one of its runs alone, by its seed
+          ffsms-pin run --replay mine 4711                              repeat one of its runs, by its seed
         """,
-        "0 done, however many arrived; 2 bad input, or workers are gone",
+        "0 all runs done, whether they arrived or not; 2 bad input, or no workers",
     )
     campaign.add_argument(
         "scenario",
@@ -175,19 +175,21 @@ def _add_campaign(commands: Commands) -> None:
         help="a packaged scenario, a scenario file (TOML) with [campaign.draw], or the folder of a campaign",
     )
     _add_out(campaign, "results/SCENARIO-campaign")
-    campaign.add_argument("--runs", metavar="N", type=int, help="how many; a folder has its own number")
     campaign.add_argument(
-        "--seed", metavar="N", type=int, help="of the first run (default: the file's, or 1)"
+        "--runs", metavar="N", type=int, help="number of runs; optional with the folder of a campaign"
+    )
+    campaign.add_argument(
+        "--seed", metavar="N", type=int, help="seed of the first run (default: the file's, or 1)"
     )
     campaign.add_argument(
         "--compare", action="store_true", help="follow each drawn scenario planned once and re-planned"
     )
     where = campaign.add_mutually_exclusive_group()
     where.add_argument(
-        "--jobs", metavar="N", type=int, help="processes at once; 1 needs no Dask (default: one a core)"
+        "--jobs", metavar="N", type=int, help="number of processes; 1 needs no Dask (default: one per core)"
     )
     where.add_argument(
-        "--scheduler", metavar="ADDRESS", help="a Dask scheduler that stands, as tcp://host:8786"
+        "--scheduler", metavar="ADDRESS", help="a running Dask scheduler, such as tcp://host:8786"
     )
 
 
@@ -197,13 +199,13 @@ def _add_scenario(commands: Commands) -> None:
         "scenario",
         """Print a packaged scenario file, or the JSON Schema of scenario files.
 
-        The file is to be changed and run; with the schema, editors complete keys and show units.
+        Use the file as a start for your own scenario. With the schema, editors complete keys and show units.
 
         For example:
           ffsms-pin scenario --print case-2 > mine.toml
           ffsms-pin scenario --schema > scenario.schema.json
 
-        An editor that reads schemas of TOML (Even Better TOML, Taplo) takes it by a first line in the file:
+        Editors that read schemas of TOML (Even Better TOML, Taplo) use it if this is the file's first line:
           #:schema ./scenario.schema.json
         """,
     )
@@ -216,12 +218,12 @@ def _add_info(commands: Commands) -> None:
     info = _command(
         commands,
         "info",
-        """Show a robot and what is wrong with its file.
+        """Show a robot and the faults of its file.
 
-        Prints masses, joint limits, the condition of the base inertia and the dynamic coupling. Faults of a
-        URDF file are listed first, each with its repair; if the file does not load, its links and joints are
-        listed as they are written. With --repair, write a file that loads, list every change, and show that
-        robot; if a fault needs a value that only the author has, nothing is written.
+        Print masses, joint limits, the condition of the base inertia and the dynamic coupling. Faults of a
+        URDF file come first, each with its repair. If the file does not load, its links and joints are listed
+        unchanged. With --repair, write a file that loads, list every change, and show that robot; if a fault
+        needs a value that only the author has, nothing is written.
 
         For example:
           ffsms-pin info planar_3r --joints-deg 1 1 1
@@ -236,8 +238,8 @@ def _add_info(commands: Commands) -> None:
         metavar="ANGLE",
         type=float,
         nargs="+",
-        help="posture for the coupling, one a joint (default: zero, or the middle of the limits if zero is "
-        "outside)",
+        help="posture for the coupling, one angle per joint (default: zero, or the middle of the limits if "
+        "zero is outside)",
     )
     info.add_argument("--repair", metavar="OUT", help="write a URDF that loads, and list the changes")
     info.add_argument(
@@ -260,43 +262,43 @@ def _add_view(commands: Commands) -> None:
         "view",
         """Animate results in the browser, as one HTML file.
 
-        It shows what `ffsms-pin run` wrote: the satellite and its arm in motion, with the coupling drawn on
-        them, and obstacles, client, wheels and thrusters. Writes one HTML file that needs nothing else, not
-        even a network; without --html it is view.html in the results.
+        Show the results of `ffsms-pin run`: the satellite and its arm in motion with the coupling, obstacles,
+        client, wheels and thrusters. Write one self-contained HTML file, which needs no network; without
+        --html it is view.html in the results.
 
         For example:
           ffsms-pin view results/case-2                        write results/case-2/view.html, and open it
           ffsms-pin view results/case-2 --html out.html        write the file only
           ffsms-pin view results/capture --speed 2 --camera side
-          ffsms-pin view results/case-2 --robot mine.urdf      a robot that was a file
+          ffsms-pin view results/case-2 --robot mine.urdf      results of a robot from a file
         """,
     )
-    view.add_argument("results", metavar="RESULTS", help="folder that `ffsms-pin run` wrote")
+    view.add_argument("results", metavar="RESULTS", help="results folder of `ffsms-pin run`")
     view.add_argument("--html", metavar="FILE", help="write this file, and do not open it")
-    view.add_argument(
-        "--plan", action="store_true", help="show the plan as planned, not the simulated motion"
-    )
+    view.add_argument("--plan", action="store_true", help="show the plan, not the simulated motion")
     view.add_argument(
         "--robot",
         metavar="ROBOT",
         help="the robot, or the scenario file that names it, if the results do not name it",
     )
+    view.add_argument("--end-effector", metavar="FRAME", help="end-effector frame of the robot in --robot")
     view.add_argument(
-        "--end-effector", metavar="FRAME", help="with --robot: the frame that is its end effector"
-    )
-    view.add_argument(
-        "--speed", metavar="TIMES", type=float, default=1.0, help="2 plays twice as fast as true (default: 1)"
+        "--speed",
+        metavar="TIMES",
+        type=float,
+        default=1.0,
+        help="playback speed; 2 is twice real time (default: 1)",
     )
     view.add_argument(
         "--camera",
         metavar="VIEW",
         default="free",
-        help="first seen from: free, front (from +x), side (from -y), top, or base, turning with the base "
+        help="first view: free, front (from +x), side (from -y), top, or base, which moves with the base "
         "(default: free)",
     )
     view.add_argument("--background", metavar="COLOUR", default="dark", help="dark or white (default: dark)")
     view.add_argument(
-        "--show", metavar="LAYERS", help="what is visible at first: 'all', or names with commas between"
+        "--show", metavar="LAYERS", help="layers visible at first: 'all', or names separated by commas"
     )
 
 
@@ -304,22 +306,22 @@ def _add_export(commands: Commands) -> None:
     export = _command(
         commands,
         "export",
-        """Write a robot for other tools.
+        """Export a robot for other tools.
 
-        It writes the whole robot, satellite included, as a URDF or as a MuJoCo model: names, masses, joint
-        limits, shapes. Meshes of a URDF are copied into FILE_meshes beside it, those of a MuJoCo model are in
-        it.
+        Write the whole robot, satellite included, as a URDF or as a MuJoCo model with names, masses, joint
+        limits and shapes. Meshes of a URDF are copied into FILE_meshes beside it; a MuJoCo model contains its
+        meshes.
 
         For example:
           ffsms-pin export satellite_panda --urdf panda.urdf
-          ffsms-pin export mine.toml --mjcf mine.xml         the robot of a scenario, mounted as it says
+          ffsms-pin export mine.toml --mjcf mine.xml         the robot of a scenario, with its mount
         """,
     )
     _add_robot(export, "; or a scenario (TOML)")
     form = export.add_mutually_exclusive_group(required=True)
     form.add_argument("--urdf", metavar="FILE", help="write a URDF")
     form.add_argument(
-        "--mjcf", metavar="FILE", help="write a MuJoCo model: a free base, no gravity, a motor a joint"
+        "--mjcf", metavar="FILE", help="write a MuJoCo model: a free base, no gravity, one motor per joint"
     )
 
 
@@ -341,8 +343,8 @@ def _command(
 def _exit_codes(own: str) -> str:
     """Return a text with a command's own exit codes and those of all commands."""
     common = (
-        "70 a defect of ffsms-pin (with FFSMS_PIN_TRACEBACK=1 it says where); 130 interrupted; 141 nobody "
-        "reads the output any more, as after head; 143 terminated"
+        "70 a defect of ffsms-pin (FFSMS_PIN_TRACEBACK=1 prints the traceback); 130 interrupted; 141 the "
+        "output pipe was closed, such as by head; 143 terminated"
     )
     return textwrap.fill(f"exit codes: {own}; {common}", 100)
 
@@ -353,23 +355,25 @@ def _add_out(command: argparse.ArgumentParser, default: str) -> None:
     command.add_argument(
         "--allow-import",
         action="store_true",
-        help="let the scenario import terms and limits from Python modules; this runs their code",
+        help="allow the scenario to import terms and limits from Python modules, which runs their code",
     )
 
 
 def _add_robot(command: argparse.ArgumentParser, more: str = "") -> None:
-    """Add the robot, and the frame that is its end effector."""
+    """Add the robot and its end-effector frame."""
     command.add_argument("model", metavar="MODEL", help=_ROBOT + more)
     command.add_argument(
-        "--end-effector", metavar="FRAME", help="its frame (default: the last link's, if there is one only)"
+        "--end-effector",
+        metavar="FRAME",
+        help="end-effector frame (default: that of the last link, if there is only one)",
     )
 
 
 class _Parser(argparse.ArgumentParser):
-    """A parser whose errors are one line and propose the nearest option."""
+    """A parser with errors of one line that propose the nearest option."""
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
-        """Refuse an unknown option before argparse misses arguments, because it may be a misspelt one."""
+        """Reject unknown options before argparse reports missing arguments, because they may be misspelt."""
         known = list(self._option_string_actions)
         for argument in args if self._subparsers is None else ():
             option = argument.partition("=")[0]
@@ -389,7 +393,7 @@ DEFECT, BROKEN_PIPE, INTERRUPTED, TERMINATED = 70, 141, 130, 143
 
 
 class _Terminated(KeyboardInterrupt):
-    """The end by SIGTERM, after which everything that cleans up after Ctrl-C does so."""
+    """The end by SIGTERM, with the same clean-up as after Ctrl-C."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -403,12 +407,12 @@ def main(argv: Sequence[str] | None = None) -> int:
         return int(stop.code or 0)
     try:
         with _ended_by_sigterm(), _plain_warnings():
-            # Each command is a module, imported here because --help should not wait for the solvers.
+            # The command's module is imported here so that --help does not wait for the solvers.
             status = int(import_module(f"ffsms_pin.cli.{arguments.command}").run(arguments))
             sys.stdout.flush()
             return status
-    except BrokenPipeError:  # the reader has ended, as `head` does
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # for what is written at exit
+    except BrokenPipeError:  # the reading process has ended, as `head` does
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # for writes at exit
         return BROKEN_PIPE
     except FfsmsError as error:
         message = in_options(str(error), vars(arguments))
@@ -421,11 +425,11 @@ def main(argv: Sequence[str] | None = None) -> int:
         terminated = isinstance(stop, _Terminated)
         message, status = ("terminated", TERMINATED) if terminated else ("interrupted", INTERRUPTED)
         if arguments.command == "campaign":
-            message += "; what is done is kept: the same command goes on from there"
+            message += "; finished runs are kept: run the same command again to continue"
         return _failed(message, status)
     except MemoryError:
-        return _failed("error: out of memory; ask for shorter motions or fewer of them", BAD_INPUT)
-    except Exception as error:  # anything else is a defect
+        return _failed("error: out of memory; use shorter motions or fewer runs", BAD_INPUT)
+    except Exception as error:  # any other error is a defect
         if os.environ.get("FFSMS_PIN_TRACEBACK"):
             traceback.print_exc()
         what = " ".join(f"{type(error).__name__}: {error}".split())
@@ -434,7 +438,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 @contextmanager
 def _plain_warnings() -> Iterator[None]:
-    """Show the library's warnings as lines of the command line, without the code that they come from."""
+    """Print the library's warnings as lines, without their source code."""
     usual = warnings.formatwarning
 
     def formatted(message: Warning | str, category: type[Warning], *place: Any, **line: Any) -> str:
@@ -450,7 +454,7 @@ def _plain_warnings() -> Iterator[None]:
 
 
 def _command_problem(given: Sequence[str]) -> str:
-    """Return what is wrong with the command, which comes first; empty if nothing is."""
+    """Return an error message if the first argument is no command; empty if it is one."""
     if not given:
         return "name a command, as: ffsms-pin run case-2"
     names = command_names()
@@ -467,7 +471,7 @@ def _failed(message: str, code: int) -> int:
 
 @contextmanager
 def _ended_by_sigterm() -> Iterator[None]:
-    """Let SIGTERM end the block as Ctrl-C does, unless the signal has a handler already."""
+    """Make SIGTERM end the block like Ctrl-C, unless the signal has a handler already."""
 
     def terminate(*_: object) -> NoReturn:
         raise _Terminated

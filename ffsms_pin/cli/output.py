@@ -1,4 +1,4 @@
-"""Tables, texts and progress that commands print, and the folder of results that they fill."""
+"""The printed tables, texts and progress of commands, and their results folder."""
 
 from __future__ import annotations
 
@@ -28,11 +28,11 @@ NO_FIGURES = "no figures: they need matplotlib (pip install 'ffsms-pin[plot]')"
 _WIDTH = 100
 _BETWEEN_LINES = 5.0  # [s] between lines of progress in a file or a pipe
 
-_Show: TypeAlias = Callable[..., None]  # with the name of a stage, what is done of it, and of how many things
+_Show: TypeAlias = Callable[..., None]  # called with the name of a stage, the completed part and the total
 
 
 def output_console() -> Console:
-    """Return a console on stdout, as wide as its terminal, or 100 columns wide in files and pipes."""
+    """Return a console on stdout with the width of its terminal, or 100 columns in files and pipes."""
     console = Console()
     if not console.is_terminal and "COLUMNS" not in os.environ:
         return Console(width=_WIDTH)
@@ -40,14 +40,14 @@ def output_console() -> Console:
 
 
 def say(*lines: str) -> None:
-    """Print lines as they are, without markup and without line breaks."""
+    """Print lines unchanged, without markup and without wrapping."""
     output = output_console()
     for line in lines:
         output.print(line, markup=False, highlight=False, soft_wrap=True)
 
 
 def new_table(title: str, first: str, *others: str, words: Container[str] = ()) -> Table:
-    """Return a table with a first column of names and other columns of numbers, or of `words`."""
+    """Return a table with a first column of names; other columns hold numbers, or text if in `words`."""
     table = Table(title=escape(title), title_justify="left")
     table.add_column(escape(first), overflow="fold")
     for name in others:
@@ -69,7 +69,7 @@ def number_rows(
 ) -> None:
     """Add a row for each label, key and factor: the number of that key in each column, times the factor.
 
-    A number that is None or missing is shown as "-"; a key that no column has gets no row.
+    None and missing numbers are shown as "-"; a key that is absent from all columns gets no row.
     """
     columns = list(columns)
     for label, key, factor in rows:
@@ -110,23 +110,23 @@ def _exists(value: float | None) -> bool:
 
 @dataclass
 class _Stage:
-    """A stage of a command and how much of it is done; times [s]."""
+    """A stage of a command and its progress; times [s]."""
 
     name: str
     task: TaskID
     begin: float
-    first: float  # the number that was done at the first call, which took no time
-    total: float | None  # None if a share of the stage is done, not a number of things
+    first: float  # the number done before the first call, excluded from the rate
+    total: float | None  # None if `done` is a share of the stage, not a number
     done: float = 0.0
 
     @property
     def ended(self) -> bool:
-        """The end of the stage: true if all of it is done."""
+        """True if the stage is complete."""
         return self.done >= (1.0 if self.total is None else self.total)
 
     @property
     def text(self) -> str:
-        """The progress in words, with the mean rate and the time left of things that are counted."""
+        """The progress as text; for counted items with mean rate and remaining time."""
         elapsed = time.perf_counter() - self.begin
         if self.total is None:
             percent = f"{100.0 * self.done:.0f} % after {elapsed:.0f} s"
@@ -145,8 +145,9 @@ class _Stage:
 def shown_progress(console: Console | None = None) -> Iterator[_Show]:
     """Yield a function that shows the progress of stages, by default on stderr.
 
-    The function takes the name of a stage and the share that is done, or a number and the whole number, as
-    ("runs", 3, 10). A terminal shows bars; elsewhere a line is printed every 5 s and at the end of a stage.
+    The function is called with the name of a stage and the completed share, or with a number and the total,
+    such as ("runs", 3, 10). A terminal shows bars; otherwise a line is printed every 5 s and at the end of a
+    stage.
     """
     console = Console(stderr=True) if console is None else console
     stages: list[_Stage] = []
@@ -196,11 +197,11 @@ def write_numbers(path: Path, numbers: Any) -> None:
 
 @contextmanager
 def results_folder(out: Path) -> Iterator[Path]:
-    """Yield a hidden folder whose files move to `out` if the block ends without an error.
+    """Yield a hidden folder whose files are moved to `out` if the block ends without an error.
 
-    Each file replaces its namesake whole. `out` and the folders above it are made if needed, and removed
-    again on failure if they are empty. If a file cannot be moved, the hidden folder stays and the error names
-    it.
+    Files of the same name are replaced atomically. `out` and its parents are created if needed, and removed
+    after a failure if they are empty. If a file cannot be moved, the hidden folder is kept and the error
+    names it.
     """
     target = Path(os.path.realpath(out))
     made: list[Path] = []
@@ -208,7 +209,7 @@ def results_folder(out: Path) -> Iterator[Path]:
         with wrap_os_error(out):
             made += [folder for folder in (target, *target.parents) if not folder.exists()]
             if target.exists() and not target.is_dir():
-                raise ResultError(out, "is a file; the results need a folder: choose another --out")
+                raise ResultError(out, "is a file, but the results need a folder; choose another --out")
             target.mkdir(parents=True, exist_ok=True)
             staging = hidden_path(target, target.name)
             staging.mkdir()
@@ -220,7 +221,7 @@ def results_folder(out: Path) -> Iterator[Path]:
             _move_files(staging, target)
     except BaseException:
         for folder in made:
-            with suppress(OSError):  # it is not empty
+            with suppress(OSError):  # the folder is not empty
                 folder.rmdir()
         raise
 
@@ -230,7 +231,7 @@ def _move_files(source: Path, target: Path) -> None:
     files = sorted(path.relative_to(source) for path in source.rglob("*") if path.is_file())
     try:
         for file in files:
-            regular_target(target / file)  # nothing moves unless everything can
+            regular_target(target / file)  # check all targets before the first move
         for file in files:
             (target / file).parent.mkdir(parents=True, exist_ok=True)
             with (source / file).open("rb") as content:

@@ -1,4 +1,4 @@
-"""`ffsms-pin run`: plan, track, print the summary as a table, write the results."""
+"""The command `ffsms-pin run`: planning, tracking, the summary table and the results."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def run(arguments: argparse.Namespace) -> int:
         _save(outcome, staging)
         try:
             numbers = _derive(outcome, staging, figures, progress)
-        except BaseException as error:  # also Ctrl-C: what was computed is kept
+        except BaseException as error:  # also Ctrl-C: keep the computed results
             failure = error
     if failure is not None:
         errors.print(f"plan and recording are kept in {folder}", markup=False, highlight=False)
@@ -59,9 +59,9 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def missed(numbers: Mapping[str, Any]) -> str:
-    """Return why a run is no success, in one line; empty if plan and closed loop arrive.
+    """Return the reason of a failed run in one line; empty if plan and closed loop arrive.
 
-    Of a capture the flight decides, whichever attempt it was.
+    A capture is judged by the flight, with any number of attempts.
     """
     tracking = numbers["tracking"]
     if not ("capture" in numbers or numbers["reached"]):
@@ -73,7 +73,7 @@ def missed(numbers: Mapping[str, Any]) -> str:
 
 
 def _last_line(folder: Path, failed: str) -> str:
-    """Return the last line of a run: what went wrong, in red, or the command that shows the motion."""
+    """Return the last line of a run: the failure, in red, or the command that shows the motion."""
     if failed:
         return f"[red]not arrived: {escape(failed)}[/]"
     command = f"ffsms-pin view {shlex.quote(str(folder))}" if installed("view") else ""
@@ -119,7 +119,7 @@ def _replayed(folder: str, seed: str, allow_import: bool) -> Scenario:
 
 
 def _show(folder: Path, drawn: bool) -> None:
-    """Open the scene of the results, or the drawing without the viewer; print its path without a display."""
+    """Open the scene of the results, or the figure without the viewer; print its path without a display."""
     if installed("view"):
         from ffsms_pin.cli.view import scene_of
 
@@ -131,18 +131,18 @@ def _show(folder: Path, drawn: bool) -> None:
         say("nothing to show: it needs meshcat (pip install 'ffsms-pin[view]')")
         return
     if not open_in_browser(shown):
-        say(f"to look at: {shown}")
+        say(f"picture: {shown}")
 
 
 def summary_table(numbers: Mapping[str, Any]) -> Table:
     """Return a table of the numbers of `ffsms_pin.scenarios.summary`."""
     title = f"{numbers['scenario']}: {numbers['robot']}, planned by the method '{numbers['method']}'"
-    if "capture" in numbers:  # what became of the client first, then what it cost, on one screen
+    if "capture" in numbers:  # the capture first, then its costs, on one screen
         table, capture = new_table(title, "quantity", "value", "beside"), numbers["capture"]
         client = _learnt("client", capture["client"]) if "client" in capture else ()
         return filled(table, _course(capture), _contact(capture), _after(capture), client, _flown(numbers))
     table = new_table(title, "quantity", "value", "limit")
-    # What the scenario says about its closed loop.
+    # The scenario's settings of the closed loop.
     conditions = [(escape(name), escape(text)) for name, text in numbers["conditions"].items()]
     joints = (_joint(joint) for joint in numbers["joints"])
     bodies = (_learnt(*body) for body in numbers.get("learnt", {"bodies": {}})["bodies"].items())
@@ -151,7 +151,7 @@ def summary_table(numbers: Mapping[str, Any]) -> Table:
 
 
 def _both(numbers: Mapping[str, Any]) -> Iterator[tuple[str, ...]]:
-    """Yield the errors of a re-planned motion and of the plan made once; nothing without both."""
+    """Yield rows of errors, re-planned and planned once; nothing unless both exist."""
     tracking, reach = numbers["tracking"], length_text(numbers["reach_m"])
     if (once := tracking["open_loop"]) is not None:
         key = _error_key(numbers)
@@ -164,7 +164,7 @@ _ERRORS = {"final_error_m": "final error", "path_error_max_m": "largest error on
 
 
 def _error_key(numbers: Mapping[str, Any]) -> str:
-    """Return the key of the error that a motion is judged by: on its path, or at its end."""
+    """Return the key of the error by which a motion is judged: on its path, or at its end."""
     return "path_error_max_m" if "path_error_max_m" in numbers else "final_error_m"
 
 
@@ -234,7 +234,7 @@ def _tracking(numbers: Mapping[str, Any]) -> Iterator[tuple[str, ...]]:
     for label, note in (("note", tracking["note"]), ("re-planning says", tracking["planning_note"])):
         if note:
             yield f"  {label}", escape(note)
-    if "wheels" in tracking or "propellant_kg" in tracking:  # what they did
+    if "wheels" in tracking or "propellant_kg" in tracking:  # actuator use
         base = tracking["base"]
         turned = f"{base['rotation_max_deg']:.3g} / {base['rotation_final_deg']:.3g} deg"
         yield "  base rotation, max / final", turned
@@ -262,7 +262,7 @@ def _error(run: Mapping[str, Any], key: str) -> str:
 
 
 def _stopped(run: Mapping[str, Any]) -> str:
-    """Return what stopped a run, in red; empty if nothing did."""
+    """Return the reason of a stopped run, in red; empty for a complete run."""
     return f"[red]{escape(run['stopped'])}[/]" if run["stopped"] else ""
 
 
@@ -273,7 +273,7 @@ def _pose_error(errors: Mapping[str, float]) -> str:
 
 
 def _clearance(label: str, clearance: Mapping[str, Any]) -> Iterator[tuple[str, ...]]:
-    """Yield the row of a least clearance, in red if it is below what is asked for; nothing without one."""
+    """Yield the rows of a least clearance, in red below the required one; nothing without a clearance."""
     if clearance["least_m"] is None:
         return
     text = length_text(clearance["least_m"])
@@ -334,7 +334,7 @@ def _after(capture: Mapping[str, Any]) -> Iterator[tuple[str, ...]]:
 
 
 def _learnt(name: str, body: Mapping[str, Any]) -> Iterator[tuple[str, ...]]:
-    """Yield mass and principal inertias of a body as learnt, beside what was believed and what is true."""
+    """Yield rows of a body's estimated mass and principal inertias, with prior and true values."""
     label, believed, learnt, true = escape(f"{name}: mass"), body["believed"], body["learnt"], body["true"]
     beside = f"believed {believed['mass_kg']:.4g}, true {true['mass_kg']:.4g} kg"
     if learnt is None:

@@ -1,4 +1,4 @@
-"""`ffsms-pin scenario`: a packaged scenario file as text, or the JSON Schema of scenario files."""
+"""The command `ffsms-pin scenario`: a packaged scenario file, or the JSON Schema of scenario files."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`ffsms-pin view`: a results folder as an animated scene, in a file or in the browser."""
+"""The command `ffsms-pin view`: a results folder as an animated scene in a file or the browser."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ from ffsms_pin.viewer import View, view
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Write the scene, and open it unless a file was named."""
+    """Write the scene, and open it unless --html is given."""
     folder, robot = Path(arguments.results), arguments.robot
     if arguments.end_effector is not None and (robot is None or _is_scenario(robot)):
-        remedy = "is for a robot that --robot names; a scenario has [robot] end_effector in its file"
+        remedy = "is for a robot in --robot; in a scenario set [robot] end_effector in its file"
         raise InvalidValue("--end-effector", arguments.end_effector, remedy)
     show = None if arguments.show is None else [name.strip() for name in arguments.show.split(",")]
     how = named(arguments, "robot", "end_effector", "speed", "camera", "background")
@@ -48,10 +48,11 @@ def scene_of(
     show: str | Sequence[str] | None = None,
     **options: Any,
 ) -> View:
-    """Return the scene of what `ffsms-pin run` wrote; `ResultError` if there is nothing, or another robot's.
+    """Return the scene of the results of `ffsms-pin run`.
 
-    `plan_only` shows the plan, not the simulated motion. `robot` names the robot, or the scenario with it, if
-    the results do not; `end_effector` is its frame. `show` and `options` are those of `view`.
+    `plan_only` shows the plan, not the simulated motion. `robot` is the robot, or a scenario with it, if the
+    results do not name one; `end_effector` is its frame. `show` and `options` are those of `view`.
+    `ResultError` is raised if the folder has no results, or results of another robot.
     """
     if not folder.is_dir():
         raise ResultError(folder, "is not a folder of results; make one with `ffsms-pin run`")
@@ -85,7 +86,7 @@ def scene_of(
 def _robot_of(
     folder: Path, summary: dict[str, Any], robot: str | None, end_effector: str | None
 ) -> tuple[Scenario | None, SpaceManipulator]:
-    """Return scenario and robot: those that are named, those kept with the results, or packaged ones."""
+    """Return scenario and robot: the named ones, those saved with the results, or packaged ones."""
     chosen, name = None, summary.get("scenario")
     if robot is not None:
         if not _is_scenario(robot):
@@ -98,12 +99,12 @@ def _robot_of(
     if chosen is not None:
         return chosen, chosen.load()
     if "robot" not in summary:
-        raise ResultError(folder, "does not say whose motion it is (no summary.json): add --robot ROBOT")
+        raise ResultError(folder, "has no summary.json with the robot's name; add --robot ROBOT")
     try:
         return None, load(str(summary["robot"]))
     except FfsmsError as error:
         raise ResultError(
-            folder, f"its robot cannot be loaded: {error}; add --robot with it or with its scenario file"
+            folder, f"its robot cannot be loaded: {error}; add --robot with the robot or its scenario file"
         ) from None
 
 
@@ -112,7 +113,7 @@ def _is_scenario(robot: str) -> bool:
 
 
 def _check(sms: SpaceManipulator, plan: Trajectory, folder: Path) -> None:
-    """Raise `ResultError` unless the robot's end effector is where the plan says."""
+    """Raise `ResultError` unless the robot's end-effector positions agree with the plan's."""
     if plan.q.shape[1] == sms.nq:
         tip = sms.at(plan.q[0]).end_effector_pose.translation
         if abs(tip - plan.end_effector[0]).max() < 1e-6:

@@ -390,7 +390,7 @@ def test_a_single_run_does_not_mind(file: Path) -> None:
 def test_folders_without_a_campaign(tmp_path: Path, folder: Path, file: Path, refused: Refused) -> None:
     refused(lambda: Campaign.open(tmp_path), ResultError, "there is no such file")
     (tmp_path / "campaign.json").write_text('{"rows": 1}')
-    refused(lambda: read_table(tmp_path), ResultError, "does not hold the results of a campaign")
+    refused(lambda: read_table(tmp_path), ResultError, "is no results folder of a campaign")
     (tmp_path / "campaign.json").write_bytes((folder / "campaign.json").read_bytes())
     refused(lambda: read_table(tmp_path), ResultError, "holds no runs")
     (tmp_path / "file").write_text("")

@@ -87,7 +87,7 @@ def test_a_parent_that_ends_leaves_no_process_and_goes_on_later(
             one.kill()
     if status > 0:
         last = (tmp_path / "err").read_text().splitlines()[-1]
-        assert last.endswith("what is done is kept: the same command goes on from there")
+        assert last.endswith("finished runs are kept: run the same command again to continue")
     before = chunks_in(out)
     assert 4 <= len(before) < RUNS
     told: list[int] = []

@@ -102,7 +102,7 @@ def test_why_a_method_has_not_reached_is_said(
     assert not plan.reached
     wanted = f"up to {1e3 * late.max():.3g} mm from the target in the last tenth"
     printed = capsys.readouterr().out
-    assert f"step has not reached: it is {wanted}" in printed
+    assert f"step does not reach the target: it is {wanted}" in printed
     assert f"ends {1e3 * plan.position_error[-1]:.3g} mm off" in printed
     assert wanted in json.loads((out / "comparison.json").read_text())["step"]["note"]
     turned = dataclasses.replace(plan, reach=1.0, orientation_error=np.full(len(plan.t), 0.5))

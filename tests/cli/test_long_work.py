@@ -98,7 +98,7 @@ def test_what_is_interrupted_says_how_to_go_on(
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(campaigns, "campaign", stop)
     assert main(["campaign", "case-2", "--runs", "2"]) == 130
-    assert "the same command goes on" in capsys.readouterr().err
+    assert "run the same command again" in capsys.readouterr().err
     monkeypatch.setattr(scenarios.Scenario, "load", stop)
     assert main(["run", "case-2"]) == 130
     assert capsys.readouterr().err == "ffsms-pin: interrupted\n"

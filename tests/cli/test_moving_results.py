@@ -138,7 +138,7 @@ def test_a_move_that_fails_half_way_loses_nothing(tmp_path: Path, monkeypatch: p
 
 def test_a_file_in_the_way_and_a_folder_that_cannot_be_made(tmp_path: Path) -> None:
     (tmp_path / "out").write_text("mine")
-    with pytest.raises(ResultError, match="is a file; the results need a folder: choose another --out"):
+    with pytest.raises(ResultError, match="is a file, but the results need a folder; choose another --out"):
         fill(tmp_path / "out")
     with pytest.raises(ResultError, match="cannot be written"):
         fill(tmp_path / "out" / "below")

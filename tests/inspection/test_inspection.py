@@ -138,7 +138,7 @@ def test_info_lists_the_faults_and_repairs_them(tmp_path: Path, capsys: pytest.C
         (["BROKEN", "--rate", "0.2"], "--rate is for joints of a repaired file: add --repair OUT"),
         (
             ["satellite_ur5", "--repair", "OUT"],
-            "--repair is for a URDF file, and 'satellite_ur5' is none",
+            "--repair is for a URDF file, which 'satellite_ur5' is not",
         ),
         (["none.urdf", "--repair", "OUT"], "no robot 'none.urdf'"),
     ],
