@@ -1,4 +1,4 @@
-"""Bodies whose inertial parameters are unknown: their names, their columns, and what is believed of them."""
+"""The bodies with unknown inertial parameters: their names, their columns, and their priors."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from ffsms_pin.system.regressors import PER_BODY
 
 PARAMETERS = ("m", "m cx", "m cy", "m cz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
 PAYLOAD = "payload"
-_MASSLESS = 1e-9  # share of the prior's deviations that a payload has before it is known
+_MASSLESS = 1e-9  # mass and inertia of a payload without a prior, as a share of the robot's
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,15 +29,16 @@ class UnknownBody:
     name : str
         "base", "payload", or the name of a link or joint.
     index : int
-        The body of the model that it is or is fixed to: 0 the base, i the body of joint i - 1.
+        The index of the body in the model, or of the body that carries the payload: 0 is the base, i the
+        body of joint i - 1.
     added : bool
         True for a payload, which adds to the body `index`; False for that body itself.
     believed : ndarray, shape (10,)
-        Parameters before the identification, in the frame of body `index`.
+        The prior parameters in the frame of body `index`.
     deviation : ndarray, shape (10,)
         Standard deviations of `believed`.
     free : ndarray of bool, shape (10,)
-        The parameters that are estimated; the others are known.
+        True for the parameters that are estimated; the others are known.
     """
 
     name: str
@@ -49,7 +50,7 @@ class UnknownBody:
 
 
 class Known(NamedTuple):
-    """The robot with the inertias of `known`, masses by the name of a body, and the payload as believed."""
+    """The robot with the inertias of `known`, the known masses by body name, and the prior of the payload."""
 
     sms: SpaceManipulator
     masses: dict[str, float]
@@ -57,7 +58,7 @@ class Known(NamedTuple):
 
 
 def known_bodies(sms: SpaceManipulator, known: Mapping[str, Any]) -> Known:
-    """Return what `known` states of a robot and of its payload."""
+    """Return the model, known masses and prior payload that follow from the argument `known`."""
     instance("known", known, Mapping)
     inertias, masses, payload = list(sms.model.inertias)[1:], dict[str, float](), None
     for name, value in known.items():
@@ -74,8 +75,8 @@ def known_bodies(sms: SpaceManipulator, known: Mapping[str, Any]) -> Known:
 def unknown_bodies(known: Known, unknown: Sequence[str], spread: float) -> list[UnknownBody]:
     """Return the unknown bodies by name.
 
-    The deviations of what is believed are `spread` times a body's own mass, first moments and inertia; those
-    of a payload of which nothing is believed are of the size of the whole robot.
+    The prior deviations are `spread` times a body's own mass, first moments and inertia; for a payload
+    without a prior they have the size of the whole robot's.
     """
     if isinstance(unknown, str) or not isinstance(unknown, Sequence) or not unknown:
         example = "a list of names such as ['base'], ['base', 'payload'] or link names"
@@ -86,11 +87,11 @@ def unknown_bodies(known: Known, unknown: Sequence[str], spread: float) -> list[
         text = f"holds the mass of '{strangers[0]}', which is not among the unknown bodies; give a"
         raise InvalidValue("known", known.masses, f"{text} pinocchio.Inertia to change the model's")
     if known.payload is not None and PAYLOAD not in unknown:
-        text = "holds an inertia of the payload, which is not among the unknown bodies; add a payload that is"
-        raise InvalidValue("known", known.payload, f"{text} known to the robot by sms.with_inertias")
+        text = "holds an inertia of the payload, which is not among the unknown bodies; add a known payload"
+        raise InvalidValue("known", known.payload, f"{text} to the robot with sms.with_inertias")
     indices = [body.index for body in bodies]
     if len(set(indices)) < len(indices):
-        text = "must name each body once; a payload cannot be told from the link that carries it"
+        text = "must name each body once; a payload cannot be distinguished from the link that carries it"
         raise InvalidValue("unknown", list(unknown), text)
     return bodies
 
@@ -108,7 +109,7 @@ def _unknown(known: Known, name: str, spread: float) -> UnknownBody:
         body = known.payload if added else sms.model.inertias[index + 1]
         believed = np.array(body.toDynamicParameters())
         if not believed[0] > 0.0:
-            raise InvalidValue("unknown", name, "must have mass: the model has none in it")
+            raise InvalidValue("unknown", name, "must have mass, but its mass in the model is zero")
         about_origin = float(believed[4] + believed[6] + believed[9])
         deviation = spread * _scales(believed[0], math.sqrt(about_origin / 2.0 / believed[0]))
     free = np.ones(PER_BODY, dtype=bool)

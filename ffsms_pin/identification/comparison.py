@@ -1,4 +1,4 @@
-"""Bodies as they were believed, as they were learnt, and as they are."""
+"""The comparison of prior, estimated and true bodies."""
 
 from __future__ import annotations
 
@@ -13,22 +13,23 @@ from ffsms_pin.identification.identifier import Identifier
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.system.regressors import PER_BODY
 
-_NOTHING = 1e-6  # share of the robot's mass below which a body has no centre of mass to speak of
+_NOTHING = 1e-6  # share of the robot's mass below which a body counts as massless
 
 
 def compared(identifier: Identifier, plant: SpaceManipulator) -> dict[str, Any]:
-    """Return mass, centre of mass and inertia of each unknown body, believed, learnt and true, by its name.
+    """Return prior, estimated and true mass, centre of mass and inertia of each unknown body by its name.
 
-    A payload is what the plant's link has beyond the model's. Masses in kg, centres of mass in the frame of
-    the link [m], inertias about them (3, 3) [kg m^2]; those of a body without mass are None. If the estimate
-    is impossible, because something acts from outside, there is none, and the note has the reason.
+    The true payload is the difference between the plant's link and the model's. Masses are in kg, centres of
+    mass in the frame of the link [m], inertias about the centres of mass (3, 3) [kg m^2]; a massless body has
+    None for both. If the estimate is inconsistent because of an external force, it is None and the note has
+    the reason.
     """
     note, estimate = "", None
     try:
         estimate = identifier.found
         note = estimate.note
     except FfsmsError as error:
-        note = f"the estimate belongs to no robot, because something else acts on it: {error}"
+        note = f"the estimate is physically inconsistent, probably because of an external force: {error}"
     model, true = (sms.inertial_parameters.reshape(-1, PER_BODY) for sms in (identifier.sms, plant))
     least = _NOTHING * float(true[:, 0].sum())
     numbers: dict[str, Any] = {"uncertainty_left": identifier.uncertainty(), "note": note, "bodies": {}}

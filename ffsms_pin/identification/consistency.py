@@ -1,4 +1,4 @@
-"""Physical consistency: parameters that some distribution of mass has.
+"""The physical consistency of inertial parameters: some mass distribution has them.
 
 A body's ten parameters belong to a mass distribution if and only if its pseudo-inertia, the (4, 4) matrix
 [[1/2 tr(I) 1 - I, m c], [(m c)^T, m]], is positive definite. Written as L L^T with a lower triangle L whose
@@ -20,12 +20,12 @@ import numpy as np
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.system.regressors import PER_BODY, parameters_of, pseudo_inertia
 
-_LEAST = 1e-9  # eigenvalue of a pseudo-inertia as a share of that of a body of the prior's size
+_LEAST = 1e-9  # smallest eigenvalue of a pseudo-inertia, relative to a body of the prior's size
 _BELOW = np.tril_indices(4, -1)
 
 
 def consistent(parameters: FloatArray, scale: FloatArray) -> bool:
-    """Return whether parameters (10,) belong to a mass distribution; `scale` (10,) has their size."""
+    """Return whether parameters (10,) belong to a mass distribution; `scale` (10,) is their magnitude."""
     return bool(np.linalg.eigvalsh(_normalised(pseudo_inertia(parameters), scale))[0] > _LEAST)
 
 
@@ -36,19 +36,19 @@ def nearest_consistent(
     free: Any,
     near: FloatArray | None = None,
 ) -> FloatArray:
-    """Return the consistent parameters (b, 10) nearest to an estimate (b, 10), by their `information`.
+    """Return the consistent parameters (b, 10) nearest to an estimate (b, 10) in the metric `information`.
 
-    `information` (k, k) is that of the k parameters that `free` (b, 10) marks; the others are known. An
-    estimate that is consistent is returned as it is. The search begins at `near` (b, 10), if it is given.
+    `information` (k, k) belongs to the k parameters that `free` (b, 10) marks; the others are known. A
+    consistent estimate is returned unchanged. The search begins at `near` (b, 10), if it is given.
     """
     if all(map(consistent, estimate, scales)):
         return estimate
-    from scipy.optimize import least_squares  # slow to load, and good recordings do without
+    from scipy.optimize import least_squares  # slow to load and rarely needed
 
     units = [np.sqrt(scale[0]) * np.append(np.full(3, np.sqrt(scale[4] / scale[0])), 1.0) for scale in scales]
     root = np.linalg.cholesky(information + 1e-14 * np.trace(information) * np.eye(len(information))).T
     held = np.flatnonzero(~free.ravel())
-    stiff = 1e6 / scales.ravel()[held]  # what is known stays
+    stiff = 1e6 / scales.ravel()[held]  # weight that fixes known parameters
     unknown = np.flatnonzero(free.ravel())
 
     def bodies(p: FloatArray) -> FloatArray:
@@ -81,7 +81,7 @@ def nearest_consistent(
 
 
 def _slopes(L: FloatArray, unit: FloatArray) -> FloatArray:
-    """Return the slopes (10, 10) of the parameters by the numbers of a body."""
+    """Return the Jacobian (10, 10) of a body's parameters by its ten free numbers."""
     changes = np.zeros((PER_BODY, 4, 4))
     diagonal, below = np.arange(4), np.arange(4, PER_BODY)
     changes[diagonal, diagonal, diagonal] = np.diag(L)

@@ -1,14 +1,14 @@
-"""Motions that teach: joint motions by which the unknown parameters become known best.
+"""The exciting motions: joint motions that minimise the uncertainty of the unknown parameters.
 
-The joints move along window functions times harmonics, from rest at the start back to it. The coefficients
-minimise the expected standard deviations of the parameters, those of the worst-known ones above all. Joint
-ranges, rates and accelerations are kept by scaling each joint's motion, all other limits by shrinking the
-whole until the planner's own verdict finds none broken.
+The joint motions are window functions times harmonics, and begin and end at rest at the start. The
+coefficients minimise the expected standard deviations of the parameters, mostly the largest ones. Joint
+ranges, rates and accelerations are kept by scaling each joint's motion, all other limits by scaling the whole
+motion until the planner's check finds no violation.
 
 References
 ----------
 J. Swevers, C. Ganseman, D. Bilgin Tükel, J. De Schutter and H. Van Brussel, "Optimal robot excitation and
-identification", IEEE Transactions on Robotics and Automation 13 (1997), for motions by Fourier series.
+identification", IEEE Transactions on Robotics and Automation 13 (1997), for motions as Fourier series.
 """
 
 from __future__ import annotations
@@ -31,13 +31,13 @@ from ffsms_pin.opt.trajectory import Trajectory, measure
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.simulation import Sensors
 
-_WIDEST = np.pi / 2.0  # [rad or m] of a joint without limits
-_SHARE = 0.95  # of ranges, rates and accelerations that is used
-_SIZES = (1.0, 0.8, 0.6, 0.45, 0.3, 0.2, 0.1)  # tried until all limits are kept
-_NODES = 80  # instants at which a candidate is judged
-_SAMPLES = 100.0  # [1/s] that the expected deviations count on
-_WORST = 8.0  # the power mean of the deviations: a large one counts the largest
-_TRIED = 3  # candidates whose limits are judged
+_WIDEST = np.pi / 2.0  # [rad or m] range assumed for a joint without limits
+_SHARE = 0.95  # used share of ranges, rates and accelerations
+_SIZES = (1.0, 0.8, 0.6, 0.45, 0.3, 0.2, 0.1)  # scale factors, tried until all limits are kept
+_NODES = 80  # instants at which a candidate is evaluated
+_SAMPLES = 100.0  # [1/s] sampling rate assumed for the expected deviations
+_WORST = 8.0  # exponent of the power mean of the deviations: a large one emphasises the largest
+_TRIED = 3  # candidates whose limits are checked
 
 
 def exciting_motion(
@@ -57,18 +57,18 @@ def exciting_motion(
     iterations: int = 8,
     seed: int = 0,
 ) -> Trajectory:
-    """Return a joint motion that shows the unknown parameters as well as the limits allow.
+    """Return a joint motion that excites the unknown parameters as well as the limits allow.
 
     Parameters
     ----------
     sms : SpaceManipulator
-        The model that is believed.
+        The prior model.
     q0 : array_like, shape (nq,)
-        Start, to which the joints come back.
+        The start configuration, to which the joints return.
     duration : float
         [s]
     unknown, known, sensors, spread
-        As for `Identifier`.
+        Arguments of `Identifier`.
     dt : float
         Step of the motion [s].
     momentum : array_like, shape (6,), optional
@@ -76,9 +76,9 @@ def exciting_motion(
     limits : sequence of Limit, optional
         The limits that the motion keeps. Default: those of `Problem`: joints, torques and a clearance.
     harmonics : int
-        The number of frequencies of a joint's motion, multiples of that of the whole motion.
+        The number of frequencies of a joint's motion, multiples of 1 / `duration`.
     starts, iterations : int
-        Random candidates, and steps of the descent from the best of them.
+        The number of random candidates, and of descent steps from the best candidate.
     seed : int
         The seed of the candidates.
 
@@ -90,7 +90,7 @@ def exciting_motion(
     Raises
     ------
     InvalidValue
-        An argument out of range, or no motion from q0 that keeps the limits.
+        An argument is out of range, or no motion from q0 keeps the limits.
     """
     instance("sms", sms, SpaceManipulator)
     duration, dt = positive("duration", duration, "s"), positive("dt", dt, "s")
@@ -106,19 +106,19 @@ def exciting_motion(
     best = search.descended(candidates[0], whole("iterations", iterations, 0, 1000))
     tried = [plan for c in [best, *candidates[:_TRIED]] if (plan := search.kept(c)) is not None]
     if not tried:
-        text = f"must leave room: no motion of {duration:g} s was found from it that keeps the limits"
+        text = f"is too close to limits: no motion of {duration:g} s from it keeps them"
         raise InvalidValue("q0", q0, f"{text} ({search.note})")
     return min(tried, key=lambda plan: search.misfit(plan.joint_rates, plan.dt))
 
 
 class _Search:
-    """Coefficients (2 harmonics, n) of joint motions, and the deviations that they leave."""
+    """The search for coefficients (2 harmonics, n) of joint motions with small expected deviations."""
 
     def __init__(self, identifier: Identifier, problem: Problem, harmonics: int) -> None:
         self.identifier, self.problem, self.sms = identifier, problem, problem.sms
         self.shape = (2 * harmonics, self.sms.n)
         orders = np.arange(1, harmonics + 1)
-        #: Of coefficients that are drawn: quick motions are short, where accelerations are limited.
+        #: Scale of the drawn coefficients: fast harmonics are small because accelerations are limited.
         self.weights = np.concatenate([1.0 / orders**2, 1.0 / (orders + 1.0) ** 2])[:, None]
         self.note = ""
         self._shown: Any = None
@@ -128,7 +128,7 @@ class _Search:
         self._down = np.where(np.isfinite(down), np.minimum(down, _WIDEST), _WIDEST)
 
     def _basis(self, nodes: int) -> tuple[FloatArray, FloatArray]:
-        """Return the window times harmonics and its slope in time, (2 harmonics, nodes) each."""
+        """Return the windowed harmonics and their time derivatives, (2 harmonics, nodes) each."""
         s = np.linspace(0.0, 2.0 * np.pi, nodes)
         window, slope = 0.5 * (1.0 - np.cos(s)), 0.5 * np.sin(s)
         orders = np.arange(self.shape[0] // 2)[:, None]
@@ -156,7 +156,7 @@ class _Search:
         return np.asarray(rates)
 
     def deviations(self, rates: FloatArray, dt: float) -> FloatArray:
-        """Return the expected deviations (k,) of the parameters, as shares of those that are believed."""
+        """Return the expected deviations (k,) of the parameters as shares of their prior deviations."""
         problem = self.problem
         motion = rolled_out(self.sms, problem.stack, problem.q0, rates, dt, problem.momentum)
         q, v = configurations(self.sms, problem.q0, motion), velocities(motion)
@@ -164,12 +164,12 @@ class _Search:
         return np.sqrt(np.diag(np.linalg.inv(G + np.eye(len(G)))))
 
     def misfit(self, rates: FloatArray, dt: float) -> float:
-        """Return the power mean of the deviations of parameters that a motion can show at all."""
+        """Return the power mean of the deviations of the observable parameters."""
         left = self.deviations(rates, dt)[self._shown]
         return float(np.mean(left**_WORST) ** (1.0 / _WORST))
 
     def first(self, coefficients: FloatArray) -> float:
-        """Return the sum of the logarithms of the deviations, and note which parameters can be shown."""
+        """Return the sum of the logarithms of the deviations, and store which parameters are observable."""
         left = self.deviations(self.rates(coefficients, _NODES), self._coarse)
         shown = left < 0.9
         self._shown = shown if self._shown is None else self._shown | shown
@@ -192,7 +192,7 @@ class _Search:
         return np.asarray(minimize(value, coefficients, method="L-BFGS-B", options=options).x)
 
     def kept(self, coefficients: FloatArray) -> Trajectory | None:
-        """Return the largest motion with these coefficients that keeps all limits; None: none does."""
+        """Return the largest motion with these coefficients that keeps all limits; None if there is none."""
         problem = self.problem
         rates = self.rates(coefficients, problem.steps + 1)
         for size in _SIZES:

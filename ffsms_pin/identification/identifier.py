@@ -1,4 +1,4 @@
-"""Recursive estimation of inertial parameters by the conservation of momentum."""
+"""The recursive estimation of inertial parameters by the conservation of momentum."""
 
 from __future__ import annotations
 
@@ -21,61 +21,60 @@ from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.simulation import Sensors
 from ffsms_pin.system.regressors import PER_BODY, body_regressor, momentum_regressors
 
-# Samples for which weights, and the bias of the noise, are worked out once: both change with the posture.
+# Samples that share weights and noise bias, which both change slowly with the posture.
 _PERIOD = 32
-_REWEIGHTED = 64  # samples after which weights follow the estimate for the first time, and again at doubles
-_NOISE = 4.0  # mean square of weighted residuals up to which they count as noise
-# Share of the believed variances that weights count on at least. Without it, momenta moved by noise alone get
-# weights by which that noise outweighs the motion of the others.
+_REWEIGHTED = 64  # samples before the first update of the weights; further updates follow at doubled numbers
+_NOISE = 4.0  # largest mean square of weighted residuals that counts as noise
+# Least share of the prior variances in the weights. Without it, momenta with noise but no motion would get
+# such large weights that their noise outweighs the motion of the others.
 _DOUBT = 0.05**2
-_LEAST_SCALE = 0.5  # of the noise's squares: residuals below are those of exact data
-_ROUNDING = 1e-14  # of the largest information
-_CERTAIN = 0.3  # share of the uncertainty that may be left when plans begin to follow an estimate
-_CHANGED = 3e-3  # share of the unknown bodies' momentum by which an estimate must change to be followed anew
-_FEWEST = 10  # samples before an estimate is followed
-_SIGNIFICANT = 4.0  # deviations of its own noise that the information of a direction must have
-_ENOUGH = 30  # equations beyond the unknowns, from which on the residuals scale the noise
+_LEAST_SCALE = 0.5  # lower bound of the noise's variance scale, for exact data
+_ROUNDING = 1e-14  # relative to the largest information
+_CERTAIN = 0.3  # largest remaining share of the uncertainty at which plans begin to use an estimate
+_CHANGED = 3e-3  # change of the unknown bodies' momentum, as a share, at which plans use a new estimate
+_FEWEST = 10  # samples before an estimate is used
+_SIGNIFICANT = 4.0  # standard deviations of noise that the information of a direction must exceed
+_ENOUGH = 30  # equations in excess of the unknowns, above which the residuals scale the noise
 
 
 class Identifier:
     """A recursive estimator of inertial parameters from measured configurations and velocities.
 
-    Nothing acts from outside, so the total momentum about a fixed point is constant, and it is linear in the
-    inertial parameters: each sample adds six equations to sums of fixed size (an information filter), in
-    which the constant is unknown as well. Wheels may turn if their momentum is given. `found` solves the sums
-    when it is asked for.
+    Without external forces the total momentum about a fixed point is constant, and it is linear in the
+    inertial parameters. Each sample adds six equations to sums of fixed size (an information filter), in
+    which the constant is unknown too. Wheels may turn if their momentum is given. The property `found` solves
+    the sums.
 
     Parameters
     ----------
     sms : SpaceManipulator
-        The model that is believed. Parameters that the motion does not show keep its values.
+        The prior model. Unobservable parameters keep its values.
     unknown : sequence of str
-        Bodies whose ten parameters are estimated: "base", "payload" (a body fixed to the link that carries
-        the end effector, beside that link), and names of links or joints.
+        Bodies whose ten parameters are estimated: "base", "payload" (an additional body fixed to the link
+        that carries the end effector), and names of links or joints.
     sensors : Sensors, optional
-        Noise of the measurements, by which they are weighted, and whose bias is taken out. Default: the same
-        deviation for all velocities, scaled by the residuals, and no bias: for measurements that are nearly
-        exact. `identify` takes what a recording shows of its noise.
+        Noise of the measurements, which sets their weights and the correction of the bias. Default: the same
+        deviation for all velocities, scaled by the residuals, and no bias, which suits nearly exact
+        measurements. `identify` estimates the noise from the recording.
     known : mapping, optional
-        By the name of a body, a mass [kg] that is not estimated, or a `pinocchio.Inertia` in place of the
-        model's; that of "payload" is believed of it, in the frame of the link.
+        Values by the name of a body: a mass [kg], which is not estimated, or a `pinocchio.Inertia` as prior
+        in place of the model's; that of "payload" is in the frame of the link.
     spread : float
-        The standard deviation of the believed parameters, as a share of a body's mass, first moments and
-        inertia.
+        The prior standard deviation as a share of a body's mass, first moments and inertia.
     at_rest : bool
-        True if the total momentum is zero. Default: it is constant and unknown.
+        True if the total momentum is zero. Default: the momentum is constant and unknown.
 
     Raises
     ------
     InvalidValue
-        An unknown name, a name that is given twice, or a number out of range.
+        A name is unknown or given twice, or a number is out of range.
 
     Attributes
     ----------
     sms : SpaceManipulator
-        The robot as believed, with the inertias of `known`.
+        The prior model with the inertias of `known`.
     robot : SpaceManipulator
-        The robot `sms` with a believed payload, if one is unknown; the equations are linear about it.
+        The robot `sms` with the prior of an unknown payload, about which the equations are linearised.
     bodies : list of UnknownBody
     samples : int
         The number of samples.
@@ -100,7 +99,7 @@ class Identifier:
         self.noise = NoiseModel.of(robot, sensors)
         self.at_rest = at_rest
         inertias = list(robot.model.inertias)[1:]
-        for body in self.bodies:  # where the linear equations begin
+        for body in self.bodies:  # inertias about which the equations are linear
             own = pin.Inertia.FromDynamicParameters(body.believed)
             inertias[body.index] = inertias[body.index] + own if body.added else own
         self.robot = robot.with_inertias(inertias)
@@ -137,24 +136,24 @@ class Identifier:
         Parameters
         ----------
         t : float
-            Time [s], later than that of the sample before.
+            Time [s], later than that of the previous sample.
         q : array_like, shape (nq,)
-            Measured configuration, Pinocchio's.
+            Measured configuration in Pinocchio's layout.
         v : array_like, shape (6 + n,)
-            Measured velocity, Pinocchio's.
+            Measured velocity in Pinocchio's layout.
         wheel_momentum : array_like, shape (w,), optional
-            Spin momenta of the robot's wheels against the base [N m s]. Default: they stand still.
+            Spin momenta of the robot's wheels relative to the base [N m s]. Default: the wheels stand still.
 
         Raises
         ------
         InvalidValue
-            A wrong shape, a number that is not finite, or a time that is not later.
+            A shape is wrong, a number is not finite, or the time does not increase.
         """
         if not (isinstance(t, float) and math.isfinite(t)):
             t = number("t", t)
         q, v = vector("q", q, self.robot.nq), vector("v", v, self.robot.nv)
         if not t > self._time:
-            raise InvalidValue("t", t, f"must be later than the sample before, at {self._time:g} s")
+            raise InvalidValue("t", t, f"must be later than the previous sample at {self._time:g} s")
         self._time = t
         spins = None if wheel_momentum is None else self._spins(wheel_momentum)
         if self.noise.latency > 0.0:  # the base's pose and velocity are older than joints and wheels
@@ -179,7 +178,7 @@ class Identifier:
         A[4] += z * p[0] - x * p[2]
         A[5] += x * p[1] - y * p[0]
         Z[:, -1] = A.dot(v)
-        if spins is not None:  # of the wheels, in the base's axes
+        if spins is not None:  # momentum of the wheels, base axes
             Z[3:, -1] += pin.XYZQUATToSE3(q[:7]).rotation @ spins
         if self._beyond_base:
             pin.forwardKinematics(model, data, q, v)
@@ -208,10 +207,10 @@ class Identifier:
         self.samples += 1
 
     def weigh_by(self, other: Identifier) -> None:
-        """Weight all samples by the estimate of another identifier of the same bodies.
+        """Compute the weights of all samples from the estimate of another identifier of the same bodies.
 
-        The parameters make noise of the momentum of that of the velocities, so that weights depend on them.
-        By default they follow the identifier's own estimate.
+        The noise of the momentum is that of the velocities times the parameters, so weights depend on the
+        estimate. By default the identifier uses its own estimate.
         """
         self._believed, self._reweighted = other._parameters(), math.inf
 
@@ -220,10 +219,10 @@ class Identifier:
         return solved.x, (1.0 - _DOUBT) * solved.covariance + _DOUBT * np.eye(len(solved.x))
 
     def _weigh(self, q: FloatArray, A: FloatArray) -> None:
-        """Work out the weight of a sample, and the expected product of its noise with itself.
+        """Compute the weight of a sample, and the expected contribution of its noise to the information.
 
         Velocities multiply the unknown parameters, so their noise adds to the squares of the regression and
-        would make estimates too small. `A` (6, 6 + n) gives the momentum at the believed parameters.
+        would make estimates too small. `A` (6, 6 + n) maps velocities to momentum at the prior parameters.
         """
         model, data = self._model, self._data
         pin.computeJointJacobians(model, data, q)
@@ -250,10 +249,10 @@ class Identifier:
         self._bias_now = np.asarray(flat @ weighted.T)
 
     def expected_information(self, q: FloatArray, v: FloatArray) -> FloatArray:
-        """Return the information (k, k) that states q (N, nq) and v (N, 6 + n) would give, without bias.
+        """Return the information (k, k) of states q (N, nq) and v (N, 6 + n), without bias.
 
-        In units of what is believed, the total momentum unknown unless `at_rest`, all with the weight at the
-        first state.
+        It is in units of the prior deviations, with an unknown total momentum unless `at_rest`, and with the
+        weight of the first state for all.
         """
         about = q[0, :3]
         first = q[0].copy()
@@ -271,7 +270,7 @@ class Identifier:
         return np.asarray(flat.T @ flat)
 
     def _momentum_map(self, q: FloatArray) -> FloatArray:
-        """Return the momentum about the origin a unit velocity (6, 6 + n)."""
+        """Return the momentum about the origin per unit velocity (6, 6 + n)."""
         pin.ccrba(self._model, self._data, q, np.zeros(self.robot.nv))
         A = self._data.Ag.copy()
         A[3:] += pin.skew(self._data.com[0]) @ A[:3]
@@ -285,9 +284,9 @@ class Identifier:
         return np.asarray(wheels.axes.T @ vector("wheel_momentum", wheel_momentum, len(wheels), "N m s"))
 
     def pushed(self) -> None:
-        """Count the total momentum as another unknown constant from the next sample on.
+        """Treat the total momentum as a new unknown constant from the next sample on.
 
-        Call it after something has acted from outside, such as thrusters; what was learnt stays.
+        Call this method after an external force, such as that of thrusters; the information so far is kept.
         """
         if self.at_rest:
             self.at_rest = False
@@ -301,9 +300,9 @@ class Identifier:
         self._pose_noise = None
 
     def add_equations(self, rows: FloatArray, sides: FloatArray) -> None:
-        """Add weighted linear equations: rows (R, 10 b) times the change of the parameters are sides (R,).
+        """Add weighted linear equations: rows (R, 10 b) times the parameter change equal `sides` (R,).
 
-        Their residuals scale their own noise, apart from that of the momentum.
+        Their noise is scaled by their own residuals, separately from that of the momentum.
         """
         Z = np.column_stack([(rows * self._scaling)[:, self._columns], -sides])
         self._other += Z.T @ Z
@@ -311,7 +310,7 @@ class Identifier:
 
     @staticmethod
     def _without_momentum(sums: FloatArray) -> FloatArray:
-        """Return the sums (k + 1, k + 1) with the best constant momentum for every set of parameters."""
+        """Return the sums (k + 1, k + 1) after elimination of the constant momenta."""
         k = len(sums) - 7
         rest, held = [*range(k), k + 6], slice(k, k + 6)
         H = sums[held, held]
@@ -330,7 +329,7 @@ class Identifier:
         return sums[:-1, :-1], sums[:-1, -1], float(sums[-1, -1]), max(count, 0)
 
     def solution(self) -> Solution:
-        """Return the estimate in units of what is believed: no check of consistency, no words."""
+        """Return the estimate in units of the prior deviations, without a check of consistency."""
         G, g, c, count = self._equations()
         k, other = len(G), self._other
         bias = self._bias[:k, :k]
@@ -349,7 +348,7 @@ class Identifier:
             if self._other_count >= _ENOUGH + k:
                 others = float(other[-1, -1] + 2.0 * other[:-1, -1] @ x + x @ other[:-1, :-1] @ x)
                 other_scale = max(others / (self._other_count - learnt), _LEAST_SCALE)
-        # The noise of the regressors adds to that of the sums, as far as these count at all.
+        # The noise of the regressors adds to that of the sums, in proportion to their weight.
         covariance = inverse + inverse @ shown @ (bias / scale) @ shown.T @ inverse
         whole = x + np.concatenate([body.believed for body in self.bodies])[self._columns] / self._scales
         moved, beyond_noise = float(whole @ G @ whole), max(misfit - _NOISE * count, 0.0)
@@ -358,10 +357,10 @@ class Identifier:
         return Solution(x, 0.5 * (covariance + covariance.T), scale, total, unexplained)
 
     def uncertainty(self) -> float:
-        """Return what is left of the uncertainty about the momentum of the motion until now, as a share.
+        """Return the remaining share of the uncertainty about the momentum of the motion so far.
 
-        1 before the first sample. It is the deviation of the momentum by the parameters, over the deviation
-        by the parameters as they were believed.
+        It is the standard deviation of the momentum due to the estimated parameters over that due to the
+        prior parameters, 1 before the first sample.
         """
         if not self.samples:
             return 1.0
@@ -374,15 +373,15 @@ class Identifier:
         return math.sqrt(min(max(after / before, 0.0), 1.0))
 
     def learnt(self, last: SpaceManipulator) -> SpaceManipulator:
-        """Return the robot as estimated, or `last` itself.
+        """Return the robot with the estimated inertias, or `last` itself.
 
-        It is `last` while the estimate is too uncertain, and while it changes the momentum of the motion
-        until now by less than three thousandths of that of the unknown bodies.
+        It is `last` if the estimate is too uncertain, or if it changes the momentum of the motion so far by
+        less than 0.3 % of the unknown bodies' momentum.
 
         Parameters
         ----------
         last : SpaceManipulator
-            The robot returned before; at first the believed one.
+            The previously returned robot; at first the prior one.
         """
         if self.samples < _FEWEST or self.uncertainty() > _CERTAIN:
             return last
@@ -395,22 +394,22 @@ class Identifier:
         self._told = x
         try:
             estimate = identification_of(self, self._near)
-        except FfsmsError:  # something else acts on the robot, so that the numbers belong to no robot
+        except FfsmsError:  # an external force makes the numbers physically inconsistent
             return last
         self._near = np.array([estimate[body.name].parameters for body in self.bodies])
         return estimate.sms
 
     @property
     def found(self) -> Identification:
-        """The estimate by all samples until now, physically consistent."""
+        """The physically consistent estimate from all samples so far."""
         return identification_of(self)
 
 
 def _significant(G: FloatArray, bias: FloatArray | None = None, samples: int = 1) -> FloatArray:
-    """Return the projector (k, k) on the directions in which information is above the noise of its `bias`.
+    """Return the projector (k, k) onto the directions whose information exceeds the noise of its `bias`.
 
-    The directions are the eigenvectors of G relative to that noise: a direction without any information may
-    have much more noise than others have information.
+    The directions are the eigenvectors of G relative to that noise, because a direction without information
+    may have more noise than others have information.
     """
     noise = _ROUNDING * max(float(np.linalg.eigvalsh(G)[-1]), 1e-300) * np.eye(len(G))
     if bias is not None:

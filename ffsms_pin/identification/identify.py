@@ -1,4 +1,4 @@
-"""Identify inertial parameters from a recorded motion."""
+"""The identification of inertial parameters from a recorded motion."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.simulation import Sensors, Tracking
 from ffsms_pin.system.regressors import PER_BODY, torque_regressor
 
-_BLOCK = 0.1  # [s] over which torques are averaged: accelerations are differences of noisy velocities
-_TORQUE_SHARE = 1e-3  # of the largest torque, taken where no noise of torques is stated
+_BLOCK = 0.1  # [s] averaging time of torques, because accelerations are differences of noisy velocities
+_TORQUE_SHARE = 1e-3  # of the largest torque, default noise of torques
 
 
 def identify(
@@ -40,49 +40,48 @@ def identify(
 ) -> Identification:
     """Estimate masses, centres of mass and inertias from a motion of the floating robot.
 
-    The total momentum is constant; see `Identifier`, which this is for whole recordings. Torques, where they
-    are used, add the joints' equations of motion, which fix the scale of all parameters. The recording is
-    checked first: a gap in time, a frozen sensor or degrees raise an error and are not fitted.
+    This is `Identifier` for whole recordings, based on the constant total momentum. Torques add the joints'
+    equations of motion, which fix the scale of all parameters. The recording is checked first: a gap in time,
+    a frozen sensor or degrees raise an error.
 
     Parameters
     ----------
     sms : SpaceManipulator
-        The model that is believed.
+        The prior model.
     tracking : Tracking, optional
-        A simulated motion: that of the plant, without the noise of sensors.
+        A simulated motion; the plant's true motion is used, without the noise of sensors.
     recording : tuple of array_like, optional
-        In place of `tracking`: t (N,) [s], q (N, nq), v (N, 6 + n), and optionally joint torques, one row a
-        sample or one a step [N m]. All are Pinocchio's: quaternions (x, y, z, w), the root's velocity in the
-        root's axes.
+        A measured motion in place of `tracking`: t (N,) [s], q (N, nq), v (N, 6 + n), and optionally joint
+        torques [N m], one row per sample or per step. q and v are in Pinocchio's layout: quaternions (x, y,
+        z, w), the root's velocity in the root's axes.
     unknown : sequence of str
-        As for `Identifier`: "base", "payload", links.
+        The unknown bodies, as in `Identifier`: "base", "payload", links.
     known : mapping, optional
-        As for `Identifier`: masses [kg] or a pinocchio.Inertia, by name.
+        The known values by name, as in `Identifier`: masses [kg] or a pinocchio.Inertia.
     sensors : Sensors, optional
-        Noise of the recording. Default: what the velocities show by themselves.
+        Noise of the recording. Default: estimated from the velocities.
     wheel_momentum : array_like, shape (N, w), optional
         The spin momenta of the robot's wheels [N m s] for `recording`; a `Tracking` has its own.
     use_torques : bool, optional
-        Default: whether `recording` has them. A Tracking's torques are used if this is True. The damping and
-        friction of the robot's file are counted; another friction would be taken for inertia.
+        True to use torques. Default: True if `recording` has torques; False for a Tracking. The damping and
+        friction of the robot's file are included; any other friction would be mistaken for inertia.
     torque_noise : float
         Standard deviation of measured torques [N m].
     spread, at_rest : float, bool
-        As for `Identifier`.
+        Arguments of `Identifier`.
     passes : int
-        The number of passes over the recording. From the second on, the weights are those of the estimate
-        before. With one pass the result is that of an `Identifier` with the same `sensors`.
+        The number of passes over the recording. From the second pass on, the weights follow the previous
+        estimate. One pass gives the result of an `Identifier` with the same `sensors`.
 
     Returns
     -------
     Identification
-        Its `note` says what the motion does not show.
+        Its `note` lists the unobservable parameters.
 
     Raises
     ------
     InvalidValue
-        A wrong shape or name, or a recording that cannot be a motion of the robot without forces from
-        outside.
+        A shape or name is wrong, or the recording cannot be a motion of the robot without external forces.
     """
     options: dict[str, Any] = {"sensors": sensors, "known": known, "spread": spread, "at_rest": at_rest}
     identifier = Identifier(sms, unknown, **options)
@@ -110,8 +109,8 @@ def torque_equations(
 ) -> tuple[FloatArray, FloatArray]:
     """Return the joints' equations of motion as weighted rows (R, 10 b) and right sides (R,).
 
-    A row times the change of the unknown bodies' parameters is the right side. Regressor and torques are
-    averaged over blocks of a tenth of a second, in which the noise of the accelerations largely cancels.
+    A row times the change of the unknown bodies' parameters equals its right side. Regressor and torques are
+    averaged over blocks of 0.1 s, in which the noise of the accelerations largely cancels.
     """
     robot, bodies, tau = identifier.robot, identifier.bodies, recording.tau
     assert tau is not None

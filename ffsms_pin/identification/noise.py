@@ -1,4 +1,4 @@
-"""Noise of the measurements, as weights and as a bias of the regression."""
+"""The noise of the measurements, which sets weights and the bias of the regression."""
 
 from __future__ import annotations
 
@@ -11,28 +11,28 @@ from ffsms_pin.checks import FloatArray
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.simulation import Sensors
 
-# [m/s, rad/s] taken where nothing is known of the sensors; residuals that are larger scale it.
+# [m/s, rad/s] default if the sensors are unknown; larger residuals scale it up.
 NOMINAL = 1e-6
-_LEAST = 1e-9  # of a stated deviation: weights stay finite
-_USUAL_SHARE = 0.3  # of the rate limits, at which errors of joint angles turn the arm's momentum
+_LEAST = 1e-9  # of a stated deviation, so that weights stay finite
+_USUAL_SHARE = 0.3  # of the rate limits, assumed for the effect of joint angle errors on the arm's momentum
 
 
 @dataclass(frozen=True, eq=False)
 class NoiseModel:
-    """Variances of what is measured.
+    """The variances of the measurements.
 
     Attributes
     ----------
     rates : ndarray, shape (6 + n,)
-        Of the velocity, Pinocchio's [m^2/s^2, rad^2/s^2], for weights.
+        The variances of the velocity in Pinocchio's layout [m^2/s^2, rad^2/s^2], for weights.
     biasing : ndarray, shape (6 + n,)
-        The same as far as it is certain, by which the squares of the regression are reduced.
+        The certain part of these variances, for the bias correction of the regression.
     position, attitude : float
-        Of the base's pose, each axis [m^2, rad^2].
+        The variances of the base's pose, per axis [m^2, rad^2].
     latency : float
-        Age of the base's pose and velocity [s].
+        The latency of the base's pose and velocity [s].
     stated : bool
-        Whether the sensors are known.
+        True if the sensors are known.
     """
 
     rates: FloatArray
@@ -44,7 +44,7 @@ class NoiseModel:
 
     @classmethod
     def of(cls, sms: SpaceManipulator, sensors: Sensors | None) -> NoiseModel:
-        """Return the noise of `sensors`; None: the same small deviation for all velocities."""
+        """Return the noise of `sensors`; for None the same small deviation for all velocities."""
         if sensors is None or sensors.perfect:
             return cls(np.full(sms.nv, NOMINAL**2), np.zeros(sms.nv), 0.0, 0.0, 0.0, False)
         limits = sms.limits.velocity
@@ -64,12 +64,12 @@ class NoiseModel:
 
     @classmethod
     def shown_by(cls, v: FloatArray) -> NoiseModel:
-        """Return the noise that velocities v (N, 6 + n) show by themselves, in their third differences."""
+        """Return the noise of velocities v (N, 6 + n), estimated from their third differences."""
         noise = noise_of(v)
         return cls(np.maximum(noise, NOMINAL) ** 2, noise**2, 0.0, 0.0, 0.0, False)
 
     def of_pose(self, momentum: FloatArray) -> FloatArray:
-        """Return the covariance (6, 6) of a total momentum (6,) by the noise of the base's pose."""
+        """Return the covariance (6, 6) of a total momentum (6,) due to the noise of the base's pose."""
         shift, turn = np.zeros((6, 3)), np.zeros((6, 3))
         shift[3:] = turn[:3] = pin.skew(momentum[:3])
         turn[3:] = pin.skew(momentum[3:])
@@ -77,7 +77,7 @@ class NoiseModel:
 
 
 def noise_of(values: FloatArray) -> FloatArray:
-    """Return the deviation of the noise (k,) of series (N, k), by their third differences."""
+    """Return the noise deviations (k,) of series (N, k), estimated from third differences."""
     if len(values) < 8:
         return np.zeros(values.shape[1])
     return np.asarray(np.sqrt(np.mean(np.diff(values, 3, axis=0) ** 2, axis=0) / 20.0))

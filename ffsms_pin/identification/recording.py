@@ -1,7 +1,7 @@
-"""A recorded motion for identification: its arrays, and the checks of it before anything is fitted.
+"""The recorded motion for an identification: its arrays, and the checks before the fit.
 
-Positions are compared with integrated velocities, channel by channel over windows of the recording. What was
-measured by a sensor that froze, in degrees, or with the base's velocity in other axes does not agree.
+Positions are compared with integrated velocities, channel by channel over windows of the recording. They
+disagree if a sensor froze, if values are in degrees, or if the base's velocity is in other axes.
 """
 
 from __future__ import annotations
@@ -18,12 +18,12 @@ from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.simulation import Tracking
 from ffsms_pin.system.batch.stacks import apply, log3, rotations
 
-_GAP = 5.0  # times the usual step
-_WINDOWS = 24  # that a recording is compared in
-_NOISE = 8.0  # times the noise of a window that its motion must have to be compared
-_AGREES = 0.2  # share of the motion by which positions and integrated velocities may differ
-_FARTHEST = 3.0  # times one radian and a position limit that a joint may have
-_FASTEST = 10.0  # times a rate limit that a joint may have: an arm that is knocked, but not degrees
+_GAP = 5.0  # times the median step is a gap
+_WINDOWS = 24  # number of windows
+_NOISE = 8.0  # times the noise of a window: least motion for a comparison
+_AGREES = 0.2  # allowed difference of positions and integrated velocities, as a share of the motion
+_FARTHEST = 3.0  # times the sum of one radian and the position limit: largest accepted position
+_FASTEST = 10.0  # times the rate limit: largest accepted rate, above that of an impact, below that of degrees
 _DEGREES = 180.0 / np.pi
 
 
@@ -38,9 +38,9 @@ class Recording:
     q, v : ndarray, shape (N, nq) and (N, 6 + n)
         Pinocchio's.
     tau : ndarray, shape (N - 1, n) or None
-        Joint torques, each held from a sample to the next [N m].
+        Joint torques [N m], each held from one sample to the next.
     wheel_momentum : ndarray, shape (N, w) or None
-        Spin momenta of the wheels against the base [N m s].
+        Spin momenta of the wheels relative to the base [N m s].
     """
 
     t: FloatArray
@@ -55,7 +55,7 @@ def recording_of(
 ) -> Recording:
     """Return a checked recording, from a `Tracking` or from arrays (t, q, v[, tau])."""
     if (tracking is None) == (recording is None):
-        raise InvalidValue("recording", recording, "must be given, or a Tracking in its place, and not both")
+        raise InvalidValue("recording", recording, "must be given, or a Tracking instead, but not both")
     if tracking is None:
         made = _of_arrays(sms, recording, wheel_momentum)
     else:
@@ -75,15 +75,15 @@ def _of_tracking(sms: SpaceManipulator, tracking: Tracking, torques: bool) -> Re
     change = np.abs(tracking.impulse - tracking.impulse[0]).max(axis=1)
     if (moved := change > 1e-9 * (1.0 + np.abs(tracking.momentum).max())).any():
         time = float(tracking.t[int(np.argmax(moved))])
-        text = f"is pushed from outside (thrusters or disturbances) at {time:.4g} s, so that its momentum is"
-        text += " not constant; take the rows before or after it: tracking.between(start, end)"
+        text = f"has external forces (thrusters or disturbances) at {time:.4g} s, so that its momentum is"
+        text += " not constant; use the rows before or after them: tracking.between(start, end)"
         raise InvalidValue("tracking", tracking, text)
     if tracking.contact_wrench.any():
         touching = np.flatnonzero(tracking.contact_wrench.any(axis=1))
         if len(touching) < len(tracking.t) - 1:
             time = float(tracking.t[touching[0]])
             text = (
-                f"touches its client from {time:.4g} s on; take the rows before the contact, or those of the"
+                f"touches its client from {time:.4g} s on; use the rows before the contact, or those of the"
             )
             text += " latched client with unknown=['payload']: tracking.between(start, end)"
             raise InvalidValue("tracking", tracking, text)
@@ -111,7 +111,7 @@ def _of_arrays(sms: SpaceManipulator, recording: Any, wheel_momentum: Any) -> Re
     tau = torque[0] if torque else None
     if tau is not None:
         if tau.ndim == 2 and len(tau) == len(t):
-            tau = tau[:-1]  # the last is held beyond the recording
+            tau = tau[:-1]  # the last torque is held beyond the recording
         shapes.append(("tau", tau, (len(t) - 1, sms.n)))
     for name, array, shape in shapes:
         label = name if name == "wheel_momentum" else f"recording {name}"
@@ -123,13 +123,13 @@ def _of_arrays(sms: SpaceManipulator, recording: Any, wheel_momentum: Any) -> Re
 
 
 def _check_times(t: FloatArray) -> None:
-    """Check that times grow, without a gap."""
+    """Check that times increase without a gap."""
     if len(t) < 3:
-        raise InvalidValue("recording t", t, "must have three samples at least")
+        raise InvalidValue("recording t", t, "must have at least three samples")
     steps = np.diff(t)
     if not (steps > 0.0).all():
         k = int(np.argmin(steps))
-        raise InvalidValue("recording t", float(t[k + 1]), f"must grow, but is {t[k]:.6g} s before")
+        raise InvalidValue("recording t", float(t[k + 1]), f"must increase, but follows {t[k]:.6g} s")
     usual = float(np.median(steps))
     if (longest := float(steps.max())) > _GAP * usual:
         k = int(np.argmax(steps))
@@ -138,7 +138,7 @@ def _check_times(t: FloatArray) -> None:
 
 
 def _check_samples(sms: SpaceManipulator, recording: Recording) -> None:
-    """Check units, quaternions, and that positions and velocities belong together."""
+    """Check units, quaternions, and the agreement of positions and velocities."""
     q, v = recording.q, recording.v
     lengths = np.linalg.norm(q[:, 3:7], axis=1)
     if (wrong := np.abs(lengths - 1.0) > 1e-3).any():
@@ -152,7 +152,7 @@ def _check_samples(sms: SpaceManipulator, recording: Recording) -> None:
         most, farthest = float(np.abs(v[:, 6 + i]).max()), float(np.abs(q[:, sms.layout.index[i]]).max())
         bound = max(abs(limits.lower[i]), abs(limits.upper[i]))
         if farthest > _FARTHEST * (1.0 + bound) and not sms.layout.continuous[i]:
-            text = f"has positions of joint '{name}' far beyond {bound:.4g} rad, its limit, as in degrees;"
+            text = f"has positions of joint '{name}' far beyond {bound:.4g} rad, as if in degrees;"
             raise InvalidValue("recording q", farthest, f"{text} np.radians converts them")
         if np.isfinite(limits.velocity[i]) and most > _FASTEST * limits.velocity[i]:
             text = f"of joint '{name}' is beyond ten times its limit of {limits.velocity[i]:.4g} rad/s: this"
@@ -178,11 +178,11 @@ def _check_samples(sms: SpaceManipulator, recording: Recording) -> None:
         scale = float(expected @ D) / max(float(expected @ expected), 1e-300)
         for factor, text in ((_DEGREES, "positions"), (1.0 / _DEGREES, "velocities")):
             if 0.8 < scale / factor < 1.25:
-                problem = f"has {text} of {name} in degrees, as their ratio to the other shows; np.radians"
+                problem = f"has {text} of {name} in degrees, judging by their ratio; np.radians"
                 raise InvalidValue("recording", scale, f"{problem} converts them")
         off = float(np.sqrt(np.mean((D - expected) ** 2)))
         if off > _AGREES * max(size, other) + _NOISE * noise[c]:
-            problem = f"has positions and velocities of {name} that do not belong together: they differ by"
+            problem = f"has positions and velocities of {name} that do not agree: they differ by"
             problem += f" {100.0 * off / max(size, other):.0f} % over windows of {_duration(t):.3g} s;"
             if c < 6:
                 problem += " the root's velocity is in the root's own axes, [linear; angular], and its"
@@ -191,7 +191,7 @@ def _check_samples(sms: SpaceManipulator, recording: Recording) -> None:
 
 
 def _frozen(D: FloatArray, expected: FloatArray, noise: float) -> int | None:
-    """Return a window in which one of position and velocity shows no motion at all, the other some."""
+    """Return a window in which either position or velocity is frozen while the other one moves."""
     least = 4.0 * noise + 1e-3 * float(np.abs(np.concatenate([D, expected])).max()) + 1e-12
     still = ((D == 0.0) & (np.abs(expected) > least)) | ((expected == 0.0) & (np.abs(D) > least))
     return int(np.argmax(still)) if still.any() else None
@@ -213,10 +213,10 @@ def _duration(t: FloatArray) -> float:
 
 
 def _windows(sms: SpaceManipulator, recording: Recording) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return displacements (K, 6 + n) of windows by positions, by velocities, and their noise (6 + n,).
+    """Return windows' displacements (K, 6 + n) from positions and velocities, and their noise (6 + n,).
 
-    The base's are in the root's axes at the start of each window. A velocity that is the same to the last bit
-    throughout a window, of a channel that varies otherwise, counts as frozen: its displacement is zero.
+    Displacements of the base are in the root's axes at the start of each window. If a velocity is bitwise
+    constant in a window but varies elsewhere, it counts as frozen and its displacement is zero.
     """
     t, q, v = recording.t, recording.q, recording.v
     R, layout = rotations(q[:, 3:7].T), sms.layout
@@ -251,5 +251,5 @@ def _windows(sms: SpaceManipulator, recording: Recording) -> tuple[FloatArray, F
 
 
 def _varies(v: FloatArray) -> Any:
-    """Return which velocities change in more than half of the steps between samples."""
+    """Return a mask of the velocities that change in more than half of the steps."""
     return (np.diff(v, axis=0) != 0.0).mean(axis=0) > 0.5

@@ -1,4 +1,4 @@
-"""The result of an identification: bodies, their covariance, and which directions the motion has shown."""
+"""The result of an identification: bodies, their covariance, and the observable directions."""
 
 from __future__ import annotations
 
@@ -20,25 +20,25 @@ from ffsms_pin.system.regressors import PER_BODY
 if TYPE_CHECKING:
     from ffsms_pin.identification.identifier import Identifier
 
-SHOWN = 0.5  # share of the believed deviation below which a direction counts as observed
-_UNEXPLAINED = 0.08  # share of a momentum: masses of the arm that are off by 15 % leave half of it
-_SUSPICIOUS = 4.0  # times what the stated noise explains: something else is wrong
+SHOWN = 0.5  # share of the prior deviation below which a direction counts as observed
+_UNEXPLAINED = 0.08  # share of a momentum; arm masses with errors of 15 % cause half of it
+_SUSPICIOUS = 4.0  # times the stated noise: the model is wrong
 
 
 class Solution(NamedTuple):
-    """The solved sums, in units of the believed deviations.
+    """The solved sums, in units of the prior deviations.
 
     Attributes
     ----------
     x : ndarray, shape (k,)
-        Change of the free parameters.
+        The change of the free parameters.
     covariance : ndarray, shape (k, k)
     residual : float
-        Mean square of the weighted residuals: between 0.5 and 1 where the noise is as stated.
+        The mean square of the weighted residuals, between 0.5 and 1 if the noise is as stated.
     equations : int
         The number of equations from the measurements.
     unexplained : float
-        Residuals beyond the noise, as a share of the momentum of the unknown bodies.
+        The residuals in excess of the noise, as a share of the momentum of the unknown bodies.
     """
 
     x: FloatArray
@@ -58,9 +58,9 @@ class BodyEstimate:
     parameters : ndarray, shape (10,)
         [m, m c, Ixx, Ixy, Iyy, Ixz, Iyz, Izz], about the link's origin.
     covariance : ndarray, shape (10, 10)
-        Of the parameters.
+        The covariance of the parameters.
     believed : ndarray, shape (10,)
-        The parameters before.
+        The prior parameters.
     """
 
     name: str
@@ -90,7 +90,7 @@ class BodyEstimate:
 
     @property
     def deviation(self) -> FloatArray:
-        """Standard deviations (10,) of the parameters."""
+        """The standard deviations (10,) of the parameters."""
         return np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
 
     def __repr__(self) -> str:
@@ -102,14 +102,14 @@ class BodyEstimate:
 
 @dataclass(frozen=True, eq=False)
 class Direction:
-    """A combination of parameters, and how much of the uncertainty about it is left.
+    """A combination of parameters, and its remaining uncertainty.
 
     Attributes
     ----------
     left : float
-        Standard deviation as a share of what was believed: 1 where the motion shows nothing.
+        The standard deviation as a share of the prior one: 1 for an unobservable direction.
     vector : dict of str to ndarray, shape (10,)
-        By body, the change of the parameters by one deviation of what was believed.
+        The change of the parameters by one prior standard deviation, by body.
     words : str
     """
 
@@ -128,20 +128,21 @@ class Identification(Mapping[str, BodyEstimate]):
     Attributes
     ----------
     sms : SpaceManipulator
-        The robot with what is found; `sms.with_inertias(found)` gives another robot the same inertias.
+        The robot with the estimated inertias; `sms.with_inertias(found)` returns another robot with them.
     bodies : dict of str to BodyEstimate
     covariance : ndarray, shape (10 (1 + n), 10 (1 + n))
-        Of the parameters of all bodies of the robot, zero for those that are known; see `Trajectory.spread`.
+        The covariance of the parameters of all bodies of the robot, zero for known ones; see
+        `Trajectory.spread`.
     directions : tuple of Direction
-        All of them, the best known first.
+        All directions, the best-observed first.
     residual : float
-        Mean square of the weighted residuals: between 0.5 and 1 where the noise is as stated.
+        The mean square of the weighted residuals, between 0.5 and 1 if the noise is as stated.
     equations : int
         The number of equations from the measurements.
     projected : bool
-        True if the least squares alone were inconsistent, so the estimate is the nearest consistent one.
+        True if the least-squares estimate was inconsistent and is replaced by the nearest consistent one.
     note : str
-        The parameters that are not observed and why, and signs of a wrong model; empty if there are none.
+        The unobserved parameters with reasons, and signs of a wrong model; empty if there are none.
     """
 
     sms: SpaceManipulator
@@ -153,7 +154,7 @@ class Identification(Mapping[str, BodyEstimate]):
     projected: bool
     note: str
 
-    # A mapping compares its items, and arrays have no truth value: estimates are compared by identity.
+    # Estimates are compared by identity, because comparing their arrays has no single truth value.
     __eq__ = object.__eq__
     __hash__ = object.__hash__
 
@@ -173,12 +174,12 @@ class Identification(Mapping[str, BodyEstimate]):
 
     @cached_property
     def observable(self) -> tuple[Direction, ...]:
-        """The directions that the motion has shown: less than half of the believed deviation is left."""
+        """The observed directions, whose deviation is less than half of the prior one."""
         return tuple(direction for direction in self.directions if direction.left < SHOWN)
 
     @cached_property
     def unobservable(self) -> tuple[Direction, ...]:
-        """The directions that are as they were believed, or nearly."""
+        """The unobserved directions, which nearly keep their prior values."""
         return tuple(direction for direction in self.directions if direction.left >= SHOWN)
 
     def __str__(self) -> str:
@@ -190,9 +191,9 @@ class Identification(Mapping[str, BodyEstimate]):
 
 
 def identification_of(identifier: Identifier, near: FloatArray | None = None) -> Identification:
-    """Return the consistent estimate of an identifier's sums, with covariance and words.
+    """Return the consistent estimate from an identifier's sums, with covariance and notes.
 
-    `near` (b, 10) are consistent parameters that are not far from it.
+    `near` (b, 10) are consistent parameters near the estimate.
     """
     bodies, solved = identifier.bodies, identifier.solution()
     free = np.array([body.free for body in bodies])
@@ -201,7 +202,7 @@ def identification_of(identifier: Identifier, near: FloatArray | None = None) ->
     estimate = believed.copy()
     estimate[free] += scales[free] * solved.x
     squares, V = np.linalg.eigh(solved.covariance)
-    left = np.sqrt(np.clip(squares, 1e-30, 1.0))  # nothing is known less than before
+    left = np.sqrt(np.clip(squares, 1e-30, 1.0))  # at most the prior uncertainty
     information = (V / left**2) @ V.T / np.outer(scales[free], scales[free])
     sizes = _sizes(believed, scales)
     settled = nearest_consistent(estimate, information, sizes, free, near)
@@ -228,7 +229,7 @@ def identification_of(identifier: Identifier, near: FloatArray | None = None) ->
 
 
 def _sizes(believed: FloatArray, scales: FloatArray) -> FloatArray:
-    """Return parameters (b, 10) of bodies of the size of the unknown ones, for relative measures."""
+    """Return typical magnitudes (b, 10) of the unknown bodies' parameters, for relative measures."""
     masses = np.maximum(np.abs(believed[:, 0]), scales[:, 0])
     inertias = np.maximum(np.abs(believed[:, 4:]).max(axis=1), scales[:, 4:].max(axis=1))
     lengths = np.sqrt(inertias / masses)
@@ -256,7 +257,7 @@ def _of_all(sms: SpaceManipulator, bodies: list[UnknownBody], covariance: FloatA
 def _directions(
     bodies: list[UnknownBody], V: FloatArray, left: FloatArray, free: Any, scales: FloatArray
 ) -> tuple[Direction, ...]:
-    """Return the eigenvectors of the information as directions, the best known first."""
+    """Return the eigenvectors of the information as directions, the best-observed first."""
     directions = []
     for i in np.argsort(left):
         numbers = np.zeros(free.shape)
@@ -284,26 +285,26 @@ def _notes(
     hidden = V[:, left >= SHOWN]
     if solved.residual > _SUSPICIOUS and identifier.noise.stated:
         yield (
-            f"the residuals are {math.sqrt(solved.residual):.2g} times what the sensors' noise explains:"
-            " something else than the unknown bodies differs from the model, or acts from outside"
+            f"the residuals are {math.sqrt(solved.residual):.2g} times the sensors' noise:"
+            " other bodies differ from the model, or an external force acts"
         )
     if solved.unexplained > _UNEXPLAINED:
         yield (
             f"{100.0 * solved.unexplained:.2g} % of the unknown bodies' momentum is not explained by any"
-            " masses of theirs: check order, units and delays of what was measured, and other masses"
+            " values of their parameters: check order, units and delays of the measurements, and other masses"
         )
     if not hidden.size:
         return
     if hidden.shape[1] == len(left):
-        yield "the motion shows nothing of the unknown bodies: the joints hardly move, or not at all"
+        yield "the unknown bodies are not observable, because the joints hardly move"
         return
     whole = (estimate[free] / scales[free]) if not np.any(~free) else np.zeros(len(left))
     if (length := float(np.linalg.norm(whole))) > 0.0:
         share = float(np.linalg.norm(hidden.T @ whole)) / length
         if share > 0.99:
             yield (
-                "the motion shows ratios only, not the common scale of all masses and inertias, because the"
-                " total momentum is constant: a known mass fixes it (known={name: mass}), or torques"
+                "the motion determines only ratios, not the common scale of all masses and inertias, because"
+                " the total momentum is constant: add a known mass (known={name: mass}) or torques"
             )
     alone = np.sqrt(np.einsum("ik,k,ik->i", V, left**2, V))
     names = [(k, p) for k, p in zip(*np.nonzero(free), strict=True)]
@@ -314,6 +315,6 @@ def _notes(
     listed = "; ".join(f"{', '.join(parameters)} of {name}" for name, parameters in lacking.items())
     count = hidden.shape[1]
     yield (
-        f"{count} of {len(left)} directions are not observed and stay as believed"
-        + (f": not told apart are {listed}" if listed else "")
+        f"{count} of {len(left)} directions are not observed and keep their prior values"
+        + (f": not distinguished are {listed}" if listed else "")
     )

@@ -100,7 +100,7 @@ def test_masses_of_the_servicer_that_are_uncertain_add_to_the_deviation(
 
 def test_rest_shows_little_and_says_so(caught: Any) -> None:
     found = _measured(caught, np.zeros((401, 7)), 0.02, SENSORS)
-    assert "shows nothing" in found.note
+    assert "not observable" in found.note
     assert found.mass == pytest.approx(100.0, rel=0.05)
     assert found.mass_deviation > 50.0
 

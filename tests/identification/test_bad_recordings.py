@@ -66,7 +66,7 @@ def test_damage_is_told(
     refused(
         lambda: identify(panda, recording=(t[gap], q[gap], v[gap])), InvalidValue, "gap from 1.995 to 2.5 s"
     )
-    damaged("must grow", t=other(t, 500, t[499]))
+    damaged("must increase", t=other(t, 500, t[499]))
     damaged("frozen", f"position of joint '{name}'", q=other(q, (middle, 9), q[300, 9]))
     damaged("frozen", f"velocity of joint '{name}'", v=other(v, (middle, 8), v[300, 8]))
     damaged("frozen", "velocity of the base", v=other(v, (middle, slice(3, 6)), v[300, 3:6]))
@@ -84,7 +84,7 @@ def test_damage_is_told(
     damaged("degrees", **both)
     damaged("quaternion", q=other(q, np.s_[:, 3:7], 2.0 * q[:, 3:7]))
     damaged("quaternion (x, y, z, w)", q=other(q, np.s_[:, 3:7], q[:, [6, 3, 4, 5]]))
-    damaged("do not belong together", v=other(v, np.s_[:, 6:], v[:, 6:][:, ::-1]))
+    damaged("do not agree", v=other(v, np.s_[:, 6:], v[:, 6:][:, ::-1]))
     damaged("finite", v=other(v, (3, 4), np.nan))
     damaged("shape", v=v[:-1])
 
@@ -107,7 +107,7 @@ def test_a_velocity_in_inertial_axes_is_told(
 def test_pushes_are_told(planar: ffsms.SpaceManipulator, swing: Any, law: Any, refused: Any) -> None:
     push = Wrench([1.0, 0.0, 0.0, 0.0, 0.0, 0.0], on="base", start=1.0, end=1.2)
     tracking = simulate(planar, swing, law, conditions=Conditions(disturbances=push))
-    refused(lambda: identify(planar, tracking), InvalidValue, "pushed from outside", "between(start, end)")
+    refused(lambda: identify(planar, tracking), InvalidValue, "external forces", "between(start, end)")
     assert identify(planar, tracking.between(0.0, 0.99))["base"].mass == pytest.approx(31.015, rel=1e-4)
 
 
@@ -115,7 +115,7 @@ def test_a_model_that_differs_elsewhere_is_noted(panda: ffsms.SpaceManipulator, 
     t, q, v = arrays
     sensors = Sensors(base_velocity_noise=1e-5, base_rate_noise=1e-5, joint_rate_noise=1e-5)
     found = identify(panda, recording=(t, q, v), unknown=[panda.joint_names[3]], sensors=sensors)
-    assert "something else than the unknown bodies" in found.note
+    assert "other bodies differ from the model" in found.note
 
 
 def test_arguments(panda: ffsms.SpaceManipulator, arrays: Any, refused: Any) -> None:
@@ -125,7 +125,7 @@ def test_arguments(panda: ffsms.SpaceManipulator, arrays: Any, refused: Any) -> 
     wrong("list of names", unknown="base")
     wrong("did you mean", unknown=["panda_link99"])
     wrong("each body once", unknown=["base", "base"])
-    wrong("payload cannot be told", unknown=["payload", panda.joint_names[-1]])
+    wrong("payload cannot be distinguished", unknown=["payload", panda.joint_names[-1]])
     wrong("not among the unknown", known={panda.joint_names[0]: 2.0})
     wrong("spread", spread=0.0)
     wrong("not both", tracking=swung_by(changed(panda), panda))

@@ -172,7 +172,7 @@ def test_without_a_known_mass_only_ratios_are_told() -> None:
     plant = simulation.perturb(true_arm(), arm_mass=[1.1, 0.9, 1.05, 0.95, 1.1, 0.9, 1.08])
     tracking = swung_by(plant, arm())
     found = identify(arm(), tracking, unknown=everything, spread=0.15)
-    assert "ratios only" in found.note
+    assert "only ratios" in found.note
     assert max(direction.left for direction in found.directions) > 0.9
     # The motion is right all the same.
     q, v = tracking.q[400], tracking.v[400]
@@ -181,7 +181,7 @@ def test_without_a_known_mass_only_ratios_are_told() -> None:
     assert relative(twists[2], twists[1]) > 0.02
     mass = float(plant.model.inertias[1].mass)
     told = identify(arm(), tracking, unknown=everything, spread=0.15, known={"base": mass})
-    assert "ratios only" not in told.note
+    assert "only ratios" not in told.note
     assert told["base"].mass == pytest.approx(mass)
     assert relative(told["base"].inertia, plant.model.inertias[1].inertia) < 1e-2
 
@@ -191,7 +191,7 @@ def test_torques_tell_the_scale() -> None:
     plant = arm().with_inertias(bodies)
     tracking, everything = swung_by(plant, arm()), ["base", *arm().joint_names]
     ratios = identify(arm(), tracking, unknown=everything, spread=0.3)
-    assert "ratios only" in ratios.note
+    assert "only ratios" in ratios.note
     assert ratios["base"].mass == pytest.approx(arm().model.inertias[1].mass, rel=0.02)
     found = identify(arm(), tracking, unknown=everything, spread=0.3, use_torques=True)
     assert found["base"].mass == pytest.approx(bodies[0].mass, rel=0.01)
@@ -270,7 +270,7 @@ def test_a_recording_at_rest_tells_nothing() -> None:
     q = np.tile(arm().configuration(np.full(7, 0.2)), (101, 1))
     found = identify(arm(), recording=(t, q, np.zeros((101, 13))))
     assert found.observable == ()
-    assert "shows nothing" in found.note
+    assert "not observable" in found.note
     np.testing.assert_array_equal(found["base"].parameters, arm().inertial_parameters[:10])
 
 
@@ -340,7 +340,7 @@ def test_momenta_that_noise_alone_moves_teach_nothing(seed: int, planar: ffsms.S
         found = identify(planar, recording=recording, sensors=noise, passes=passes)
         base, true = found["base"], plant.model.inertias[1]
         assert found.residual < 2.0
-        assert "noise explains" not in found.note
+        assert "the sensors' noise" not in found.note
         assert base.mass == pytest.approx(true.mass, rel=0.02)
         assert base.inertia[2, 2] == pytest.approx(true.inertia[2, 2], rel=0.02)
         assert abs(base.mass - true.mass) < 4.0 * base.deviation[0]

@@ -92,7 +92,7 @@ def test_options_of_a_law_come_from_its_parameters() -> None:
     assert stiffness["default_in_words"] == '25 ("computed-torque"), 0.5 ("pd"), 400 ("admittance")'
     assert (
         words(model.model_fields["Gamma"])
-        == 'of "sliding-mode": Slope of the sliding surface; in the same forms'
+        == 'for "sliding-mode": Slope of the sliding surface; in the same forms'
     )
 
 
