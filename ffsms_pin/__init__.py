@@ -1,4 +1,4 @@
-"""Free-floating space manipulators on Pinocchio: measure the coupling, plan with it, track the plan."""
+"""Free-floating space manipulators on Pinocchio: dynamic coupling, planning, and tracking."""
 
 import sys
 import warnings
@@ -71,7 +71,7 @@ __all__ = [
     "viewer",
 ]
 
-# Names that are imported when they are first used: all of them take three times as long as the others.
+# Names with a lazy import: together they take three times as long to load as all others.
 _MODULES = {
     "Client": "client",
     "ComputedTorque": "control",
@@ -89,15 +89,15 @@ _MODULES = {
     "view": "viewer",
 }
 
-if not TYPE_CHECKING:  # a type checker would take any name from __getattr__, a misspelt one as well
+if not TYPE_CHECKING:  # with __getattr__ a type checker would accept misspelt names
 
     def __getattr__(name: str) -> Any:
         if name in _MODULES:
             return getattr(import_module(f"{__name__}.{_MODULES[name]}"), name)
         if name in __all__:
             return import_module(f"{__name__}.{name}")
-        if name == "interchange":  # the earlier name of `export`
-            warnings.warn("ffsms_pin.interchange is ffsms_pin.export", DeprecationWarning, stacklevel=2)
+        if name == "interchange":  # former name of `export`
+            warnings.warn("ffsms_pin.interchange is now ffsms_pin.export", DeprecationWarning, stacklevel=2)
             return import_module(f"{__name__}.export")
         message = f"module '{__name__}' has no attribute '{name}'"
         raise AttributeError(message, name=name, obj=sys.modules[__name__])

@@ -1,4 +1,4 @@
-"""`python -m ffsms_pin`: the same as the command `ffsms-pin`."""
+"""The entry point of `python -m ffsms_pin`, equal to the command `ffsms-pin`."""
 
 import sys
 

@@ -1,4 +1,4 @@
-"""Numbers of plans and runs: travel, tracking errors, clearances, actuators, and rates of success."""
+"""The numbers of plans and runs: travel, tracking errors, clearances, actuators, and success rates."""
 
 from __future__ import annotations
 
@@ -22,10 +22,9 @@ from ffsms_pin.system.dynamics import frame_pose
 
 
 def position_range(trajectory: Trajectory) -> tuple[FloatArray, FloatArray]:
-    """Return the lowest and the highest position of each joint (n,), exactly.
+    """Return the exact minimum and maximum position of each joint (n,).
 
-    In a step the position is a parabola in time, so its extreme value is at an end or where the rate passes
-    through zero.
+    Within a step the position is a parabola in time, so its extremum is at an end or at a zero of the rate.
     """
     positions, rates = trajectory.joint_positions, trajectory.joint_rates
     acceleration = trajectory.joint_accelerations
@@ -39,7 +38,8 @@ def position_range(trajectory: Trajectory) -> tuple[FloatArray, FloatArray]:
 def base_motion(sms: SpaceManipulator, q: FloatArray) -> FloatArray:
     """Return the base's displacement from its start along configurations q (k, nq), inertial axes (k, 6).
 
-    The way of its centre of mass [m], and its rotation vector, at most pi [rad].
+    It consists of the displacement of the base's centre of mass [m] and the rotation vector, at most pi
+    [rad].
     """
     if q.ndim != 2 or q.shape[1] != sms.nq:
         raise InvalidValue("q", q, f"must have shape (k, {sms.nq})")
@@ -50,7 +50,7 @@ def base_motion(sms: SpaceManipulator, q: FloatArray) -> FloatArray:
 
 
 def base_numbers(sms: SpaceManipulator, q: FloatArray) -> dict[str, float]:
-    """Return the base's displacement from its start along configurations q (k, nq): largest, and final."""
+    """Return the largest and the final displacement of the base along configurations q (k, nq)."""
     motion = base_motion(sms, q)
     translation = np.linalg.norm(motion[:, :3], axis=1)
     rotation = np.degrees(np.linalg.norm(motion[:, 3:], axis=1))
@@ -66,9 +66,10 @@ def plan_numbers(sms: SpaceManipulator, made: Trajectory) -> dict[str, Any]:
     """Return the numbers of a plan; keys end in their unit.
 
     `path_over_straight` is the length of the end effector's path over the straight line between its ends;
-    joint effort the integral of the squared joint rates, torque effort that of the torques H_q qdd + C_q.
+    joint effort is the integral of the squared joint rates, torque effort that of the squared torques H_q
+    qdd + C_q.
     """
-    first, last = made.joint_rates[:-1], made.joint_rates[1:]  # linear between nodes: this is exact
+    first, last = made.joint_rates[:-1], made.joint_rates[1:]  # linear between nodes: exact
     torques = 0.0
     for k, acceleration in enumerate(made.joint_accelerations):
         H_q, C_q = reduced_dynamics(sms, made.q[k], made.v[k])
@@ -88,7 +89,7 @@ def plan_numbers(sms: SpaceManipulator, made: Trajectory) -> dict[str, Any]:
 
 
 def path_numbers(plan: Trajectory, flown: Tracking | None = None) -> dict[str, float]:
-    """Return the largest errors of a plan, or of its flight, from its path; empty without a path."""
+    """Return the largest path errors of a plan, or of its flight; empty without a path."""
     if not np.isfinite(plan.path_error).all():
         return {}
     distance, angle = plan.path_error, plan.path_angle_error
@@ -101,7 +102,7 @@ def path_numbers(plan: Trajectory, flown: Tracking | None = None) -> dict[str, f
 
 
 def why_not_reached(made: Trajectory) -> str:
-    """Return the reason why a motion has not `reached`: its error and its note; empty if it has."""
+    """Return the error and the note of a motion that misses its target; empty if it has `reached`."""
     if made.reached:
         return ""
     late = made.t >= ARRIVAL_SHARE * made.duration - 1e-9
@@ -128,7 +129,7 @@ def finite(value: float) -> float | None:
 def tracked_numbers(
     sms: SpaceManipulator, plan: Trajectory, tracking: Tracking, plant: SpaceManipulator
 ) -> dict[str, Any]:
-    """Return the closed loop's part of a summary; `plant` is the simulated robot."""
+    """Return the numbers of the closed loop for a summary; `plant` is the simulated robot."""
     deviation = end_effector_deviation(sms, plan, tracking, plant)
     late = tracking.t >= min(ARRIVAL_SHARE * plan.duration, float(tracking.t[-1])) - 1e-9
     momentum = tracking.momentum - tracking.momentum[0]
@@ -156,7 +157,7 @@ def tracked_numbers(
         "momentum_drift_angular_kg_m2_per_s": float(np.linalg.norm(momentum[:, 3:], axis=1).max()),
         "kinetic_energy_max_J": scale,
         "energy_error_max_J": energy,
-        # Share of the largest kinetic energy: dimensionless.
+        # A share of the largest kinetic energy, dimensionless.
         "energy_error_relative": energy / scale if scale > 0.0 else 0.0,
         "base": base_numbers(plant, tracking.q),
         **_actuator_numbers(plant, tracking),
@@ -164,7 +165,7 @@ def tracked_numbers(
 
 
 def clearance_numbers(least: LeastClearance | None) -> dict[str, Any]:
-    """Return the least clearance of a motion, its pair, time and place; None each if none was asked for."""
+    """Return a motion's least clearance, its pair, time and position; each None if none was required."""
     if least is None:
         return {"wanted_m": None, "least_m": None, "pair": None, "time_s": None, "place_m": None}
     numbers = {"wanted_m": least.wanted, "least_m": least.distance, "pair": least.pair, "time_s": least.time}
@@ -172,7 +173,7 @@ def clearance_numbers(least: LeastClearance | None) -> dict[str, Any]:
 
 
 def _frame_numbers(tracking: Tracking) -> dict[str, dict[str, float]]:
-    """Return the final errors of other frames that have goals, by frame."""
+    """Return the final errors of other frames with goals, by frame."""
     last = tracking.frame_error[-1]
     return {
         name: {"final_error_m": float(error[0]), "final_error_deg": float(np.degrees(error[1]))}
@@ -181,7 +182,7 @@ def _frame_numbers(tracking: Tracking) -> dict[str, dict[str, float]]:
 
 
 def planned_actuators(sms: SpaceManipulator, plan: Trajectory) -> dict[str, Any]:
-    """Return the predictions of a plan for wheels and thrusters that hold the base, empty without any."""
+    """Return the predicted use of wheels and thrusters that hold the base; empty without a prediction."""
     numbers: dict[str, Any] = {}
     if sms.wheels is not None and plan.wheel_momentum.any():
         largest = np.abs(plan.wheel_momentum).max(axis=0)
@@ -196,7 +197,7 @@ def planned_actuators(sms: SpaceManipulator, plan: Trajectory) -> dict[str, Any]
 
 
 def _actuator_numbers(plant: SpaceManipulator, tracking: Tracking) -> dict[str, Any]:
-    """Return a summary of wheels and thrusters, empty without a law for them."""
+    """Return a summary of wheels and thrusters; empty without a base law."""
     numbers: dict[str, Any] = {}
     if plant.wheels is not None and tracking.wheel_momentum.shape[1]:
         numbers["wheels"] = [
@@ -228,8 +229,8 @@ def end_effector_deviation(
 ) -> FloatArray:
     """Return the distance (k,) [m] from the simulated to the planned end effector at each planning step.
 
-    At the first control instants at or after the plan's nodes. Where these are not nodes themselves, the plan
-    is carried there from its last node, exactly.
+    Distances are taken at the first control instant at or after each node. If this is not a node, the plan
+    is propagated there exactly from its last node.
     """
     plant = sms if plant is None else plant
     momentum = plan.momentum if plan.momentum.any() else None

@@ -1,9 +1,9 @@
-"""Checks of arguments: they return a clean value or raise `InvalidValue` with the value that is wrong.
+"""The checks of arguments, which return a clean value or raise `InvalidValue` with the wrong value.
 
-Numbers are checked for a sane range here, once, where they come in. Sizes up to 1e9 leave a tenth of a
-micrometre of a float64's digits, and nothing in orbit is as large: the space station's inertia is some 1e8
-kg m^2. A number that must be above zero may lie between 1e-12 and 1e12, so that products and quotients of a
-dozen of them stay finite. Infinity is for limits only, where their documentation says so.
+Numbers are checked once, at the entry, for a plausible range. Magnitudes are limited to 1e9, where float64
+still resolves a tenth of a micrometre; nothing in orbit is as large (the space station's inertia is some 1e8
+kg m^2). Positive numbers may lie between 1e-12 and 1e12, so that products and quotients of a dozen of them
+stay finite. Infinity is only for limits whose documentation allows it.
 """
 
 from __future__ import annotations
@@ -29,11 +29,11 @@ SMALLEST_POSITIVE, LARGEST_POSITIVE = 1e-12, 1e12
 LONGEST = 1e5
 _LARGEST_INERTIA = 1e18  # [kg m^2]: an asteroid of 1e12 kg has 1e17
 _SMALLEST_RADIUS = 1e-6  # [m] of gyration
-# A centre of mass as many radii of gyration away takes ten of a float64's sixteen digits from the inertia.
+# A centre of mass this many radii of gyration away costs ten of the inertia's sixteen float64 digits.
 _MOST_RADII = 1e5
 _FLOAT64 = np.dtype(np.float64)
-_NO_ARRAY = (TypeError, ValueError, OverflowError, RuntimeError)  # also rows of different lengths
-MOST_STEPS = 10_000_000  # of a run that is kept in memory: some 3 GB for an arm of seven joints
+_NO_ARRAY = (TypeError, ValueError, OverflowError, RuntimeError)  # such as for rows of different lengths
+MOST_STEPS = 10_000_000  # steps of a run kept in memory: some 3 GB for an arm of seven joints
 
 
 def _floats(name: str, value: Any) -> FloatArray:
@@ -49,7 +49,7 @@ def reals(name: str, value: Any, kinds: str = "fiu") -> FloatArray:
         array = np.asarray(value)
     except _NO_ARRAY:
         array = np.empty(0, dtype=object)
-    # Asked for floats at once, numpy would read text as numbers and drop an imaginary part.
+    # A direct conversion to float would parse text as numbers and drop imaginary parts.
     if array.dtype.kind not in kinds:
         raise InvalidValue(name, value, "must hold real numbers")
     return np.asarray(array, dtype=np.float64)
@@ -57,16 +57,16 @@ def reals(name: str, value: Any, kinds: str = "fiu") -> FloatArray:
 
 def _within(name: str, value: Any, array: FloatArray, largest: float = LARGEST) -> FloatArray:
     """Check that no number of an array is larger than `largest`, and return the array."""
-    # Python's own maximum: for the short arrays that come in, numpy's take several times as long.
+    # For short arrays Python's max is several times faster than NumPy's.
     if largest < math.inf and max(map(abs, array.ravel().tolist()), default=0.0) > largest:
         raise InvalidValue(name, value, f"must lie within {-largest:g} and {largest:g}")
     return array
 
 
 def vector(name: str, value: ArrayLike, size: int, unit: str = "", largest: float = LARGEST) -> FloatArray:
-    """Copy of `value` as a finite vector of `size` numbers, none beyond `largest`."""
+    """Copy `value` as a finite vector of `size` numbers with magnitudes up to `largest`."""
     if isinstance(value, np.ndarray) and value.dtype == _FLOAT64 and value.shape == (size,):
-        # The most common case. Where the length is below a number, no entry is infinite or a NaN.
+        # The most common case: a norm below a number excludes infinite and NaN entries.
         length = math.hypot(*value.tolist())
         if length < largest:
             return np.array(value)
@@ -88,7 +88,7 @@ def direction(name: str, value: ArrayLike) -> FloatArray:
 def matrix(
     name: str, value: ArrayLike, rows: int | None, columns: int | None, largest: float = LARGEST
 ) -> FloatArray:
-    """Copy of `value` as a finite matrix of that many rows and columns (None: any), none beyond `largest`."""
+    """Copy `value` as a finite matrix of `rows` and `columns` (None: any), magnitudes up to `largest`."""
     array = _floats(name, value)
     if array.ndim != 2 or len(array) != (rows or len(array)) or array.shape[1] != (columns or array.shape[1]):
         wanted = f"must have shape ({rows or 'k'}, {columns or 'n'})"
@@ -109,7 +109,7 @@ def inertia(name: str, value: Any) -> FloatArray:
         message = f"must be positive definite, {SMALLEST_POSITIVE:g} kg m^2 or more about every axis"
         raise InvalidValue(name, value, message)
     if a + b < c * (1.0 - 1e-9):
-        raise InvalidValue(name, value, "breaks the triangle inequality of principal inertias")
+        raise InvalidValue(name, value, "violates the triangle inequality of principal inertias")
     return tensor
 
 
@@ -119,7 +119,7 @@ def gyration_radius(mass: float, inertia: FloatArray) -> float:
 
 
 def inertia_problem(mass: float, inertia: FloatArray) -> str:
-    """Return why no body of a mass [kg] has an inertia (3, 3) [kg m^2], as a clause; empty if one can."""
+    """Return an error text if no body of a mass [kg] can have an inertia (3, 3) [kg m^2], else ""."""
     radius = gyration_radius(mass, inertia)
     if _SMALLEST_RADIUS <= radius <= LONGEST:
         return ""
@@ -128,7 +128,7 @@ def inertia_problem(mass: float, inertia: FloatArray) -> str:
 
 
 def com_problem(mass: float, inertia: FloatArray, com: FloatArray) -> str:
-    """Return why a body's centre of mass is not at `com` (3,) [m], as a clause; empty if it can be."""
+    """Return an error text if a body's centre of mass cannot be at `com` (3,) [m], else ""."""
     radius, distance = gyration_radius(mass, inertia), math.hypot(*com.tolist())
     most = min(LONGEST, _MOST_RADII * radius)
     if distance <= most:
@@ -138,7 +138,7 @@ def com_problem(mass: float, inertia: FloatArray, com: FloatArray) -> str:
 
 
 def number(name: str, value: Any) -> float:
-    """Return a finite number, no larger than 1e9."""
+    """Return a finite number of magnitude up to 1e9."""
     if type(value) is float and -LARGEST <= value <= LARGEST:  # the most common case, in every control step
         return value
     return float(_within(name, value, _scalar(name, value)))
@@ -161,7 +161,7 @@ def positive(name: str, value: Any, unit: str = "") -> float:
 def positives(
     name: str, value: ArrayLike, size: int, unit: str = "", largest: float = LARGEST
 ) -> tuple[float, ...]:
-    """Return a number of finite values above zero as a tuple, so that equal ones compare equal."""
+    """Return finite numbers above zero as a tuple, so that equal values compare equal."""
     numbers = tuple(vector(name, value, size, unit, largest).tolist())
     if min(numbers) <= 0.0:
         raise InvalidValue(name, value, f"must be above zero{unit and f' [{unit}]'}")
@@ -169,7 +169,7 @@ def positives(
 
 
 def limit(name: str, value: Any, unit: str = "") -> float:
-    """Return a number above zero, infinite for none."""
+    """Return a number above zero; infinity means no limit."""
     return math.inf if isinstance(value, float) and value == math.inf else positive(name, value, unit)
 
 
@@ -183,9 +183,9 @@ def _scalar(name: str, value: Any) -> FloatArray:
 
 
 def step_count(name: str, duration: float, dt: float, most: int = MOST_STEPS) -> int:
-    """Return how many steps of dt make up a duration [s]: at least one, and at most `most`."""
+    """Return the number of steps of dt in a duration [s], between one and `most`."""
     if duration / dt > most:
-        message = f"makes {duration / dt:.3g} steps of {duration:g} s, more than {most:g}; take a longer one"
+        message = f"makes {duration / dt:.3g} steps of {duration:g} s, more than {most:g}; use a longer one"
         raise InvalidValue(name, dt, message)
     return max(1, round(duration / dt))
 
@@ -199,8 +199,8 @@ _IN_WORDS: Mapping[type, str] = {
 
 
 def instance(name: str, value: Any, kind: type | tuple[type, ...], optional: bool = False) -> None:
-    """Raise `InvalidValue` unless `value` is of the class, of one of them, or None where that is allowed."""
-    single = isinstance(value, np.ndarray) and not value.ndim  # numpy says that it can be gone through
+    """Raise `InvalidValue` unless `value` is an instance of `kind`, or None if `optional`."""
+    single = isinstance(value, np.ndarray) and not value.ndim  # a 0-d array passes for an iterable
     if single or not (isinstance(value, kind) or (optional and value is None)):
         kinds = kind if isinstance(kind, tuple) else (kind,)
         wanted = " or ".join([_in_words(kind) for kind in kinds] + ["None"] * optional)
@@ -218,7 +218,8 @@ def names(name: str, value: Any, known: Collection[str], of: str) -> tuple[str, 
     Raises
     ------
     InvalidValue
-        It is no sequence, or one of its entries is not `known`; `of` says what the names are of, as "joints".
+        The value is no sequence, or an entry is not `known`; `of` is the kind of names for the message, such
+        as "joints".
     """
     listed = ", ".join(known)
     if isinstance(value, str) or not isinstance(value, Sequence):
@@ -231,13 +232,13 @@ def names(name: str, value: Any, known: Collection[str], of: str) -> tuple[str, 
 
 
 def optional_callable(name: str, value: Any) -> None:
-    """Raise `InvalidValue` unless `value` can be called, or is None."""
+    """Raise `InvalidValue` unless `value` is callable or None."""
     if value is not None and not callable(value):
         raise InvalidValue(name, value, "must be a function or None")
 
 
 def one_of(name: str, value: Any, choices: Collection[str]) -> str:
-    """Check that a word is one of those allowed; the keys of a dictionary are words too."""
+    """Check that `value` is one of `choices`, which may be a dictionary's keys."""
     if not isinstance(value, str) or value not in choices:
         raise InvalidValue(name, value, "must be " + " or ".join(f'"{choice}"' for choice in choices))
     return value
@@ -264,16 +265,16 @@ def dimensions(name: str, value: Any) -> int:
 
 
 def common_length(rows: Mapping[str, Sequence[Any]]) -> int:
-    """Return the common length of sequences by name, 1 without any."""
+    """Return the common length of named sequences, 1 if there are none."""
     lengths = [len(row) for row in rows.values()] or [1]
     if len(set(lengths)) > 1:
         lengths_by_name = ", ".join(f"{len(row)} of {name}" for name, row in rows.items())
-        raise InvalidValue("the sequences", lengths_by_name, "must have one length")
+        raise InvalidValue("the sequences", lengths_by_name, "must have equal lengths")
     return lengths[0]
 
 
 def per_joint(name: str, value: Any, n: int, unit: str = "") -> FloatArray:
-    """Return numbers (n,), from one or n."""
+    """Return numbers (n,) from one number or n numbers."""
     if dimensions(name, value) == 0:
         return np.full(n, number(name, value))
     return vector(name, value, n, unit)
@@ -288,9 +289,9 @@ def one_each(
     least: float = SMALLEST_POSITIVE,
     largest: float = LARGEST,
 ) -> FloatArray:
-    """Return read-only numbers (count,), from one or `count`, above zero or at least `least`.
+    """Return read-only numbers (count,) from one or `count` numbers, above zero or at least `least`.
 
-    Infinite ones are accepted if `largest` is infinite.
+    Infinity is accepted if `largest` is infinite.
     """
     dimensions(name, value)
     array, of = np.asarray(value), unit and f" [{unit}]"
@@ -306,7 +307,7 @@ def one_each(
 
 
 def rotation(name: str, value: Any) -> FloatArray:
-    """Copy of `value` as a rotation matrix (3, 3): mirrors and stretched ones are refused."""
+    """Copy `value` as a rotation matrix (3, 3); reject reflections and scaled matrices."""
     turn = matrix(name, value, 3, 3)
     if np.abs(turn.T @ turn - np.eye(3)).max() > 1e-6 or np.linalg.det(turn) < 0.0:
         raise InvalidValue(name, value, "must hold a rotation matrix")
@@ -314,9 +315,9 @@ def rotation(name: str, value: Any) -> FloatArray:
 
 
 def pose(name: str, value: Any) -> Any:
-    """Return a pose as a new pinocchio.SE3, from one or from a homogeneous matrix (4, 4).
+    """Return a new pinocchio.SE3 from a pinocchio.SE3 or a homogeneous matrix (4, 4).
 
-    Its rotation must be one, and it must not be too far away.
+    The rotation must be valid and the position within the allowed range.
     """
     placed = from_homogeneous(name, value)
     if not isinstance(placed, pin.SE3):
@@ -325,7 +326,7 @@ def pose(name: str, value: Any) -> Any:
 
 
 def from_homogeneous(name: str, value: Any) -> Any:
-    """Return a homogeneous matrix (4, 4) as a pinocchio.SE3, and any other value as it is."""
+    """Convert a homogeneous matrix (4, 4) to a pinocchio.SE3; return any other value unchanged."""
     if isinstance(value, pin.SE3) or not isinstance(value, (np.ndarray, Sequence)) or len(value) != 4:
         return value
     try:
@@ -340,14 +341,14 @@ def from_homogeneous(name: str, value: Any) -> Any:
 
 
 def at_least_zero(name: str, value: Any, unit: str = "") -> float:
-    """Return a finite number, not below zero."""
+    """Return a finite number that is at least zero."""
     if (result := number(name, value)) < 0.0:
         raise InvalidValue(name, value, f"must be at least zero{unit and f' [{unit}]'}")
     return result
 
 
 def share(name: str, value: Any) -> float:
-    """Return a number from zero to below one."""
+    """Return a number in [0, 1)."""
     if (result := at_least_zero(name, value)) >= 1.0:
         raise InvalidValue(name, value, "must be below one")
     return result
@@ -360,6 +361,6 @@ def frozen(array: FloatArray) -> FloatArray:
 
 
 def set_frozen(made: object, **values: Any) -> None:
-    """Set attributes of a frozen object during its construction, past the guard of its class."""
+    """Set attributes of a frozen object during its construction, bypassing the guard of its class."""
     for name, value in values.items():
         object.__setattr__(made, name, value)

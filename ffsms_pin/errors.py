@@ -1,4 +1,4 @@
-"""Errors of the library: one root class, subclasses that name what failed and carry the values.
+"""The errors of the library: a root class, and subclasses by cause with the values as attributes.
 
 `require` raises `DependencyMissing` if a package of an extra is not installed.
 """
@@ -17,7 +17,7 @@ from typing import Any
 
 
 class FfsmsError(Exception):
-    """The root of every error that the library raises on purpose; its text is one line."""
+    """The root of all errors that the library raises on purpose; their texts have one line."""
 
     def __init__(self, message: str = "") -> None:
         super().__init__(" ".join(message.split()))
@@ -26,8 +26,8 @@ class FfsmsError(Exception):
         return str(self.args[0]) if self.args else ""
 
     def __reduce__(self) -> tuple[Any, ...]:
-        # The constructors of the subclasses take values, not the text: without this an error could not come
-        # back from a worker process.
+        # Subclasses are constructed from values, not from the text. Without this method an error could not
+        # be returned from a worker process.
         return type(self).__new__, (type(self),), {"args": self.args, **self.__dict__}
 
 
@@ -39,7 +39,7 @@ class InvalidValue(FfsmsError, ValueError):
     name : str
         The argument.
     value : object
-        What was given.
+        The value of the argument.
     """
 
     def __init__(self, name: str, value: Any, expected: str) -> None:
@@ -57,9 +57,9 @@ class UnknownOption(InvalidValue, TypeError):
 
 
 def meant(name: str | Path, known: Iterable[str], before: str = "") -> str:
-    """Return a question with the known name that is most like another, after `before`; "" if none is near.
+    """Return a question with the known name most similar to `name`, after `before`; "" if none is similar.
 
-    Dashes in front of options do not count as letters in common.
+    Leading dashes of options are ignored.
     """
     bare = {known_name.lstrip("-"): known_name for known_name in known}
     near = get_close_matches(str(name).lstrip("-"), list(bare), n=1, cutoff=0.54)
@@ -67,10 +67,10 @@ def meant(name: str | Path, known: Iterable[str], before: str = "") -> str:
 
 
 def advised(message: str, advice: str, known: Container[str] | None = None) -> str:
-    """Return an error's text with advice for Python (`load(..., key=VALUE)`, `mount`) as `advice` puts it.
+    """Return an error's text, its advice for Python (`load(..., key=VALUE)`, `mount`) put as `advice`.
 
-    `advice` is a format with {key}, {option} (the key as the command line spells it), {value}, and {listed},
-    the value as TOML spells it; keys that are not `known` stay as they are.
+    `advice` is a format with {key}, {option} (the key as an option of the command line), {value}, and
+    {listed}, the value in TOML; keys that are not `known` are not replaced.
     """
 
     def written(match: re.Match[str]) -> str:
@@ -85,12 +85,12 @@ def advised(message: str, advice: str, known: Container[str] | None = None) -> s
 
 
 class PartError(FfsmsError, ValueError):
-    """A term or a limit gives something that cannot be used, or fails.
+    """A term or a limit returns an unusable value, or fails.
 
     Attributes
     ----------
     part : str
-        Its class.
+        The class of the part.
     method : str
     """
 
@@ -101,12 +101,12 @@ class PartError(FfsmsError, ValueError):
 
     @classmethod
     def of(cls, part: object, method: str, error: Exception) -> PartError:
-        """Make the error for an exception inside a part."""
+        """Make the error from an exception inside a part."""
         return cls(part, method, f"failed with {type(error).__name__}: {error}")
 
 
 class ModelNotFound(FfsmsError, FileNotFoundError):
-    """An unknown name of a robot, neither packaged nor a file; `remedy` replaces a similar name as advice."""
+    """The name of a robot is neither packaged nor a file; `remedy` replaces a similar name as advice."""
 
     def __init__(self, name: str | Path, packaged: Sequence[str], remedy: str = "") -> None:
         super().__init__(
@@ -154,9 +154,9 @@ class FrameNotFound(FfsmsError, KeyError):
     Attributes
     ----------
     frame : str
-        The name that was asked for.
+        The requested name.
     available : list of str
-        The names that exist.
+        The existing names.
     """
 
     def __init__(self, frame: str, available: Sequence[str]) -> None:
@@ -170,24 +170,24 @@ class AmbiguousEndEffector(FfsmsError, ValueError):
     def __init__(self, candidates: Sequence[str]) -> None:
         super().__init__(
             f"the robot has {len(candidates)} last links ({', '.join(candidates)}); "
-            "say which one is the end effector: load(..., end_effector=NAME) or sms.with_end_effector(NAME)"
+            "choose the end effector: load(..., end_effector=NAME) or sms.with_end_effector(NAME)"
         )
         self.candidates = list(candidates)
 
 
 class GeometryError(FfsmsError, RuntimeError):
-    """The shapes of a robot cannot be had: a mesh that is not there or cannot be read."""
+    """The shapes of a robot cannot be loaded, because a mesh is missing or unreadable."""
 
 
 class DependencyMissing(FfsmsError, ImportError):
-    """A package that only parts of the library need is not installed."""
+    """An optional package is not installed."""
 
     def __init__(self, package: str, needed_for: str, extra: str) -> None:
         super().__init__(f"{needed_for} needs the package '{package}': pip install 'ffsms-pin[{extra}]'")
         self.package, self.extra = package, extra
 
 
-# Extra of pyproject.toml -> the modules that it brings.
+# By extra of pyproject.toml, the modules that it installs.
 EXTRAS = {
     "plot": ("matplotlib",),
     "view": ("meshcat", "umsgpack"),
@@ -203,14 +203,14 @@ def installed(extra: str) -> bool:
 
 
 def require(extra: str, needed_for: str) -> None:
-    """Raise `DependencyMissing` with the command that installs an extra, where one of its modules is missing.
+    """Raise `DependencyMissing`, with the command that installs the extra, if one of its modules is missing.
 
     Parameters
     ----------
     extra : str
         A key of `EXTRAS`.
     needed_for : str
-        What cannot be done without it, the subject of the message.
+        The feature that needs the extra, the subject of the message.
     """
     for module in EXTRAS[extra]:
         if find_spec(module) is None:
@@ -226,7 +226,7 @@ class InvalidScenario(FfsmsError, ValueError):
 
 
 class NumericalError(FfsmsError, ArithmeticError):
-    """A calculation failed in its numbers: a matrix was singular, or an iteration did not converge.
+    """A calculation failed numerically: a matrix was singular, or an iteration did not converge.
 
     Attributes
     ----------
@@ -235,20 +235,20 @@ class NumericalError(FfsmsError, ArithmeticError):
     """
 
     def __init__(self, task: str, error: Exception) -> None:
-        remedy = "check for masses, inertias, lengths, gains or time steps whose sizes are very far apart"
-        super().__init__(f"{task} failed in its numbers ({type(error).__name__}: {error}); {remedy}")
+        remedy = "check for masses, inertias, lengths, gains or time steps of very different magnitudes"
+        super().__init__(f"{task} failed numerically ({type(error).__name__}: {error}); {remedy}")
         self.task = task
 
 
 class SimulationDiverged(FfsmsError, ArithmeticError):
-    """A simulated state, or a torque of the controller, stopped being finite.
+    """A simulated state, or a torque of the controller, is no longer finite.
 
     Attributes
     ----------
     time : float
         The last instant with finite values [s].
     tracking : object
-        What was recorded up to that instant.
+        The recording up to that instant.
     """
 
     def __init__(
@@ -277,16 +277,16 @@ class ResultError(FfsmsError, OSError):
 
 
 class TaskError(FfsmsError, RuntimeError):
-    """A failure of a task in another process whose own error could not be sent back."""
+    """A failure of a task in another process whose own error could not be returned."""
 
 
 class TasksFailed(FfsmsError, RuntimeError):
-    """A failure of some of many tasks.
+    """A failure of some tasks of a sequence.
 
     Attributes
     ----------
     failures : dict of int to Exception
-        Why, by the place of the task in the sequence.
+        The errors by index of the task in the sequence.
     results : list
         The results of all tasks; None for those that failed.
     """
@@ -301,7 +301,7 @@ class TasksFailed(FfsmsError, RuntimeError):
 
 
 class ClusterError(FfsmsError, RuntimeError):
-    """The scheduler of a distributed run, or its workers, are not there or gone."""
+    """The scheduler of a distributed run, or its workers, cannot be reached."""
 
 
 class FfsmsWarning(UserWarning):
@@ -312,21 +312,21 @@ def short(value: Any) -> str:
     """Return the text of a value for messages: one line of at most 80 characters."""
     try:
         text = " ".join(repr(value).split())
-    except Exception:  # a number of more digits than Python writes, or an object that fails to tell its name
+    except Exception:  # an integer too long for str, or an object whose repr fails
         text = f"an object of class {type(value).__name__}"
     return text if len(text) <= 80 else text[:77] + "..."
 
 
-# Their frames are passed over in the search for the code that called them.
+# Their frames are skipped in the search for the calling code.
 _LIBRARIES = frozenset({"numpy", "scipy", "pinocchio", "coal", "proxsuite", "daqp", "contextlib"})
 
 
 @contextmanager
 def numerical_errors(task: str) -> Iterator[None]:
-    """Raise `NumericalError` for what NumPy, SciPy, Pinocchio or a solver raises; also a decorator.
+    """Convert errors of NumPy, SciPy, Pinocchio and solvers into `NumericalError`; also a decorator.
 
-    It stands around the calls that users make, such as a plan or a simulation. An exception from a user's own
-    function, a controller or a term of a plan, passes as it is.
+    It wraps the calls of users, such as a plan or a simulation. Exceptions of a user's own function,
+    controller or term pass unchanged.
     """
     try:
         yield

@@ -1,4 +1,4 @@
-"""Files: written whole or not at all, and read with errors that say what is wrong with a file."""
+"""The atomic writing of files, and their reading with errors that describe a faulty file."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ from numpy.typing import NDArray
 
 from ffsms_pin.errors import FfsmsError, InvalidValue, ResultError
 
-LARGEST_TEXT = 2**26  # [bytes] of a robot, a scenario or a summary: hundreds of times what any of them takes
-LARGEST_DATA = 2**31  # [bytes] of a table or a mesh: an hour at 1 kHz is as long in CSV
+LARGEST_TEXT = 2**26  # [bytes] for a robot, a scenario or a summary: hundreds of times the usual size
+LARGEST_DATA = 2**31  # [bytes] for a table or a mesh: the size of an hour at 1 kHz in CSV
 
-_LONGEST_NAME = 255  # [bytes] of one part of a path, the limit of file systems
+_LONGEST_NAME = 255  # [bytes] for one part of a path, the limit of file systems
 _KINDS = {
     stat.S_IFDIR: "a folder",
     stat.S_IFIFO: "a pipe",
@@ -33,12 +33,12 @@ _KINDS = {
 }
 
 _FORMAT_KEY = "format"
-# Compressed arrays of doubles take half of their size, seldom a tenth. An archive is refused if it would
+# Arrays of doubles compress to half of their size, seldom to a tenth. An archive is rejected if it would
 # unpack to more than a gigabyte and to more than twenty times its own size.
 _UNPACKED = 2**30  # [bytes]
 _RATIO = 20
 
-# Endings of file names that an npz file would belie, and what writes tables.
+# File name endings of other formats, and the functions that write them.
 _TABLES = {".csv": "; ffsms_pin.export.to_csv(sms, motion, path) writes a table"}
 _TABLES |= dict.fromkeys((".parquet", ".xlsx", ".feather"), "; ffsms_pin.export.to_dataframe makes a table")
 _OTHER_FORMATS = {*_TABLES, ".txt", ".json", ".toml", ".yaml", ".yml", ".mat", ".h5", ".hdf5", ".npy", ".zip"}
@@ -49,7 +49,7 @@ _WRONG_KINDS = {_NUMBERS: "no numbers", "b": "no truth value", "U": "no text"}
 
 
 def path_like(name: str, value: Any) -> Path:
-    """Return argument `name` as a path; raise `InvalidValue` unless it is one that a file system takes."""
+    """Return argument `name` as a path; raise `InvalidValue` unless a file system accepts it."""
     try:
         path = os.fspath(value)
         if not isinstance(path, str) or not path or "\0" in path:
@@ -63,10 +63,10 @@ def path_like(name: str, value: Any) -> Path:
 
 @contextmanager
 def wrap_os_error(path: str | os.PathLike[str], action: str = "written") -> Iterator[None]:
-    """Turn an OSError of the block into a `ResultError` that says that `path` cannot be read or written."""
+    """Convert an OSError of the block into a `ResultError` with `path` and the failed action."""
     try:
         yield
-    except FfsmsError:  # may be an OSError too, with a text of its own
+    except FfsmsError:  # may be an OSError too, with its own text
         raise
     except OSError as error:
         missing = action == "read" and isinstance(error, FileNotFoundError)
@@ -84,7 +84,7 @@ def check_readable(path: str | os.PathLike[str], largest: float = LARGEST_TEXT) 
     """
     status = os.stat(path)
     if not stat.S_ISREG(status.st_mode):
-        raise OSError(errno.EINVAL, f"it is no regular file but {_kind(status)}")
+        raise OSError(errno.EINVAL, f"it is not a regular file but {_kind(status)}")
     if status.st_size > largest:
         sizes = f"it holds {status.st_size / 1e6:.4g} MB, and at most {largest / 1e6:.4g} MB are read"
         raise OSError(errno.EFBIG, sizes)
@@ -94,19 +94,19 @@ def read_content(path: str | os.PathLike[str], largest: int = LARGEST_TEXT) -> b
     """Return the bytes of a file; errors as in `check_readable`."""
     check_readable(path, largest)
     with open(path, "rb") as file:
-        return file.read(min(largest, os.fstat(file.fileno()).st_size))  # read allocates its argument at once
+        return file.read(min(largest, os.fstat(file.fileno()).st_size))  # read allocates this size at once
 
 
 def load_arrays(path: str | os.PathLike[str], kind: str, names: Sequence[str]) -> dict[str, NDArray[Any]]:
     """Return the named arrays of an npz file that `save_arrays` wrote for the same `kind` of result.
 
-    Objects (pickles) and arrays of other names are never read. A `ResultError` says what is wrong with a file
-    that is missing, damaged, of another kind, incomplete, or too large when unpacked.
+    Objects (pickles) and arrays of other names are never read. `ResultError` is raised if a file is missing,
+    damaged, of another kind, incomplete, or too large when unpacked.
     """
     path = path_like("path", path)
     try:
         with wrap_os_error(path, "read"):
-            check_readable(path, math.inf)  # the limit below is on the named arrays
+            check_readable(path, math.inf)  # the limit below applies to the named arrays
             # numpy.load leaves a path open when the archive is damaged, so it is given an open file.
             with open(path, "rb") as file:
                 with zipfile.ZipFile(file) as archive:
@@ -120,7 +120,7 @@ def load_arrays(path: str | os.PathLike[str], kind: str, names: Sequence[str]) -
         raise
     except MemoryError:
         raise ResultError(path, "is too large for this machine's memory") from None
-    except Exception:  # of a damaged archive: of any type, from zipfile, zlib or NumPy
+    except Exception:  # zipfile, zlib and NumPy raise any type for a damaged archive
         table = path.suffix.lower() == ".csv"
         remedy = "; ffsms_pin.export.read_csv(sms, path) reads a table" if table else ""
         raise ResultError(path, f"is not an npz file of results{remedy}") from None
@@ -135,7 +135,7 @@ def _named_arrays(
     if unpacked > max(_UNPACKED, _RATIO * packed):
         raise ResultError(
             path,
-            f"would unpack to {unpacked / 1e9:.3g} GB from {packed / 1e6:.3g} MB, which no recording does; "
+            f"would unpack to {unpacked / 1e9:.3g} GB from {packed / 1e6:.3g} MB, more than any recording; "
             "it is not read",
         )
     if _FORMAT_KEY not in sizes or str(arrays[_FORMAT_KEY]) != kind:
@@ -153,17 +153,17 @@ def check_shapes(
 ) -> None:
     """Raise `ResultError` unless arrays have the expected kinds of data and shapes that fit together.
 
-    A dimension in `shapes` is a number, or the name of a size ("N", "n", "nq") with or without a number added
-    ("N+1"); the first array that has a size sets it. If both "n" (joints) and "nq" are named, nq must be
-    7 + n to 7 + 2 n, because a free base takes 7 and a continuous joint 2. `kinds` has NumPy's letter for the
-    data of arrays that hold no numbers.
+    A dimension in `shapes` is a number, or the name of a size ("N", "n", "nq"), also plus a number ("N+1");
+    the first array with a named size sets its value. If both "n" (joints) and "nq" are named, nq must be 7 +
+    n to 7 + 2 n, because a free base takes 7 and a continuous joint 2. `kinds` maps arrays without numbers to
+    NumPy's letter of their data type.
     """
     sizes: dict[str, int] = {}
     for name, dimensions in shapes.items():
         array, kind = arrays[name], (kinds or {}).get(name, _NUMBERS)
         if array.dtype.kind not in kind:
             raise ResultError(path, f"holds {_WRONG_KINDS[kind]} in {name}")
-        expected: list[int | None] = []  # None: no array has set the size yet
+        expected: list[int | None] = []  # None while no array has set the size
         for k, dimension in enumerate(dimensions):
             if isinstance(dimension, int):
                 expected.append(dimension)
@@ -172,7 +172,7 @@ def check_shapes(
             if len(array.shape) == len(dimensions):
                 sizes.setdefault(size_name, array.shape[k] - int(added or 0))
             size = sizes.get(size_name)
-            # A negative size fits no array.
+            # No array has a negative size.
             expected.append(size if size is None or size < 0 else size + int(added or 0))
         if array.shape != tuple(expected):
             fit = ", ".join("any" if size is None else "more" if size < 0 else str(size) for size in expected)
@@ -194,14 +194,14 @@ def check_times(path: str | os.PathLike[str], t: NDArray[np.float64], least: int
 
 
 def numbers_by_name(path: str | os.PathLike[str], name: str, text: str, rows: bool = False) -> dict[str, Any]:
-    """Parse a JSON text of numbers by name, or of lists of numbers by name if `rows`, as arrays."""
+    """Parse a JSON object of numbers, or of lists of numbers if `rows`, into arrays."""
     try:
         table = json.loads(text)
         if rows:
             return {key: np.array([_number(value) for value in row]) for key, row in table.items()}
         return {key: _number(value) for key, value in table.items()}
     except (ValueError, TypeError, AttributeError, OverflowError, RecursionError):
-        raise ResultError(path, f"holds no numbers by name in {name}") from None
+        raise ResultError(path, f"holds no JSON object of numbers in {name}") from None
 
 
 def _number(value: Any) -> float:
@@ -214,11 +214,11 @@ def _number(value: Any) -> float:
 
 
 def write_atomically(path: str | os.PathLike[str], write: Callable[[IO[bytes]], object]) -> None:
-    """Write a file so that it is there whole or not at all, also if the power fails.
+    """Write a file atomically, also in case of a power failure.
 
-    `write` is called with an open binary file: a hidden one in the same folder, which takes the name at the
-    end. If `path` is a link, the file that it leads to is replaced. A file that is replaced keeps its mode,
-    and stays as it was if a `ResultError` says that it cannot be written.
+    `write` is called with an open binary file: a hidden one in the same folder, which is renamed at the end.
+    If `path` is a link, its target is replaced. A replaced file keeps its mode. If the file cannot be
+    written, `ResultError` is raised and the old file is unchanged.
     """
     target = regular_target(path)
     with wrap_os_error(path):
@@ -244,17 +244,17 @@ def write_content(path: str | os.PathLike[str], content: str | bytes) -> None:
 def save_arrays(path: str | os.PathLike[str], kind: str, values: Mapping[str, Any]) -> None:
     """Write arrays, numbers and texts to a compressed npz file with its `kind` of result, atomically.
 
-    A name that ends like a file of another format is refused.
+    File name endings of other formats are rejected.
     """
     if (suffix := path_like("path", path).suffix.lower()) in _OTHER_FORMATS:
-        message = "must end in .npz: what is written is NumPy's archive, read again by load"
+        message = "must end in .npz, because the format is NumPy's archive, read by load"
         raise InvalidValue("path", os.fspath(path), message + _TABLES.get(suffix, ""))
     arrays: dict[str, Any] = {_FORMAT_KEY: kind, **values}
     write_atomically(path, lambda file: np.savez_compressed(file, **arrays))
 
 
 def regular_target(path: str | os.PathLike[str]) -> Path:
-    """Return the file that a path leads to through links; raise `ResultError` if it is no regular file."""
+    """Resolve the links of a path; raise `ResultError` if the result is not a regular file."""
     target = Path(os.path.realpath(path_like("path", path)))
     with wrap_os_error(path):
         if target.exists() and not target.is_file():
@@ -266,7 +266,7 @@ def regular_target(path: str | os.PathLike[str]) -> Path:
 
 
 def check_writable(path: str | os.PathLike[str]) -> Path:
-    """Return the file that a path leads to; raise `ResultError` before a long run if it cannot be written."""
+    """Resolve the links of a path; raise `ResultError` if the file cannot be written, before a long run."""
     target = regular_target(path)
     with wrap_os_error(path):
         temporary = hidden_path(target.parent, target.name)
@@ -276,11 +276,11 @@ def check_writable(path: str | os.PathLike[str]) -> Path:
 
 
 def hidden_path(folder: Path, name: str) -> Path:
-    """Return a new hidden path in `folder` for a file or folder that will get `name` when it is complete."""
+    """Return a new hidden path in `folder` for a file or folder that is renamed to `name` when complete."""
     # 40 characters of the name are enough: file systems take 255 bytes.
     return folder / f".{name[:40]}.ffsms-pin-{secrets.token_hex(4)}"
 
 
 def _kind(status: os.stat_result) -> str:
-    """Return a word for the kind of file."""
+    """Return the kind of a file as text."""
     return _KINDS.get(stat.S_IFMT(status.st_mode), "something else")

@@ -1,8 +1,8 @@
-"""Types of options: the fields of frozen dataclasses, with the values that they take and their unit.
+"""The types of options: the fields of frozen dataclasses with their unit and allowed values.
 
 A field is written as ``delay: Annotated[NotNegative, Unit("s")] = 0.0`` with a docstring below it. Tables of
-scenario files, their JSON Schema and the tables of the documentation are made from these fields. In a file
-values are as TOML writes them, without conversion: `true` is no number, and "3" is none either.
+scenario files, their JSON Schema and the tables of the documentation are made from these fields. Values in a
+file are not converted: `true` and "3" are not numbers.
 """
 
 from __future__ import annotations
@@ -23,9 +23,9 @@ class Unit:
     Attributes
     ----------
     name : str
-        Empty for a number without a unit.
+        The unit, empty for a number without one.
     default : str
-        The default in words, where the value does not tell it.
+        The default as text, if the value does not show it.
     """
 
     name: str = ""
@@ -38,27 +38,27 @@ class Angle(Unit):
 
 
 def unusable(words: str) -> Exception:
-    """Return the error of a value in a file; `words` are what it must be, as "must be above zero"."""
-    from pydantic_core import PydanticCustomError  # for files alone
+    """Return the error of a value in a file; `words` is the requirement, such as "must be above zero"."""
+    from pydantic_core import PydanticCustomError  # only for files
 
     return PydanticCustomError("unusable", "{words}", {"words": words})
 
 
 class Kind(ABC):
-    """The values that a field takes in a file."""
+    """The allowed values of a field in a file."""
 
     @abstractmethod
     def schema(self) -> Any:
-        """Return the kind as a schema of pydantic's, which is imported for files alone."""
+        """Return the kind as a schema of pydantic, which is imported only for files."""
 
     def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> Any:
-        """Return the schema in place of that of the annotated type."""
+        """Return this schema in place of that of the annotated type."""
         return self.schema()
 
 
 @dataclass(frozen=True)
 class Real(Kind):
-    """A number of at least `least`; with `infinite` it may be inf, which stands for no limit."""
+    """A number of at least `least`; with `infinite` it may also be inf, which means no limit."""
 
     least: float = -LARGEST
     infinite: bool = False
@@ -102,7 +102,7 @@ class Name(Kind):
 
 @dataclass(frozen=True)
 class OneOf(Kind):
-    """A text that is one of `choices`: `Literal` for a list that is known at run time."""
+    """A text out of `choices`: a `Literal` for choices known at run time."""
 
     choices: tuple[str, ...]
 
@@ -115,7 +115,7 @@ class OneOf(Kind):
 
 @dataclass(frozen=True)
 class List(Kind):
-    """A list of `size` values of a kind, or of one or more, or `empty`; `what` are the values in messages."""
+    """A list of `size` values, of one or more, or also `empty`; `what` names the values in messages."""
 
     of: Kind
     size: int | None = None
@@ -149,7 +149,7 @@ class ByName(Kind):
 
         def check(value: Any) -> Any:
             if not isinstance(value, dict) or not value:
-                raise unusable("must be a table of numbers by joint, as {joint_2 = 0.5}")
+                raise unusable("must be a table of numbers by joint, such as {joint_2 = 0.5}")
             return value
 
         return no_info_before_validator_function(check, dict_schema(str_schema(), Real().schema()))
@@ -157,7 +157,7 @@ class ByName(Kind):
 
 @dataclass(frozen=True)
 class Either(Kind):
-    """A value of the kind `one` if `holds` is true of the value, else of the kind `other`."""
+    """A value of kind `one` if `holds(value)` is true, else of kind `other`."""
 
     holds: Callable[[Any], bool]
     one: Kind
@@ -173,7 +173,7 @@ class Either(Kind):
 
 @dataclass(frozen=True)
 class Only(Kind):
-    """A value of a kind for which `holds` is true; `words` are what it must be."""
+    """A value of a kind with true `holds(value)`; `words` is the requirement in messages."""
 
     of: Kind
     holds: Callable[[Any], bool]
@@ -185,7 +185,7 @@ class Only(Kind):
 
 
 def _checked(schema: Any, holds: Callable[[Any], Any], words: str) -> Any:
-    """Return a schema with a check of its value; `words` are what the value must be."""
+    """Return a schema with a check of its value; `words` is the requirement in messages."""
     from pydantic_core.core_schema import no_info_after_validator_function
 
     def check(value: Any) -> Any:
@@ -210,11 +210,11 @@ def values_per_joint(kind: Kind) -> Either:
 
 
 _POSITIVE, _THREE = Real(SMALLEST_POSITIVE), List(Real(), 3)
-_SPAN = Only(List(Real(), 2), lambda span: span[1] > span[0], "must be pairs of a begin and a later end")
+_SPAN = Only(List(Real(), 2), lambda span: span[1] > span[0], "must be pairs of a start and a later end")
 _SQUARE = Only(
     List(List(Real()), what="rows"),
     lambda rows: all(len(row) == len(rows) for row in rows),
-    "must be a square matrix: as many numbers a row as there are rows",
+    "must be a square matrix: as many numbers per row as there are rows",
 )
 
 Number: TypeAlias = Annotated[float, Real()]
@@ -223,7 +223,7 @@ NotNegative: TypeAlias = Annotated[float, Real(0.0)]
 Share: TypeAlias = Annotated[
     float, Only(Real(), lambda share: 0.0 <= share < 1.0, "must be a share, at least zero and below one")
 ]
-# Above zero, at least zero, or any number; or inf, for no limit.
+# Numbers above zero, at least zero, or any; or inf for no limit.
 Bound: TypeAlias = Annotated[float, Real(SMALLEST_POSITIVE, infinite=True)]
 Margin: TypeAlias = Annotated[float, Real(0.0, infinite=True)]
 AnyTime: TypeAlias = Annotated[float, Real(infinite=True)]
@@ -235,7 +235,7 @@ Text: TypeAlias = Annotated[str, Name()]
 Texts: TypeAlias = Annotated[Any, List(Name(), what="texts", empty=True)]
 Numbers: TypeAlias = Annotated[Any, List(Real())]
 ByJoint: TypeAlias = Annotated[Any, ByName()]
-# Vectors of that many numbers, of numbers above zero, and rows of three numbers.
+# Vectors of fixed size, of numbers above zero, and rows of three numbers.
 Vector3: TypeAlias = Annotated[Any, _THREE]
 Vector6: TypeAlias = Annotated[Any, List(Real(), 6)]
 Sizes2: TypeAlias = Annotated[Any, List(_POSITIVE, 2)]
@@ -247,7 +247,7 @@ PerJoint: TypeAlias = Annotated[Any, values_per_joint(Real())]
 PerJointPositive: TypeAlias = Annotated[Any, values_per_joint(_POSITIVE)]
 PerJointNotNegative: TypeAlias = Annotated[Any, values_per_joint(Real(0.0))]
 PerJointLimit: TypeAlias = Annotated[Any, values_per_joint(Real(SMALLEST_POSITIVE, infinite=True))]
-# One number, one a joint, or a square matrix.
+# One number, one per joint, or a square matrix.
 Gain: TypeAlias = Annotated[Any, Either(_has_rows, _SQUARE, values_per_joint(Real()))]
 # Principal moments, or a matrix.
 Inertia: TypeAlias = Annotated[Any, Either(_has_rows, List(_THREE, 3), List(_POSITIVE, 3))]

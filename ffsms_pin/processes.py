@@ -1,4 +1,4 @@
-"""Work in several processes of this machine."""
+"""Parallel work in several processes of this machine."""
 
 from __future__ import annotations
 
@@ -32,22 +32,22 @@ def map_in_processes(
     jobs: int | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> list[T]:
-    """Return `work(task)` of each task, in order; each task is copied before.
+    """Return `work(task)` of each task in order, computed on copies of the tasks.
 
     Parameters
     ----------
     work : callable
-        A function of a module, or a partial of one.
+        A module-level function, or a partial of one.
     tasks : sequence
     jobs : int, optional
-        The number of processes; 1 works in this one. Default: the number of cores.
+        The number of processes; 1 uses the present process. Default: the number of cores.
     progress : callable, optional
-        Called with the share of the tasks that is done, 0 to 1.
+        A function called with the completed share of the tasks, 0 to 1.
 
     Raises
     ------
     TasksFailed
-        Some tasks raised errors; it carries these errors and the results of the other tasks.
+        Some tasks raised errors; the exception holds them and the results of the other tasks.
     TaskError
         A task cannot be sent to another process, or its process died.
     """
@@ -68,7 +68,7 @@ def map_in_processes(
 
 
 def _attempts(work: Callable[[Any], T], tasks: Sequence[Any]) -> list[_Attempt[T]]:
-    """Work on a few tasks."""
+    """Process a chunk of tasks."""
     attempts: list[_Attempt[T]] = []
     for task in tasks:
         try:
@@ -81,7 +81,7 @@ def _attempts(work: Callable[[Any], T], tasks: Sequence[Any]) -> list[_Attempt[T
 def _in_pool(
     attempt: Callable[[Any], list[_Attempt[T]]], chunks: Sequence[Any], jobs: int
 ) -> Iterator[list[_Attempt[T]]]:
-    """Yield the attempts of chunks in order; `TaskError` if a process dies or a task cannot be sent to it."""
+    """Yield the attempts of chunks in order; raise `TaskError` if a process dies or a task cannot be sent."""
     context = multiprocessing.get_context("forkserver")
     context.set_forkserver_preload(["ffsms_pin.opt", "ffsms_pin.simulation"])
     with ProcessPoolExecutor(jobs, context, _begin) as pool:
@@ -90,12 +90,12 @@ def _in_pool(
                 yield future.result()
         except BrokenProcessPool:
             raise TaskError(
-                "a process that worked on the tasks died: out of memory, or a script that calls this without "
-                "`if __name__ == '__main__':` (with jobs=1 it needs none)"
+                "a worker process died: out of memory, or the script calls this function without "
+                "`if __name__ == '__main__':` (not needed with jobs=1)"
             ) from None
         except (pickle.PicklingError, AttributeError, TypeError) as error:
-            raise TaskError(f"a task cannot be sent to another process ({error}); take jobs=1") from None
-        except BaseException:  # Ctrl-C: do not wait for the tasks that are under way
+            raise TaskError(f"a task cannot be sent to another process ({error}); use jobs=1") from None
+        except BaseException:  # Ctrl-C: do not wait for running tasks
             for process in pool._processes.values():
                 process.kill()
             raise

@@ -1,4 +1,4 @@
-"""The protocols of a reference motion and of an object that observes a closed loop, and a motion at rest."""
+"""The protocols of reference motions and of observers of a closed loop, and a motion at rest."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ class Reference(Protocol):
     A planned `Trajectory` is a reference. A reference that also derives from `Observer` observes the run.
     Three more attributes are used if a reference has them:
 
-    - ``q``, an array of rows (nq,): its first row is the start of the plant if `simulate` is given no `q0`.
-    - ``momentum``, (6,) or None: the total momentum of the plant at the start if `simulate` is given none.
-    - ``base_mode``, as `opt.Problem.mode`: the part of the base that the motion holds. At the start the plant
-      moves as the motion does, with that part at rest, unless `simulate` is given a velocity. Default:
-      "floating".
+    - ``q``, an array of rows (nq,): its first row is the start of the plant if `simulate` has no `q0`.
+    - ``momentum``, (6,) or None: the total momentum of the plant at the start if `simulate` has none.
+    - ``base_mode``, as in `opt.Problem.mode`: the base motion that is held at zero. Unless `simulate` has a
+    velocity, the plant starts with the reference's velocity and this base motion at rest. Default:
+    "floating".
     """
 
     @property
@@ -36,7 +36,7 @@ class Reference(Protocol):
 
     @property
     def target(self) -> ArrayLike | Callable[[float], Any]:
-        """The end-effector position to come to (3,), or a function of time [s] that gives it (or a pose)."""
+        """The target position (3,) or pose of the end effector, or a function of time [s] that returns it."""
         ...
 
     def sample(self, t: float) -> Sample:
@@ -46,21 +46,21 @@ class Reference(Protocol):
 
 @runtime_checkable
 class Observer(Protocol):
-    """An object that observes a closed loop: a reference that plans again, or a controller that measures.
+    """An observer of a closed loop, such as a re-planning reference or an adaptive controller.
 
     Derive from this class and override the methods that are needed; the others do nothing. `simulate` calls
     them for its reference and its controller. An object with some of these methods that does not derive from
-    this class is refused, because a method with a misspelt name would never be called.
+    this class is rejected, because a misspelt method would never be called.
 
     Attributes
     ----------
     replans : bool
-        True if the motion is planned again from what is observed: noisy measurements are then filtered by an
-        `Estimator` unless `simulate` is told otherwise.
+        True if the motion is re-planned from the measured state. By default noisy measurements are then
+        filtered by an `Estimator`.
     needs_wrist : bool
-        True if `observe_wrench` must be called: a run without a `WristSensor` is then refused.
+        True if `observe_wrench` must be called: a run without a `WristSensor` is then rejected.
     failed_in_a_row : int
-        The planning steps in a row that were not solved, for `Guards.failed_steps`.
+        The number of consecutive planning steps without a solution, for `Guards.failed_steps`.
     """
 
     replans: bool = False
@@ -68,37 +68,37 @@ class Observer(Protocol):
     failed_in_a_row: int = 0
 
     def observe(self, t: float, q: FloatArray, v: FloatArray) -> None:
-        """Take in the measured state q (nq,), v (6 + n,) before the control step at t [s]."""
+        """Process the measured state q (nq,), v (6 + n,) before the control step at t [s]."""
         return
 
     def observe_sensors(self, t: float, q: FloatArray, v: FloatArray) -> None:
-        """Take in the state as the sensors show it, before an estimator filters it for `observe`."""
+        """Process the raw measured state, before an estimator filters it for `observe`."""
         return
 
     def observe_wheels(self, momentum: FloatArray) -> None:
-        """Take in the measured momenta (w,) of the wheels [N m s]; in a run with a `base_controller`."""
+        """Process the measured momenta (w,) of the wheels [N m s], in a run with a `base_controller`."""
         return
 
     def observe_wrench(self, t: float, wrench: FloatArray) -> None:
-        """Take in the measured wrench (6,) at the wrist; in a run with a `WristSensor`."""
+        """Process the measured wrench (6,) at the wrist, in a run with a `WristSensor`."""
         return
 
     def joint_failed(self, joint: int, locked: bool) -> None:
-        """Take in that a joint (index from 0) is locked or, if not `locked`, limp."""
+        """Process the fault of a joint (index from 0), which is locked or, if not `locked`, limp."""
         return
 
     def observe_robot(self, robot: Any) -> None:
-        """Take in the `SpaceManipulator` that the controller estimates, such as with an unknown payload."""
+        """Process the `SpaceManipulator` that the controller estimates, such as with an unknown payload."""
         return
 
     def expect_noise(self, distance: float) -> None:
-        """Take in the standard deviation of the end effector's place [m]; before a run with such sensors."""
+        """Process the deviation of the measured end-effector position [m], before a run with sensors."""
         return
 
 
 @runtime_checkable
 class Resettable(Protocol):
-    """A law with a memory."""
+    """A law with internal state."""
 
     def reset(self, dt: float) -> None:
         """Clear the state of the last run, before a run with control steps of dt [s]."""
@@ -109,12 +109,12 @@ _NAMES = [name for name, value in vars(Observer).items() if callable(value) and 
 
 
 def observers(**objects: Any) -> tuple[Observer, ...]:
-    """Return the objects that observe, each once.
+    """Return the distinct observers among the objects.
 
     Raises
     ------
     InvalidValue
-        An object has some of the methods of an `Observer`, and is none.
+        An object has some of the methods of an `Observer` but does not derive from it.
     """
     observing: list[Observer] = []
     for name, value in objects.items():
@@ -128,7 +128,7 @@ def observers(**objects: Any) -> tuple[Observer, ...]:
 
 
 class Rest(NamedTuple):
-    """A reference that stays where it starts: it stands in for a motion that is not planned yet."""
+    """A reference at rest, which replaces a motion that is not planned yet."""
 
     duration: float
     target: ArrayLike

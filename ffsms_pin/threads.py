@@ -1,4 +1,4 @@
-"""A limit of one BLAS thread during plans and simulations, and objects for one thread or without changes."""
+"""The limit of one BLAS thread during plans and simulations, and guards of single-threaded objects."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ _limited = threading.Lock()
 def one_blas_thread() -> Iterator[None]:
     """Limit BLAS to one thread; also a decorator, `@one_blas_thread()`.
 
-    The matrices are small, so a second thread takes more time than it saves. The limit takes 0.1 ms, so it
-    stands around whole plans and simulations. It counts for the whole process.
+    The matrices are small, so a second thread costs more time than it saves. Setting the limit takes 0.1 ms,
+    so it is set around whole plans and simulations. It applies to the whole process.
     """
-    if not _limited.acquire(blocking=False):  # by an outer call, or by one in another thread
+    if not _limited.acquire(blocking=False):  # held by an outer call or by another thread
         yield
         return
     try:
-        # SciPy brings a BLAS library of its own, which the controller finds once it is loaded.
+        # SciPy has its own BLAS library, which the controller detects only after its import.
         with _controller("scipy.linalg" in sys.modules).limit(limits=1, user_api="blas"):
             yield
     finally:
@@ -34,27 +34,27 @@ def one_blas_thread() -> Iterator[None]:
 
 @lru_cache(maxsize=2)
 def _controller(with_scipy: bool) -> Any:
-    """Return the controller of all BLAS libraries that are loaded; finding them takes milliseconds."""
+    """Return the controller of all loaded BLAS libraries; finding them takes milliseconds."""
     from threadpoolctl import ThreadpoolController
 
     return ThreadpoolController()
 
 
 class InUse(FfsmsError, RuntimeError):
-    """A second thread uses an object that is for one thread."""
+    """A second thread uses a single-threaded object."""
 
 
 class OneThread:
-    """A guard of `with` blocks that one thread at a time may enter; another thread raises `InUse`.
+    """A context manager for one thread at a time; a second thread raises `InUse`.
 
-    A copy of the guard starts anew.
+    A copy of it has not been entered.
 
     Parameters
     ----------
     text : str
         The text of the error.
     for_good : bool
-        Whether the first thread stays the only one after its block.
+        True to reserve the object for its first thread, also after the block.
     """
 
     def __init__(self, text: str, for_good: bool = False) -> None:
@@ -75,7 +75,7 @@ class OneThread:
 
 
 class Unchanging:
-    """A base class of objects with constant attributes; `checks.set_frozen` sets them during construction."""
+    """The base class of objects with constant attributes, set by `checks.set_frozen` during construction."""
 
     _complete = True
     _refused = "this cannot be changed (tried to {} '{}')"  # text of the error

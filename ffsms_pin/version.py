@@ -1,3 +1,3 @@
-"""The version of the library, apart from the package's own file so that any part can read it."""
+"""The version of the library, in its own module so that every module can import it."""
 
 __version__ = "0.1.0"

@@ -68,7 +68,7 @@ def test_a_numerical_failure_is_an_error_of_ours_or_a_plan_with_a_note(
         assert not plan.reached
         assert f"numerical failure ({error})" in plan.note
         return
-    words = rf"failed in its numbers \({type(error).__name__}: {error}\); check"
+    words = rf"failed numerically \({type(error).__name__}: {error}\); check"
     with pytest.raises(NumericalError, match=words) as failure:
         call(planar)
     assert failure.value.__cause__ is error

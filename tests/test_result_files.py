@@ -89,7 +89,7 @@ def test_zeros_that_fit_are_refused_for_their_size_alone(
     path = written(tmp_path / "zeros.npz", {**single, **values})
     assert len(Tracking.load(path).t) == N
     monkeypatch.setattr(files, "_UNPACKED", 10**6)
-    refused(lambda: Tracking.load(path), ResultError, "which no recording does")
+    refused(lambda: Tracking.load(path), ResultError, "more than any recording")
     swung.save(tmp_path / "whole.npz")  # more than that too, but it is not made of nothing
     assert sum(np.asarray(value).nbytes for value in arrays_in(swung).values()) > 10**5
     monkeypatch.setattr(files, "_UNPACKED", 10**5)
@@ -128,8 +128,8 @@ def test_objects_and_code_are_not_read(swung: Tracking, tmp_path: Path, refused:
 
 def test_a_pipe_is_not_waited_for(tmp_path: Path, refused: Refused) -> None:
     os.mkfifo(tmp_path / "pipe")
-    refused(lambda: Tracking.load(tmp_path / "pipe"), ResultError, "no regular file")
-    refused(lambda: opt.Trajectory.load(Path("/dev/zero")), ResultError, "no regular file")
+    refused(lambda: Tracking.load(tmp_path / "pipe"), ResultError, "not a regular file")
+    refused(lambda: opt.Trajectory.load(Path("/dev/zero")), ResultError, "not a regular file")
 
 
 def test_a_plan_whose_arrays_do_not_fit_is_refused(

@@ -202,7 +202,7 @@ def simulate(
         try:
             record = Record(world, t, setup.target)
         except MemoryError:
-            message = f"makes {steps} steps, too many for this memory; take a longer one, or a shorter motion"
+            message = f"makes {steps} steps, too many for this memory; use a longer one, or a shorter motion"
             raise InvalidValue("dt", dt, message) from None
         for k in range(steps + 1):
             now = float(t[k])
