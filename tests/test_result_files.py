@@ -197,6 +197,6 @@ def test_numbers_by_name(refused: Refused) -> None:
     for text in ("", "[]", "3", '{"a": "b"}', '{"a": [[1]]}', '{"a": true}', "[" * 100_000, "{" * 9):
         for many in (False, True):
             read = lambda text=text, many=many: files.numbers_by_name("x", "shares", text, many)  # noqa: E731
-            refused(read, ResultError, "x: holds no numbers by name in shares")
+            refused(read, ResultError, "x: holds no JSON object of numbers in shares")
     refused(lambda: files.numbers_by_name("x", "shares", '{"a": [1.0]}'), ResultError, "shares")
     refused(lambda: files.numbers_by_name("x", "binding", '{"a": 1.0}', rows=True), ResultError, "binding")

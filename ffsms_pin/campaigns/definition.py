@@ -25,12 +25,12 @@ class Campaign:
     """The runs of one scenario with the seeds `seed`, `seed` + 1, ..."""
 
     source: str  #: path of the scenario file
-    content: Mapping[str, Any]  #: its tables without [campaign]
+    content: Mapping[str, Any]  #: tables of the file without [campaign]
     draws: Mapping[str, Any]  #: distributions by key, such as {"plant.arm_mass": {"uniform": [0.8, 1.2]}}
     runs: int
     seed: int = 1  #: seed of the first run
     compare: bool = False  #: True to run each drawn scenario twice: planned once and re-planned
-    allow_import: bool = False  #: as for `ffsms_pin.scenario`
+    allow_import: bool = False  #: the argument of `ffsms_pin.scenario`
     hash: str = ""  #: digest under which results are stored
 
     @classmethod

@@ -290,7 +290,7 @@ def _course(capture: Mapping[str, Any]) -> Iterator[tuple[str, ...]]:
 
 
 def _contact(capture: Mapping[str, Any]) -> Iterator[tuple[str, ...]]:
-    """Yield errors and velocity at the contact, and its largest load beside the predicted one."""
+    """Yield rows of errors, velocity and largest load at the contact, with the predicted load."""
     if "miss_m" in capture:
         yield "position error at contact", length_text(capture["miss_m"]), f"{capture['miss_deg']:.2g} deg"
         speed, spin = 1e3 * capture["contact_velocity_m_per_s"], capture["contact_velocity_deg_per_s"]
@@ -308,7 +308,7 @@ def _contact(capture: Mapping[str, Any]) -> Iterator[tuple[str, ...]]:
 
 
 def _after(capture: Mapping[str, Any]) -> Iterator[tuple[str, ...]]:
-    """Yield the braking, and the final rates and momenta beside the predicted ones."""
+    """Yield rows of the braking, and of the final rates and momenta with the predicted ones."""
     yield "joints braked in", f"{capture['braking_s']:.3g} s", _of_limit(capture["flown_torque_share"])
     if capture["braking_note"]:
         yield "  note", escape(capture["braking_note"])

@@ -20,7 +20,7 @@ from ffsms_pin.simulation import Sensors, Tracking
 from ffsms_pin.system.regressors import PER_BODY, torque_regressor
 
 _BLOCK = 0.1  # [s] averaging time of torques, because accelerations are differences of noisy velocities
-_TORQUE_SHARE = 1e-3  # of the largest torque, default noise of torques
+_TORQUE_SHARE = 1e-3  # default noise of torques as a share of the largest torque
 
 
 def identify(

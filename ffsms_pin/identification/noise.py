@@ -13,8 +13,8 @@ from ffsms_pin.simulation import Sensors
 
 # [m/s, rad/s] default if the sensors are unknown; larger residuals scale it up.
 NOMINAL = 1e-6
-_LEAST = 1e-9  # of a stated deviation, so that weights stay finite
-_USUAL_SHARE = 0.3  # of the rate limits, assumed for the effect of joint angle errors on the arm's momentum
+_LEAST = 1e-9  # least share of a stated deviation, so that weights stay finite
+_USUAL_SHARE = 0.3  # share of the rate limits, assumed for the effect of joint angle errors on momentum
 
 
 @dataclass(frozen=True, eq=False)

@@ -36,7 +36,7 @@ class Recording:
     t : ndarray, shape (N,)
         [s]
     q, v : ndarray, shape (N, nq) and (N, 6 + n)
-        Pinocchio's.
+        Configurations and velocities in Pinocchio's layout.
     tau : ndarray, shape (N - 1, n) or None
         Joint torques [N m], each held from one sample to the next.
     wheel_momentum : ndarray, shape (N, w) or None
@@ -239,7 +239,7 @@ def _windows(sms: SpaceManipulator, recording: Recording) -> tuple[FloatArray, F
         moved.append(np.concatenate([shift, rotation, joints[b] - joints[a]]))
         total = gained[a:b].sum(axis=0)
         total[:3] = R[:, :, a].T @ total[:3]
-        spin = apply(turn, v[a : b + 1, 3:6].T).T  # in the axes at the start of the window
+        spin = apply(turn, v[a : b + 1, 3:6].T).T  # axes at the start of the window
         total[3:6] = (0.5 * (spin[1:] + spin[:-1]) * steps[a:b]).sum(axis=0)
         still = (v[a : b + 1] == v[a]).all(axis=0) & (b - a >= 4)
         total[still & _varies(v)] = 0.0

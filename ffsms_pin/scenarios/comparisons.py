@@ -73,7 +73,7 @@ def compare(
 
 
 def comparison_numbers(comparison: Comparison) -> dict[str, dict[str, Any]]:
-    """Return a row of numbers for each method, as `plan_numbers`, with the planning time."""
+    """Return a row of numbers for each method: those of `plan_numbers` and the planning time."""
     return {
         method: {
             **plan_numbers(comparison.sms, made),

@@ -43,7 +43,7 @@ DEGREES = "_deg"  # ending of the keys that give an angle in degrees
 def key(
     unit: str, default: str, what: str | None = None, *, required: bool = False, degrees: bool = False
 ) -> Any:
-    """Return a key of a table: its unit, its default in words, and its description (or a docstring).
+    """Return a key of a table: its unit, its default as text, and its description (or a docstring).
 
     A `required` key must be present; with `degrees` the file may also use its name with `_deg`.
     """

@@ -119,7 +119,7 @@ def _note(outcome: Outcome) -> str:
 
 
 def _wrist(outcome: Outcome) -> dict[str, Any]:
-    """Return the largest load of the wrist beside its limits; empty without a sensor."""
+    """Return the largest load of the wrist and its limits; empty without a sensor."""
     scenario = outcome.scenario
     tracking = outcome.tracking if outcome.capture is None else outcome.capture.whole
     if scenario.wrist is None:

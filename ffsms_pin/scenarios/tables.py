@@ -347,7 +347,8 @@ _TABLES: dict[str, Any] = {
     "learn": table_of(Identifier),
     "campaign": CampaignTable,
 }
-_REQUIRED = ("robot", "start")  # with keys that must be there, so that an absent table is missing these
+# Tables with required keys, which are reported as missing if the table is absent.
+_REQUIRED = ("robot", "start")
 
 ScenarioFile: type[Keys] = file_of(_TABLES, "ScenarioFile", required=_REQUIRED)
 """The tables of a scenario file by name."""

@@ -1,4 +1,4 @@
-"""The bodies of a run beside the arm: wheels and thrusters with their limits, and a client.
+"""The bodies of a run besides the arm: wheels and thrusters with their limits, and a client.
 
 A client is a second free body; loads act between it and the end effector.
 """
@@ -21,7 +21,7 @@ from ffsms_pin.references import Resettable
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.simulation.loads import Load, checked_load
 
-_AT_LIMIT = 0.999  # share of a thruster's largest force: laws scale commands down to it, with rounding
+_AT_LIMIT = 0.999  # share of a thruster's largest force that counts as saturated, because of rounding
 _ALIGNED = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
 
 
@@ -57,7 +57,7 @@ class BaseActuators:
             law.reset(dt)
         pulsed = self.thrusters is not None and not self.thrusters.proportional
         self._pulses = PulseWidth(self.thrusters, dt) if pulsed and self.thrusters is not None else None
-        self._full: dict[str, tuple[float, int]] = {}  # by message: first time, steps
+        self._full: dict[str, tuple[float, int]] = {}  # message: first time, count
 
     def command(self, view: BaseView) -> bool:
         """Evaluate the law in this control step; return False if its command is not finite."""
@@ -207,7 +207,7 @@ class ClientBody:
         self, plant: SpaceManipulator, q: FloatArray, v: FloatArray, locked: Sequence[int]
     ) -> AfterCapture:
         """Combine plant and client at their present poses into one robot (`after_capture`), without loads."""
-        now = other_motion(self.client, self.pose, self.twist)  # with the present as its time zero
+        now = other_motion(self.client, self.pose, self.twist)  # its time zero is the present
         self.joined = after_capture(plant, q, v, now, locked=locked)
         self._held = plant.at(q).end_effector_pose.inverse() * self.pose
         self.loads = self.grips = ()

@@ -96,10 +96,10 @@ def simulate(
     plant : SpaceManipulator, optional
         The simulated robot, with the same joints as `sms`, such as one with other masses. Default: `sms`.
     progress : callable, optional
-        Called with the share of the work done, 0 to 1.
+        A function called with the completed share of the run, 0 to 1.
     conditions : Conditions, optional
         Friction, actuators, sensors, disturbances, events, guards, initial motion and integrator. Default:
-        `Conditions()`. Its fields may be given by name instead, as ``friction=JointFriction(...)``.
+        `Conditions()`. Its fields may be given by name instead: ``friction=JointFriction(...)``.
     base_controller : BaseLaw, optional
         The law of the plant's wheels and thrusters, such as `ffsms_pin.control.QuaternionFeedback`: an object
         with a method ``command(view)``. Default: none; the wheels stand still and the base floats.
@@ -185,7 +185,7 @@ def simulate(
         return v
 
     def ended(rows: int) -> Tracking:
-        """Return the first rows as a recording, judged here unless a supervisor judges it."""
+        """Return the first rows as a recording, with its verdict unless the supervisor computes it."""
         recorded = replace(record.tracking(rows, saturation.notes()), stopped=stopped)
         return recorded if supervisor is not None else judged(recorded, reference, plant)
 

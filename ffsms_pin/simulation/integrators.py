@@ -18,8 +18,8 @@ Step: TypeAlias = tuple[FloatArray, FloatArray, float]
 
 # Limits of the adaptive integrators.
 _TOLERANCE = 1e-12
-_MOST_PARTS = 10_000  # of a step; if a state needs more, the simulation counts as diverged
-_MOST_SLOPES = 100_000  # of a part; if it needs more, the simulation counts as diverged
+_MOST_PARTS = 10_000  # largest number of parts of a step; a state that needs more counts as diverged
+_MOST_SLOPES = 100_000  # largest number of slopes in a part; a state that needs more counts as diverged
 _REACH = 0.3  # [rad or m] distance at which the chart is re-centred, so that the series below converge
 
 # Fourth order from the symmetric second-order step: Yoshida's triple jump.
@@ -280,7 +280,7 @@ def extrapolated_step(
     Parameters
     ----------
     model, data, q, v, tau, dt, t
-        As for `rk4_step`.
+        Arguments of `rk4_step`.
     slopes : callable
         A function that returns d (nv,) [N m s/rad or N s/m], each at least zero, at velocities v (nv,).
     closed : bool

@@ -1,4 +1,4 @@
-"""Closed-loop simulations on several processes, for studies over plants, starts and noise."""
+"""The simulation of several closed loops in parallel, for studies over plants, starts and noise."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def simulate_many(
         The arguments of `simulate`. Each simulation works on copies, so a controller with internal state
         starts afresh.
     progress : callable, optional
-        Called with the share of the simulations done, 0 to 1.
+        A function called with the completed share of the simulations, 0 to 1.
     jobs : int, optional
         The number of processes; 1 works in this one. Default: the number of cores. With more than one, a
         script must call this function below `if __name__ == "__main__":`, because the processes import the

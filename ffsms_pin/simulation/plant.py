@@ -1,4 +1,4 @@
-"""A plant that is not the model: the same robot with other masses, inertias and centres of mass."""
+"""A plant that differs from the model by its masses, inertias and centres of mass."""
 
 from __future__ import annotations
 

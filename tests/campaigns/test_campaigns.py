@@ -345,7 +345,7 @@ def test_the_commands(file: Path, folder: Path, tmp_path: Path, capsys: pytest.C
         (["--runs", "2", "--seed", "-1"], ["seed"]),
         (["--runs", "2", "--jobs", "0"], ["jobs"]),
         (["--runs", "2", "--scheduler", "tcp://x:1", "--jobs", "2"], ["not allowed with"]),
-        ([], ["--runs", "must be given"]),
+        ([], ["--runs", "is required"]),
     ],
 )
 def test_arguments_of_the_command_that_cannot_be_used(
