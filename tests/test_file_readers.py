@@ -112,7 +112,7 @@ def test_it_is_refused_at_once(name: str, what: str, tmp_path: Path) -> None:
         READERS[name](path)
     words = str(caught.value)
     assert "\n" not in words
-    expected = "MB are read" if what == "huge" else "it is no regular file but a"
+    expected = "MB are read" if what == "huge" else "it is not a regular file but a"
     assert OTHERWISE.get((name, what == "huge"), expected) in words
 
 
