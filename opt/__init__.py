@@ -1,4 +1,4 @@
-"""Coupling-informed planning: problems made of terms and limits, and solvers that stack them."""
+"""The coupling-informed planning: problems made of terms and limits, and solvers that stack them."""
 
 from ffsms_pin.geometry.obstacle import Obstacle
 from ffsms_pin.opt.check import check
