@@ -91,6 +91,7 @@ def test_a_run_alone_is_its_row(folder: Path) -> None:
     assert len(seeds) == RUNS  # noise of its own
 
 
+@pytest.mark.slow
 def test_processes_change_nothing(folder: Path, file: Path, tmp_path: Path) -> None:
     told: list[tuple[int, int]] = []
     campaign(Campaign.read(file, RUNS), tmp_path, jobs=2, progress=lambda *done: told.append(done))
@@ -98,6 +99,7 @@ def test_processes_change_nothing(folder: Path, file: Path, tmp_path: Path) -> N
     assert told == [(done, RUNS) for done in range(RUNS + 1)]
 
 
+@pytest.mark.slow
 def test_a_scheduler_that_stands_changes_nothing(folder: Path, file: Path, tmp_path: Path) -> None:
     options: dict[str, Any] = {"n_workers": 2, "threads_per_worker": 1, "dashboard_address": "127.0.0.1:0"}
     with LocalCluster(processes=False, protocol="tcp", host="127.0.0.1", **options) as cluster:
@@ -184,6 +186,7 @@ def test_a_plan_that_is_shared_changes_nothing(tmp_path: Path) -> None:
         assert alone.tracking.position_error[-1] == table["final_error_m"][row]
 
 
+@pytest.mark.slow
 def test_runs_that_fail_are_rows_with_their_error(tmp_path: Path) -> None:
     path = tmp_path / "failing.toml"
     text = CAMPAIGN.replace("uniform = [0.8, 1.2]", "choice = [1.0, -1.0]")
@@ -253,6 +256,7 @@ def compared(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return place
 
 
+@pytest.mark.slow
 def test_both_methods_meet_the_drawn_plants(compared: Path, planar: ffsms.SpaceManipulator) -> None:
     """By hand: the same plants, followed with the plan made once and re-planned."""
     stored, tables = Campaign.open(compared), by_method(read_table(compared))
@@ -274,6 +278,7 @@ def test_both_methods_meet_the_drawn_plants(compared: Path, planar: ffsms.SpaceM
             assert row["outcome"] == ("arrived" if run.position_error[-1] <= 0.02 else "missed")
 
 
+@pytest.mark.slow
 def test_the_methods_side_by_side(compared: Path, capsys: pytest.CaptureFixture[str]) -> None:
     table = read_table(compared)
     numbers = report(table)
@@ -315,6 +320,7 @@ def test_runs_that_are_stopped_count_as_such(tmp_path: Path) -> None:
     assert untidy(plot_campaign(table)) == []
 
 
+@pytest.mark.slow
 def test_the_commands(file: Path, folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "out"
     command = ["campaign", str(file), "--out", str(out), "--jobs", "1"]

@@ -111,6 +111,7 @@ def test_a_closed_loop_that_ends_elsewhere_is_not_reached_either(
     assert stages == ["planning", "tracking", "plan once"]
 
 
+@pytest.mark.slow
 def test_as_a_module_in_a_process_of_its_own(quick: Path, tmp_path: Path) -> None:
     command = [sys.executable, "-W", "error", "-m", "ffsms_pin"]
     done = subprocess.run(

@@ -116,6 +116,7 @@ def test_the_quaternion_has_two_signs(panda: ffsms.SpaceManipulator, state: tupl
     assert still @ pin.log3(pin.Quaternion(q[3:7]).toRotationMatrix()) < 0.0
 
 
+@pytest.mark.slow
 def test_what_the_feedforward_is_worth(panda: ffsms.SpaceManipulator, reach: Swing) -> None:
     found = {}
     for kind in ("none", "plan", "torque"):

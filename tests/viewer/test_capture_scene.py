@@ -100,6 +100,7 @@ def test_a_grasp_needs_a_client(planar: ffsms.SpaceManipulator, tracking: ffsms.
         view(planar, tracking, client=client, grasp=[0.0, 0.4])
 
 
+@pytest.mark.slow
 def test_a_client_that_is_not_caught_has_the_marks_of_retreat_and_stop() -> None:
     flight = _flight(envelope=capture.Envelope(distance=1e-9))
     assert not flight.latched

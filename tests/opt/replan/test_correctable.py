@@ -103,6 +103,7 @@ def commands(planar: ffsms.SpaceManipulator, **given: object) -> tuple[Array, Tr
     return np.array(found), tracking
 
 
+@pytest.mark.slow
 def test_commands_keep_a_jerk_limit_on_request(planar: ffsms.SpaceManipulator) -> None:
     free, _ = commands(planar)
     held, tracking = commands(planar, jerk=[4.0, 4.0, 5.0])

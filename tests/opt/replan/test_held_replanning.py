@@ -51,6 +51,7 @@ def turned(run: Tracking) -> float:
     return float(np.degrees(max(first.angularDistance(pin.Quaternion(row)) for row in run.q[::10, 3:7])))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("arm", "base"), [(1.2, 0.9), (0.8, 1.1)])
 def test_a_wrong_model_arrives_by_planning_again(
     problem: opt.Problem, plan: opt.Trajectory, arm: float, base: float

@@ -98,6 +98,7 @@ def test_noisy_estimates_stay_within_their_bounds(planar: ffsms.SpaceManipulator
         assert unexplained(np.clip(factors + change, 0.5, 2.0)) >= least * (1.0 - 1e-6)
 
 
+@pytest.mark.slow
 def test_plans_go_by_the_momentum_that_a_push_leaves(planar: ffsms.SpaceManipulator) -> None:
     """Something pushes the base for five seconds: with the momentum of before the arm ends far away."""
     q0, missed = planar.configuration(np.radians([10.0, 30.0, 30.0])), []

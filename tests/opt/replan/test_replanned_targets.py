@@ -20,6 +20,7 @@ Array = NDArray[np.float64]
 DEGREE = np.pi / 180.0
 
 
+@pytest.mark.slow
 def test_moving_target_is_met_with_its_velocity_and_held(planar: ffsms.SpaceManipulator) -> None:
     def target(t: float) -> Array:
         angle = 0.05 * t
@@ -53,6 +54,7 @@ def test_target_is_held_after_arrival(planar: ffsms.SpaceManipulator) -> None:
     assert reference.mode == "hold"
 
 
+@pytest.mark.slow
 def test_pose_targets_are_tracked(planar: ffsms.SpaceManipulator) -> None:
     end = planar.configuration([0.4, 0.6, 0.3])
     pose = planar.at(end).end_effector_pose

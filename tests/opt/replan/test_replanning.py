@@ -69,6 +69,7 @@ def test_wrong_masses_end_within_two_millimetres(
     assert (np.abs(tracking.v[:, 6:]) < 1.05 * planar.limits.velocity).all()
 
 
+@pytest.mark.slow
 def test_random_plants_end_within_two_millimetres(planar: ffsms.SpaceManipulator) -> None:
     # A case of benchmarks/reaching.py.
     for plant in random_plants(planar, np.random.default_rng(7), 3):
@@ -171,6 +172,7 @@ def test_motions_that_break_a_limit_by_far_are_not_flown(
     assert planar.limits.violation(tracking.q[:, 7:]).max() < 1e-3
 
 
+@pytest.mark.slow
 def test_a_flight_that_misses_says_why(planar: ffsms.SpaceManipulator) -> None:
     reference, tracking = run(planar, CASES[2], events=[JointFault(1.0, joint) for joint in (0, 1, 2)])
     assert not tracking.arrived
