@@ -99,6 +99,7 @@ def test_processes_change_nothing(folder: Path, file: Path, tmp_path: Path) -> N
     assert told == [(done, RUNS) for done in range(RUNS + 1)]
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_a_scheduler_that_stands_changes_nothing(folder: Path, file: Path, tmp_path: Path) -> None:
     options: dict[str, Any] = {"n_workers": 2, "threads_per_worker": 1, "dashboard_address": "127.0.0.1:0"}

@@ -57,7 +57,14 @@ def chunks_in(folder: Path) -> dict[str, int]:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("sent", "status"), [("SIGINT", 130), ("SIGTERM", 143), ("SIGKILL", -9)])
+@pytest.mark.parametrize(
+    ("sent", "status"),
+    [
+        pytest.param("SIGINT", 130, marks=pytest.mark.long),
+        ("SIGTERM", 143),
+        pytest.param("SIGKILL", -9, marks=pytest.mark.long),
+    ],
+)
 def test_a_parent_that_ends_leaves_no_process_and_goes_on_later(
     file: Path, table: bytes, tmp_path: Path, sent: str, status: int
 ) -> None:

@@ -167,6 +167,7 @@ def test_a_compliant_capture_with_a_camera_is_that_of_a_file(tmp_path: Path) -> 
     assert flight.prediction.load is not None
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_a_probe_in_a_nozzle_is_that_of_a_file(tmp_path: Path) -> None:
     """A known client, a plan made once, and a plant with friction that is off by a tenth."""

@@ -160,6 +160,7 @@ def _within(deviation: float, clients: int) -> np.ndarray:
     return np.array(within)
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_mass_and_inertia_may_be_uncertain() -> None:
     """Two deviations hold nineteen of twenty clients: 34 of 40 are as unlikely as one in a hundred."""

@@ -89,6 +89,7 @@ def test_a_clearance_that_is_broken_at_the_start_only_does_not_get_worse() -> No
     assert 0.0 < plan.broken["clearance"] < 0.01
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_a_wall_in_the_way_is_not_gone_through() -> None:
     free, away = _problem(), np.array([0.0, 0.0, 0.1])

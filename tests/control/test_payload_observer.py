@@ -104,6 +104,7 @@ def test_a_payload_that_is_put_down_does_not_count_any_more(prism: ffsms.SpaceMa
     assert masses[1] == pytest.approx(0.0, abs=1e-6)
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_re_planning_counts_on_the_payload() -> None:
     sms = ffsms.load("planar_3r")

@@ -344,6 +344,7 @@ def test_wheels_hold_before_during_and_after(tmp_path: Path) -> None:
     assert numbers["expected_contact_force_N"] == pytest.approx(numbers["contact_force_max_N"], rel=0.2)
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_wheels_that_are_slow_have_not_taken_all_of_it_yet(tmp_path: Path) -> None:
     """What was said of them is judged by the momentum that there is, not by how far they are."""
@@ -467,6 +468,7 @@ def test_an_arm_that_closes_stops_when_the_camera_is_dark(tmp_path: Path) -> Non
     assert closest_approach(closeness, rest, client, end, 600.0).distance > 0.0
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_a_dark_camera_is_no_go(tmp_path: Path) -> None:
     capture = scenarios.run(_dark(tmp_path, "[6.0, 11.8]")).capture
@@ -477,6 +479,7 @@ def test_a_dark_camera_is_no_go(tmp_path: Path) -> None:
     assert "array" not in capture.missed
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_how_old_what_is_known_may_be_is_an_option(tmp_path: Path) -> None:
     capture = scenarios.run(_dark(tmp_path, "[8.0, 10.2]", "[contact.go]\nage = 3.0\n")).capture

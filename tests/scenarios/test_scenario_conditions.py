@@ -216,6 +216,7 @@ def test_guards_stop_the_flight_and_save_beside_the_file(tmp_path: Path) -> None
         scenario(path)
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_integration_steps_can_be_finer(tmp_path: Path, planar: ffsms.SpaceManipulator) -> None:
     """A friction that is steep for the control step: four parts come nearer to the motion by sixteen."""

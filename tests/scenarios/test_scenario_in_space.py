@@ -61,6 +61,7 @@ def test_run(file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> 
     assert "joint panda_joint3" in printed
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_campaign(file: Path, tmp_path: Path) -> None:
     out = tmp_path / "campaign"

@@ -227,7 +227,9 @@ if __name__ == "__main__":
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("sent", ["SIGINT", "SIGTERM", "SIGKILL"])
+@pytest.mark.parametrize(
+    "sent", ["SIGTERM", *(pytest.param(name, marks=pytest.mark.long) for name in ("SIGINT", "SIGKILL"))]
+)
 def test_a_script_that_ends_early_leaves_no_process(tmp_path: Path, sent: str) -> None:
     script = tmp_path / "script.py"
     script.write_text(SCRIPT.format(count=100_000))

@@ -77,6 +77,7 @@ def test_random_plants_end_within_two_millimetres(planar: ffsms.SpaceManipulator
         assert tracking.position_error[-1] < 2e-3
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_random_plants_of_a_spatial_arm() -> None:
     # Case 1 of benchmarks/reaching.py for a Panda on a satellite, where steps alone meet a joint limit.
