@@ -16,12 +16,11 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from ffsms_pin import scenarios
 from ffsms_pin.browser import open_in_browser
 from ffsms_pin.cli import output
 from ffsms_pin.cli.output import filled, length_text, limit_text, new_table, range_text, say
 from ffsms_pin.errors import InvalidValue, installed
-from ffsms_pin.scenarios import Outcome, Scenario, scenario, summary
+from ffsms_pin.scenarios import Outcome, Scenario, closed_loop, scenario, summary
 from ffsms_pin.scenarios.closed_loop import StageProgress
 from ffsms_pin.scenarios.definition import save_scenario
 
@@ -39,7 +38,7 @@ def run(arguments: argparse.Namespace) -> int:
     errors, figures = Console(stderr=True), not arguments.no_figures
     failure: BaseException | None = None
     with output.results_folder(folder) as staging, output.shown_progress(errors) as progress:
-        outcome = scenarios.run(chosen, progress, folder=folder, allow_outside=arguments.allow_outside)
+        outcome = closed_loop.run(chosen, progress, folder=folder, allow_outside=arguments.allow_outside)
         _save(outcome, staging)
         try:
             numbers = _derive(outcome, staging, figures, progress)

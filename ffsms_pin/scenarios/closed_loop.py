@@ -13,9 +13,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from ffsms_pin import control, opt, simulation
+from ffsms_pin import opt
 from ffsms_pin.capture.visual_replanning import with_client
 from ffsms_pin.checks import FloatArray, instance, optional_callable
+from ffsms_pin.control import LAWS, BaseLaw, Coordinated, JointLaw, MomentumDump
 from ffsms_pin.errors import InvalidScenario, SimulationDiverged, numerical_errors
 from ffsms_pin.files import check_writable, path_like
 from ffsms_pin.identification import Identifier, compared
@@ -26,6 +27,24 @@ from ffsms_pin.scenarios.definition import Scenario
 from ffsms_pin.scenarios.fits import COORDINATED_WITH
 from ffsms_pin.scenarios.keys import DEGREES, radians
 from ffsms_pin.scenarios.tables import BASE_LAWS, NONE_IF_ABSENT
+from ffsms_pin.simulation import (
+    Actuator,
+    Capture,
+    Conditions,
+    Controller,
+    Estimator,
+    Guards,
+    JointFault,
+    JointFriction,
+    Reference,
+    Sensors,
+    Tracking,
+    Wrench,
+    WristSensor,
+    perturb,
+    random_plants,
+    simulate,
+)
 from ffsms_pin.simulation.held import Held
 from ffsms_pin.simulation.setup import checked_events, set_up
 
@@ -60,7 +79,7 @@ def loop_options(scenario: Scenario, sms: SpaceManipulator, q0: FloatArray) -> d
         "q0": q0 if start is None else start,
         "plant": simulated,
         "base_controller": law,
-        "conditions": simulation.Conditions(
+        "conditions": Conditions(
             disturbances=_wrenches(scenario, simulated),
             events=_events(scenario, simulated),
             guards=guards(scenario),
@@ -71,11 +90,11 @@ def loop_options(scenario: Scenario, sms: SpaceManipulator, q0: FloatArray) -> d
 
 # Tables of devices, by the field of `simulation.Conditions`.
 _DEVICES: Mapping[str, type] = {
-    "friction": simulation.JointFriction,
-    "actuator": simulation.Actuator,
-    "sensors": simulation.Sensors,
-    "wrist": simulation.WristSensor,
-    "estimator": simulation.Estimator,
+    "friction": JointFriction,
+    "actuator": Actuator,
+    "sensors": Sensors,
+    "wrist": WristSensor,
+    "estimator": Estimator,
 }
 
 
@@ -89,23 +108,21 @@ def _device(scenario: Scenario, name: str) -> Any:
     return scenario.made(_DEVICES[name], name)
 
 
-def _wrenches(scenario: Scenario, plant: SpaceManipulator) -> tuple[simulation.Wrench, ...]:
+def _wrenches(scenario: Scenario, plant: SpaceManipulator) -> tuple[Wrench, ...]:
     """Return the disturbances."""
     wrenches = []
     for i, row in enumerate(scenario.disturbance, start=1):
         with scenario.named(f"disturbance.{i}"):
-            wrenches.append(simulation.Wrench(**row))
+            wrenches.append(Wrench(**row))
             wrenches[-1].force(plant)
     return tuple(wrenches)
 
 
-def _events(
-    scenario: Scenario, plant: SpaceManipulator
-) -> tuple[simulation.Capture | simulation.JointFault, ...]:
+def _events(scenario: Scenario, plant: SpaceManipulator) -> tuple[Capture | JointFault, ...]:
     """Return the captures of bodies and the joint faults before the end of the run."""
     duration = scenario.duration if scenario.meet is None else np.inf  # a capture ends when the joints rest
     events: list[Any] = []
-    kinds: dict[str, Any] = {"capture": simulation.Capture, "fault": simulation.JointFault}
+    kinds: dict[str, Any] = {"capture": Capture, "fault": JointFault}
     for name, kind in kinds.items():
         for i, row in enumerate(scenario.tables[name], start=1):
             with scenario.named(f"{name}.{i}"):
@@ -113,7 +130,7 @@ def _events(
     return tuple(events)
 
 
-def guards(scenario: Scenario, path: Path | None = None) -> simulation.Guards | None:
+def guards(scenario: Scenario, path: Path | None = None) -> Guards | None:
     """Return the guards of a scenario, which save to `path`; None if [guards] switches them off.
 
     The load limits of the grip are those of [contact.envelope] unless [guards] has them.
@@ -123,7 +140,7 @@ def guards(scenario: Scenario, path: Path | None = None) -> simulation.Guards | 
     if not scenario.guards.get("on", True):
         return None
     missing = {key: value for key, value in bears.items() if key not in scenario.guards}
-    return scenario.made(simulation.Guards, "guards", **missing, path=path)
+    return scenario.made(Guards, "guards", **missing, path=path)
 
 
 def _plant(scenario: Scenario, sms: SpaceManipulator) -> SpaceManipulator:
@@ -131,15 +148,15 @@ def _plant(scenario: Scenario, sms: SpaceManipulator) -> SpaceManipulator:
     simulated = scenario.load_plant(sms) if "model" in scenario.plant else sms
     errors, shares = _without(scenario.plant, "model", "end_effector", "random"), scenario.plant.get("random")
     if errors:
-        simulated = simulation.perturb(simulated, **errors)
+        simulated = perturb(simulated, **errors)
     if shares is not None:
         seed = np.random.default_rng(shares["seed"])
         with scenario.named("plant.random"):
-            (simulated,) = simulation.random_plants(simulated, seed, 1, **_without(shares, "seed"))
+            (simulated,) = random_plants(simulated, seed, 1, **_without(shares, "seed"))
     return simulated
 
 
-def controller(scenario: Scenario, sms: SpaceManipulator) -> control.JointLaw:
+def controller(scenario: Scenario, sms: SpaceManipulator) -> JointLaw:
     """Make the scenario's law, with its gains and torque limits."""
     law = scenario.law
     gains = _without(scenario.control, "law", "dt", "offset", "offset" + DEGREES, "torque_limit")
@@ -149,8 +166,8 @@ def controller(scenario: Scenario, sms: SpaceManipulator) -> control.JointLaw:
         gains.setdefault("adaptive", False)  # friction must not be adapted to a client's load
     with scenario.named("control", "attitude"):
         if law == COORDINATED_WITH and attitude.get("law") == "coordinated":
-            return control.Coordinated(sms, torque_limit=torque_limit, **gains, **_base_options(attitude))
-        return control.LAWS[law](sms, torque_limit=torque_limit, **gains)
+            return Coordinated(sms, torque_limit=torque_limit, **gains, **_base_options(attitude))
+        return LAWS[law](sms, torque_limit=torque_limit, **gains)
 
 
 def control_steps(scenario: Scenario) -> int:
@@ -158,11 +175,11 @@ def control_steps(scenario: Scenario) -> int:
     return max(1, round(scenario.duration / float(scenario.control.get("dt", _CONTROL_STEP))))
 
 
-def base_law(attitude: Mapping[str, Any] | None, sms: SpaceManipulator) -> control.BaseLaw | None:
+def base_law(attitude: Mapping[str, Any] | None, sms: SpaceManipulator) -> BaseLaw | None:
     """Return the base law of [attitude]; None without that table."""
     if attitude is None:
         return None
-    law: control.BaseLaw = BASE_LAWS[attitude.get("law", "quaternion")](sms, **_base_options(attitude))
+    law: BaseLaw = BASE_LAWS[attitude.get("law", "quaternion")](sms, **_base_options(attitude))
     return law
 
 
@@ -172,7 +189,7 @@ def _base_options(attitude: Mapping[str, Any]) -> dict[str, Any]:
     if "attitude" in options:
         options["attitude"] = pin.rpy.rpyToMatrix(np.array(options["attitude"]))
     if attitude.get("dump") is not None:
-        options["dump"] = control.MomentumDump(**attitude["dump"])
+        options["dump"] = MomentumDump(**attitude["dump"])
     return options
 
 
@@ -192,7 +209,7 @@ class Attempt(NamedTuple):
         The time and the reason of a stop; empty for a complete run.
     """
 
-    tracking: simulation.Tracking
+    tracking: Tracking
     stopped: str
 
 
@@ -210,7 +227,7 @@ class ClosedLoop:
         plant: SpaceManipulator = self.options["plant"]
         return plant
 
-    def reference(self, plan: opt.Trajectory) -> simulation.Reference:
+    def reference(self, plan: opt.Trajectory) -> Reference:
         """Return the reference: the plan, or a reference that re-plans in the loop."""
         if not self.scenario.replans:
             return self.plan_once(plan)
@@ -218,7 +235,7 @@ class ClosedLoop:
 
         return replanning(self.scenario, self.sms, plan)
 
-    def plan_once(self, plan: opt.Trajectory) -> simulation.Reference:
+    def plan_once(self, plan: opt.Trajectory) -> Reference:
         """Return the plan followed by rest for the time that the scenario holds the target."""
         scenario = self.scenario
         hold, target = scenario.duration - scenario.arrival, None
@@ -232,17 +249,17 @@ class ClosedLoop:
 
     def run(
         self,
-        reference: simulation.Reference,
-        law: simulation.Controller,
+        reference: Reference,
+        law: Controller,
         progress: Callable[[float], None] | None = None,
-        guards: simulation.Guards | None = None,
-    ) -> simulation.Tracking:
+        guards: Guards | None = None,
+    ) -> Tracking:
         """Follow a reference under a law; `guards` replace those of the scenario."""
         options = guarded(self.options, guards)
-        return simulation.simulate(self.sms, reference, law, progress=progress, **options)
+        return simulate(self.sms, reference, law, progress=progress, **options)
 
 
-def guarded(options: dict[str, Any], guards: simulation.Guards | None) -> dict[str, Any]:
+def guarded(options: dict[str, Any], guards: Guards | None) -> dict[str, Any]:
     """Return keyword arguments of `simulate` with other guards, unchanged if `guards` is None."""
     if guards is None:
         return options
@@ -264,7 +281,7 @@ def prepared(scenario: Scenario, sms: SpaceManipulator, q0: FloatArray) -> Close
     return loop
 
 
-def attempt(run: Callable[[], simulation.Tracking]) -> Attempt:
+def attempt(run: Callable[[], Tracking]) -> Attempt:
     """Run to the end, or to the last finite state."""
     try:
         tracking = run()
@@ -324,9 +341,9 @@ class Outcome:
     scenario: Scenario
     sms: SpaceManipulator
     plant: SpaceManipulator
-    controller: control.JointLaw
+    controller: JointLaw
     trajectory: opt.Trajectory
-    tracking: simulation.Tracking
+    tracking: Tracking
     timing: Timing
     note: str = ""
     open_loop: Attempt | None = None
@@ -396,7 +413,7 @@ def run(
 class Flown(NamedTuple):
     """A followed plan: its recording, and the capture, note and estimates of re-planning if there are any."""
 
-    tracking: simulation.Tracking
+    tracking: Tracking
     capture: Captured | None
     note: str
     learnt: Mapping[str, Any] | None = None
@@ -405,9 +422,9 @@ class Flown(NamedTuple):
 def flown(
     loop: ClosedLoop,
     plan: opt.Trajectory,
-    law: control.JointLaw,
+    law: JointLaw,
     progress: Callable[[float], None] | None = None,
-    guards: simulation.Guards | None = None,
+    guards: Guards | None = None,
     once: bool = False,
 ) -> Flown:
     """Follow a plan under a law, or re-plan if the scenario does; capture the client if there is one.
@@ -446,7 +463,7 @@ def stage(progress: StageProgress | None, name: str) -> Callable[[float], None] 
     return partial(progress, name)
 
 
-def _guarded(scenario: Scenario, folder: Path | None, allow_outside: bool) -> simulation.Guards | None:
+def _guarded(scenario: Scenario, folder: Path | None, allow_outside: bool) -> Guards | None:
     """Return the guards that save the recording; None if they save nothing.
 
     The file is relative to `folder`, by default that of the scenario. If it cannot be written, `ResultError`

@@ -14,7 +14,7 @@ import math
 import re
 import sys
 import textwrap
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from itertools import pairwise
 from types import SimpleNamespace
 from typing import Annotated, Any, Literal, NamedTuple, Union, get_args, get_type_hints
@@ -212,6 +212,11 @@ def table_by(choices: Mapping[str, Any], base: type[Keys]) -> Any:
         units = " or ".join(dict.fromkeys(option.unit.name for option in takers.values()))
         merged[name] = Option(first.kind, dataclasses.replace(first.unit, name=units), default, what)
     return _table(None, base, merged)
+
+
+def by_name(parts: Iterable[Any]) -> dict[str, Any]:
+    """Return terms or limits of the library by their names in a scenario file."""
+    return {part.name.replace(" ", "-"): part for part in parts}
 
 
 def part_tables(

@@ -298,8 +298,8 @@ _LIMITS = (
 )
 
 PACKAGED: Mapping[str, Mapping[str, Any]] = {
-    kind: {made.name.replace(" ", "-"): made for made in rows}
-    for kind, rows in {"term": _TERMS, "limit": _LIMITS}.items()
+    "term": by_name(_TERMS),
+    "limit": by_name(_LIMITS),
 }
 """The packaged terms and limits by their names in a scenario file."""
 
@@ -309,7 +309,10 @@ PARTS: Mapping[str, Mapping[str, type[Keys]]] = part_tables(PACKAGED, own=OwnPar
 
 
 _OF_URDF = dict.fromkeys(("lower", "upper", "velocity", "torque"), "the URDF's")
-_OF_ENVELOPE = {f"contact_{name}": f"[contact.envelope] {name}, else inf" for name in ("force", "torque")}
+_OF_ENVELOPE = {
+    "contact_force": "[contact.envelope] force, else inf",
+    "contact_torque": "[contact.envelope] torque, else inf",
+}
 
 _TABLES: dict[str, Any] = {
     "robot": table_of(load, base=RobotTable),
