@@ -256,7 +256,9 @@ def given_shapes(model: Any, visual: Any, collision: Any) -> tuple[Any, Any] | N
         if shapes is None:
             continue
         if not isinstance(model, pin.Model):
-            raise InvalidValue(name, shapes, "belongs to a pinocchio.Model; a file brings its own shapes")
+            raise InvalidValue(
+                name, shapes, "is allowed only with a pinocchio.Model; a robot file has its own shapes"
+            )
         if not isinstance(shapes, pin.GeometryModel):
             raise InvalidValue(name, shapes, "must be a pinocchio.GeometryModel or None")
         for item in shapes.geometryObjects:

@@ -348,7 +348,9 @@ def _check_bodies(model: Any, layout: JointLayout) -> None:
         distance = math.hypot(*np.array(model.jointPlacements[j].translation).tolist())
         if not distance <= LONGEST:
             message = f"joint '{model.names[j]}' lies {distance:.3g} m from the joint before it"
-            raise InvalidUrdf(model.name, f"{message}; at most {LONGEST:g} m are allowed: check its unit")
+            raise InvalidUrdf(
+                model.name, f"{message}; at most {LONGEST:g} m are allowed: check that lengths are in metres"
+            )
 
 
 def _carried(model: Any, j: int) -> bool:

@@ -208,7 +208,7 @@ class Waypoint(PoseTolerance):
     def timed(self, plan: Trajectory) -> Waypoint:
         """Return the waypoint with the time at which a plan comes nearest, for re-planning."""
         if np.isfinite(self.place.attitude).all():
-            raise InvalidValue("place", self.place, "must be a position; set the `time` of a pose")
+            raise InvalidValue("place", self.place, "must be a position if the waypoint has no `time`")
         distances = np.linalg.norm(plan.end_effector - self.place.position, axis=1)
         return replace(self, time=float(plan.t[int(np.argmin(distances))]))
 
