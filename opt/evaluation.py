@@ -28,7 +28,7 @@ class Rows(NamedTuple):
     lower, upper : ndarray, shape (k,)
         The bounds; +-`UNBOUNDED` if a row has one side only.
     give : float
-        The relaxation of a row per unit of the programme's slack, in the row's unit per metre a second. 0 is
+        The relaxation of a row per unit of the QP's slack, in the row's unit per (m/s). 0 is
         a hard row, for limits that can always be satisfied.
     """
 

@@ -224,9 +224,9 @@ class Rollouts:
     mean_speed: float  # scale of speeds: the mean speed of a straight line to the target
     smoothing: Smoothing = EXACT
     delay: float = 0.0  # [s] the paper pairs the rates at a step's end with a position this much earlier
-    wheels: ReactionWheels | None = None  # those that hold the attitude, if any
+    wheels: ReactionWheels | None = None  # the wheels, if they hold the attitude
     wheel_total: FloatArray = field(default_factory=lambda: np.zeros(0))  # (w,) [N m s], joints at rest
-    thrusters: Thrusters | None = None  # those that hold attitude or position, if any
+    thrusters: Thrusters | None = None  # the thrusters, if they hold attitude or position
     target_on: str = "inertial"  # or "base": the axes of the base link, with which the target moves
     time_offset: float = 0.0  # [s] the motion's start in the times of limits and moving obstacles
     evaluated: ArmValues | None = None  # the arm at the joint positions, if evaluated

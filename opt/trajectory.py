@@ -26,7 +26,7 @@ from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.system.dynamics import MODES
 
 _FORMAT, _JSON = "ffsms-pin trajectory", ("shares", "binding", "broken")
-_SHAPES: dict[str, tuple[str | int, ...]] = {  # of arrays; other fields are single values
+_SHAPES: dict[str, tuple[str | int, ...]] = {  # shapes of arrays; other fields are single values
     "t": ("N+1",),
     "v": ("N+1", "n+6"),
     "q": ("N+1", "nq"),

@@ -32,7 +32,7 @@ class Thrusters:
     """The directions (k, 3) of the forces on the satellite (against the jets), root axes, of any length but
     zero."""
     force: Annotated[PerJointPositive, Unit("N")]
-    """The largest force; one number, or one a thruster."""
+    """The largest force; one number, or one per thruster."""
     least_on_time: Annotated[NotNegative, Unit("s")] = 0.0
     """The shortest pulse, of thrusters that are on or off."""
     proportional: Annotated[bool, Unit()] = False

@@ -43,7 +43,8 @@ class Camera:
     outliers: Annotated[Share, Unit()] = 0.0
     """The share of outliers, whose noise is `outlier_size` times as large, as when markers are confused."""
     outlier_size: Annotated[Positive, Unit()] = 100.0
-    """The factor on the noise of an outlier. The defaults give 0.2 m and half a radian."""
+    """The factor on the noise of an outlier. With the default noise an outlier has a standard deviation of
+    0.2 m and 0.5 rad."""
     dropouts: Annotated[Share, Unit()] = 0.0
     """The share of the measurements that never arrive."""
     hidden: Annotated[Spans, Unit("s", "never")] = ()

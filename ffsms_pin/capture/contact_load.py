@@ -29,7 +29,7 @@ from ffsms_pin.robot.base_motion import advance
 
 __all__ = ["ContactLoad", "contact_load"]
 
-_INSTANTS = 500  # of the contact at which its load is evaluated
+_INSTANTS = 500  # instants of a contact at which the load is evaluated
 DEVIATIONS = 3.0  # standard deviations that are included, here and in the envelope
 
 

@@ -27,7 +27,7 @@ _STEP, _MOST = 0.02, 6000  # [m] displacement of both between two instants, and 
 _LARGEST_TURN = 2.0  # chord of half a turn for a body of unit size
 _ON_THE_WAY = 0.2  # [s] between two evaluated instants of a motion
 _DRAWN, _BEST = 24, 3  # random postures, and the best of them, to which a motion is tried
-_BLENDS = 1.0, 0.75, 0.5, 0.25  # shares of the motion to a posture after which the joints may rest
+_BLENDS = 1.0, 0.75, 0.5, 0.25  # shares of the displacement to a posture, tried in order
 
 
 class ClosestApproach(NamedTuple):

@@ -140,7 +140,7 @@ class ClientEstimate:
     def pushed(
         self, t: float, impulse: FloatArray, turn: FloatArray, noise: tuple[float, float] = (0.0, 0.0)
     ) -> None:
-        """Add an impulse (3,) [N s] and an angular one (3,) about its centre of mass [N m s], at t [s].
+        """Add an impulse [N s] and an angular impulse [N m s] about the centre of mass, (3,) each, at t [s].
 
         Both are in inertial axes. Each axis has a relative standard deviation of a tenth, with a common error
         of all impulses since the last measurement, and additional standard deviations `noise` [N s], [N m s].

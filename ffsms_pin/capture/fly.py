@@ -159,7 +159,7 @@ def _values(made: Any) -> dict[str, Any]:
 
 
 def _control(control: Any) -> Control:
-    """Return the laws of `control`."""
+    """Return `control` as a `Control`; None gives the default laws."""
     if control is None:
         return Control()
     if isinstance(control, Control):
@@ -174,7 +174,7 @@ client, as control=ComputedTorque or control=lambda robot: ComputedTorque(robot,
 
 
 def _replan(replan: Any, sees: bool) -> Replan | None:
-    """Return the options of re-planning; None for a plan that is made once."""
+    """Return the options of re-planning; None if the initial plan is followed."""
     if replan is None:
         replan = sees
     checks.instance("replan", replan, (opt.ReplanOptions, bool))

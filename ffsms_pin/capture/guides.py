@@ -17,7 +17,7 @@ from ffsms_pin.geometry.convex_parts import hull_of
 
 _SIZES = 1e-4, 100.0  # [m] least and greatest size; qhull fails on far flatter shapes
 _NARROW = 0.75  # share of a cone's length beyond which a probe may come nearer to it than the clearance
-_MOST_SIDES = 360  # sides of a polygon, one a degree
+_MOST_SIDES = 360  # sides of a polygon, one per degree
 
 
 class Scene(NamedTuple):

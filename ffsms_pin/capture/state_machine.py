@@ -51,15 +51,15 @@ from ffsms_pin.system.dynamics import centroidal
 
 # The laws of a robot's joints and, if there is one, of its base.
 Laws = Callable[[SpaceManipulator], tuple[JointLaw, BaseLaw | None]]
-# A function from a configuration (nq,) and a `client`, with time zero now, to the planning problem.
+# A function that returns the planning problem from a configuration (nq,) and a `client`; now is time zero.
 Again = Callable[..., Problem]
 
 _LOOK_BACK = 1.0  # [s] over which the momentum is averaged before another plan
 _LONGEST_BRAKING = 160.0  # [s] `departure` takes motions of up to two minutes, times a last factor
 _LEAST_CLOSING = 1.0  # [s] latest decision before the deadline, because a gripper has to open, too
 _LOOK = 0.2  # [s] between two checks of uncertainty and end effector in the corridor
-_AHEAD, _PATH = 3.0, 0.5  # [s] span of the collision check ahead, and between two checks
-_COARSE, _FINE = 0.25, 0.05  # [s] steps of that span, for distances, and for its final state
+_AHEAD, _PATH = 3.0, 0.5  # [s] span of the collision check ahead, and time between two checks
+_COARSE, _FINE = 0.25, 0.05  # [s] time steps ahead, for distances and for the final state
 _LOST = 0.5  # [s] for which a miss may be predicted before an abort: re-planning corrects most of them
 _MOVED = 0.01  # [m] least displacement of a grasp that a reason mentions
 _DARK = 1.0  # [s] without a measurement after which a camera is called dark

@@ -64,7 +64,7 @@ class TumblingSpin:
     rate: float  # M lambda [1/s]
     steady: float  # M a_z, the factor of the time in the phase [rad/s]
     extra: float  # (e - a_z) / lambda, the factor of the integral in the phase [rad]
-    integral: PeriodicIntegral  # of 1 / (1 + Z dn)
+    integral: PeriodicIntegral  # the integral of 1 / (1 + Z dn)
 
     def __call__(self, t: FloatArray) -> FloatArray:
         """Return the attitudes (K, 3, 3) at times (K,) [s]."""
@@ -181,7 +181,7 @@ class PeriodicIntegral:
 
     mean: float
     wave_number: float  # pi / K
-    amplitudes: FloatArray  # of sin(n wave_number u), n = 1..m
+    amplitudes: FloatArray  # the amplitudes of sin(n wave_number u), n = 1..m
 
     @classmethod
     def of(cls, function: Callable[[FloatArray], FloatArray], k1: float) -> PeriodicIntegral:

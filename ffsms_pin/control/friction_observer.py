@@ -59,7 +59,7 @@ class FrictionObserver:
         self._data = sms.model.createData()
         self._quick, self._slow = -math.expm1(-dt / _SMOOTHING), -math.expm1(-dt / _WINDOW)
         self._smooth = np.zeros((3, sms.n))  # w, s and qdd
-        self._means = np.zeros((3, 3, sms.n))  # of their products
+        self._means = np.zeros((3, 3, sms.n))  # means of the products of w, s and qdd
         self._filled = 0.0  # measured share of the averages
         self._last: tuple[FloatArray, FloatArray, FloatArray] | None = None
 

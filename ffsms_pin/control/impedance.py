@@ -59,9 +59,10 @@ class Impedance(_Compliant):
     tau = J_star^T f - k wound - D qd_e + H_q qdd_d + C qd_d + friction(qd_d)
 
     f is the wrench of a spring between the end effector's pose and that of the desired joints, both rolled
-    out from the same base (see docs/contact.md), and k the stiffness of the joints in the end effector's
-    nullspace. D gives every mode of the arm with its springs one damping ratio. The arm keeps its natural
-    inertia, so no force sensor is needed. The friction of the joints is that of the robot's file.
+    out from the same base (see docs/contact.md). In the end effector's nullspace, wound is the displacement
+    of the joints from the desired ones, and k its stiffness. D gives every mode of the arm with its springs
+    one damping ratio. The arm keeps its natural inertia, so no force sensor is needed. The friction of the
+    joints is that of the robot's file.
 
     Proof, for desired joints at rest: V = T + U, the whole system's kinetic energy and that of the springs,
     has dV/dt = P - qd^T D qd, where P is the power of all external forces. That holds with any momentum, and
@@ -76,7 +77,7 @@ class Impedance(_Compliant):
     robots" (2008); J_star: Y. Umetani and K. Yoshida (1989).
 
     The law is stateful, because it integrates the two motions: call `reset` before another run (`simulate`
-    does), and `torque` once a control step. Each thread has a state of its own.
+    does), and `torque` once per control step. Each thread has a state of its own.
 
     Parameters
     ----------
@@ -155,9 +156,9 @@ class Admittance(_Compliant):
 
     F is the measured wrench, F_s the same through a low pass as slow as the inner law; f and k are the
     springs of `Impedance`, between the commanded and the desired joints. D gives every mode one damping
-    ratio. The displacement is integrated in joint space: a tenth of the arm's own inertia keeps M invertible
-    where J_star is singular, as damping does in its inverse. Computed torque tracks the commanded
-    joints; F_s compensates the load at rest.
+    ratio. The displacement `way` of the joints is integrated in joint space: a tenth of the arm's own inertia
+    keeps M invertible where J_star is singular, as damping does in its inverse. Computed torque tracks the
+    commanded joints; F_s compensates the load at rest.
 
     The virtual mass is passive for the measured F. The closed loop is not, because F is delayed and the inner
     law is stiff. A wall of k_w [N/m] measured with a delay `late` reduces the damping by k_w late: keep that

@@ -23,7 +23,7 @@ _WINDOWS = 24  # number of windows
 _NOISE = 8.0  # times the noise of a window: least motion for a comparison
 _AGREES = 0.2  # allowed difference of positions and integrated velocities, as a share of the motion
 _FARTHEST = 3.0  # times the sum of one radian and the position limit: largest accepted position
-_FASTEST = 10.0  # times the rate limit: largest accepted rate, above that of an impact, below that of degrees
+_FASTEST = 10.0  # times the rate limit: largest accepted rate; impacts are below it, rates in degrees above
 _DEGREES = 180.0 / np.pi
 
 

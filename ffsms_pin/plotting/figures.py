@@ -91,7 +91,7 @@ def figure(outcome: Outcome, name: str) -> Figure:
     if not panels:
         return plot_capture(outcome) if name == "capture" else _motion(outcome)
     if name == "tracking-torques" and outcome.capture is not None:
-        panels = panels[1:]  # "capture" has the distance
+        panels = panels[1:]  # the figure "capture" shows the distance
     if name == "wheels" and "base-angular" in figure_names(outcome):
         panels = panels[:-1]  # the last panel would show the same
     result, axes = stack(len(panels))

@@ -19,7 +19,7 @@ from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.simulation import Tracking
 
 _LISTED = 4  # names in the label of lines that coincide
-_SAME = 0.02  # of the largest planned value: lines that differ by less are drawn once
+_SAME = 0.02  # share of the largest planned value: lines that differ by less are drawn once
 _NEAR_LIMIT = 0.1  # share of a joint's range: a limit is drawn if a position comes nearer
 _STILL, _ALIKE = 1e-6, 1e-3  # shares of the largest momentum: a wheel at rest, equal wheels
 _UNITS = np.repeat([1e3, 180.0 / np.pi], 3)  # from [m; rad] to [mm; deg]
@@ -370,7 +370,7 @@ def plot_tracked_position_error(
 ) -> Axes:
     """Plot the distance from the simulated end effector to the target.
 
-    `open_loop` is the flight of the plan made once, if the motion was re-planned in the loop.
+    `open_loop` is the flight of the initial plan, if the motion was re-planned in the loop.
     """
     label = "distance to target [m]"
     if open_loop is None:

@@ -177,12 +177,12 @@ def spinning(robot: ElementTree.Element, names: Collection[str]) -> list[str]:
 
 
 def taken_out(urdf: UrdfFile, names: Sequence[str]) -> tuple[UrdfFile, ReactionWheels | None]:
-    """Return the robot with these joints fixed, so that the base has their masses, and the wheels, if any.
+    """Fix the joints `names`, and return the robot and the wheels of these joints; None if there are none.
 
-    Spin inertia, axis, largest torque (the effort limit) and friction are those of the file; the largest
-    momentum is that at the velocity limit. Raises `InvalidValue` if a name is not a joint of the file, and
-    `UnsupportedJoint` if a joint is not continuous, is not on the base, carries another joint, or has a link
-    that is not balanced and symmetric about its axis.
+    The base's mass includes the wheels. Spin inertia, axis, largest torque (the effort limit) and friction
+    are those of the file; the largest momentum is that at the velocity limit. Raises `InvalidValue` if a name
+    is not a joint of the file, and `UnsupportedJoint` if a joint is not continuous, is not on the base,
+    carries another joint, or has a link that is not balanced and symmetric about its axis.
     """
     if not names:
         return urdf, None

@@ -231,7 +231,7 @@ class ClosedLoop:
         """Return the reference: the plan, or a reference that re-plans in the loop."""
         if not self.scenario.replans:
             return self.plan_once(plan)
-        from ffsms_pin.scenarios.replanning import replanning  # not needed by a plan made once
+        from ffsms_pin.scenarios.replanning import replanning  # only for re-planning
 
         return replanning(self.scenario, self.sms, plan)
 
@@ -331,7 +331,7 @@ class Outcome:
     note : str
         The failures of re-planning, as reported by the reference; else empty.
     open_loop : Attempt, optional
-        The plan made once, followed under the same conditions, if the motion was re-planned.
+        The initial plan, followed under the same conditions, if the motion was re-planned.
     capture : Captured, optional
         The result of a capture, if the scenario has one.
     learnt : mapping, optional

@@ -317,7 +317,7 @@ _OF_ENVELOPE = {
 _TABLES: dict[str, Any] = {
     "robot": table_of(load, base=RobotTable),
     "start": StartTable,
-    "target": table_of(opt.Pose, base=TargetTable, omit=("reach",)),  # [plan] has the reach
+    "target": table_of(opt.Pose, base=TargetTable, omit=("reach",)),  # `reach` is a key of [plan]
     "also": list[table_of(opt.Pose, base=AlsoTable)],  # type: ignore[misc]  # made here
     "via": list[table_of(opt.Waypoint, base=PlaceTable, defaults={"name": '"via 1", ...'})],  # type: ignore[misc]
     "path": table_of(opt.Path, base=PathTable, defaults={"free_axis": "none; with `faces` [0, 0, 1]"}),

@@ -95,7 +95,7 @@ class RunningEstimator:
 
         In the measured `q` and `v` the base is delayed, the joints are not. `tau` (n,) [N m] are the torques
         since the last call, ignored at the first one. `spinning` (3,) is the present momentum of the wheels
-        in root axes [N m s], which base and arm do not have.
+        in root axes [N m s], which is not part of the momentum of base and arm.
         """
         before, self._spinning = self._spinning, np.zeros(3) if spinning is None else spinning
         if tau is None or not self._modelled:
@@ -129,7 +129,7 @@ class RunningEstimator:
         return -over_base(M, momentum)
 
     def _filter_joints(self, q: FloatArray, v: FloatArray, tau: FloatArray, taken: FloatArray) -> None:
-        """Filter the joints with their torques and the momentum (3,) absorbed by the wheels."""
+        """Predict the joints from `tau` and from the wheels' change of momentum, and correct by q and v."""
         sms, dt = self._sms, self._dt
         before, velocity, force = q.copy(), np.empty(sms.nv), np.zeros(sms.nv)
         sms.layout.set_positions(before, self._joints)

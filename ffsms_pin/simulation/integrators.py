@@ -230,7 +230,7 @@ def _second_order(
         M = pin.crba(model, data, middle).copy()
         m = M @ u
         half = 0.5 * h * ((pin.computeCoriolisMatrix(model, data, middle, u).T @ u) + force)
-        # Equations at the start, in body axes there; the force is at the middle, half a step away.
+        # The balance is in body axes at the start; the force acts at the middle, half a step later.
         residual = start - m + half
         for b in free:
             half[b] = 0.5 * h * force[b]

@@ -213,7 +213,10 @@ class World:
         parts: int,
         integrate: Integrator,
     ) -> Step:
-        """Return the full state after a step in equal substeps, and the work done; add to `impulse`."""
+        """Take a step in `parts` equal substeps, and return the full state and the work done.
+
+        The impulse of external forces is added to `self.impulse`.
+        """
         work, h, impulse = 0.0, dt / parts, self.impulse
         pushed = bool(self._forces) or self.base.thrusters is not None
         for k in range(parts):

@@ -44,7 +44,7 @@ _PARTS = {
     "inertial": {"origin", "mass", "inertia"},
 }
 _TURNS, _MOST_DEGREES = 25.2, 720.0  # [rad] four turns; a larger number of degrees means "no limit"
-_SHARE = 1.0 / 3.0  # of the total mass: a satellite has more, the foot of an arm has less
+_SHARE = 1.0 / 3.0  # share of the total mass: a satellite has more, the foot of an arm has less
 _MOST_NAMES = 6  # names listed in a sentence
 _UNITS = {"velocity": "rad/s", "effort": "N m"}
 _LIMITED = {"revolute", "prismatic"}

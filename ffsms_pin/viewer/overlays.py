@@ -150,7 +150,7 @@ def clearance_layer(stage: Stage, sms: SpaceManipulator) -> Show:
 
 
 def limit_usage(sms: SpaceManipulator, q: FloatArray, v: FloatArray) -> FloatArray:
-    """Return the share (n,) of each joint's limits that is used, 0 to 1: of position, or of rate."""
+    """Return the larger used share (n,) of each joint's position range and rate limit, 0 to 1."""
     limits = sms.limits
     with np.errstate(invalid="ignore"):  # a continuous joint has infinite limits
         middle, half = 0.5 * (limits.lower + limits.upper), 0.5 * (limits.upper - limits.lower)

@@ -220,8 +220,8 @@ def deadzone(x: Variable, allowed: float, firm: bool = False) -> Variable:
 
 
 REACH = 0.02  # [m] the paper's r_th
-ORIENTATION_REACH = 0.02  # [rad] ours: about a degree, r_th at an arm of one metre
-TOLERANCE = 1e-3  # [m, rad, m/s, rad/s] ours, at the deadline: a twentieth of r_th
+ORIENTATION_REACH = 0.02  # [rad] about a degree, r_th at an arm of one metre; not from the paper
+TOLERANCE = 1e-3  # [m, rad, m/s, rad/s] at the deadline, a twentieth of r_th; not from the paper
 _REACHES = ("tolerance", "reach", "orientation_reach")
 _PLACES = "a position (3,) [m], a pinocchio.SE3 or a homogeneous matrix (4, 4)"
 GOALS = f"{_PLACES}, a function of time [s] that gives one, or a goal such as opt.Pose"
@@ -416,10 +416,10 @@ class Moving(Goal):
 
 @dataclass(frozen=True, eq=False)
 class Changed(Goal):
-    """A goal of solvers with the places of another goal, transformed or `time_offset` seconds later.
+    """A goal that solvers derive from another goal, by transforming it or shifting it by `time_offset` [s].
 
-    `change` maps a place of the other goal, or a stack of places, to the place of this one. All fields that
-    are not given are those of the other goal.
+    `change` maps a place of the other goal, or a stack of places, to the place of this goal. Fields that are
+    not given have the values of the other goal.
     """
 
     goal: Goal
@@ -435,11 +435,11 @@ class Changed(Goal):
             object.__setattr__(self, name, getattr(self.goal, name))
 
     def place(self, t: float) -> Place:
-        """Return the other goal's place, `time_offset` seconds later, transformed."""
+        """Return the transformed place of the other goal at t + `time_offset` [s]."""
         return self._changed(self.goal.place(t + self.time_offset))
 
     def places(self, times: FloatArray) -> Place:
-        """Return the other goal's places, later and transformed."""
+        """Return the transformed places of the other goal at `times` + `time_offset` [s]."""
         return self._changed(self.goal.places(times + self.time_offset))
 
     def approach(self, duration: float) -> list[tuple[float, Place]]:

@@ -92,9 +92,9 @@ class Path(Goal):
     """The position tolerance of a flown motion on the path."""
     orientation_reach: Annotated[Positive, Angle("rad")] = 0.05
     """The attitude tolerance of a flown motion on a path of poses."""
-    duration: float | None = None  # of the motion [s]; set by a problem, with the start pose
-    begin: Any = None  # (pinocchio.SE3) in the path's axes
-    law: TimeLaw | None = None  # of a geometric curve, set by the planner; default: constant speed
+    duration: float | None = None  # [s] of the motion; a problem sets it together with `begin`
+    begin: Any = None  # the end effector's start pose (pinocchio.SE3) in the path's axes
+    law: TimeLaw | None = None  # time law of a geometric curve, set by the planner; default: constant speed
     moves: ClassVar[bool] = True
     coupled: ClassVar[bool] = False  # the path determines the motion
 
@@ -377,7 +377,7 @@ class PathErrors(NamedTuple):
     distance: FloatArray  # (N + 1,) the largest error within half a step of each node [m]
     angle: FloatArray  # (N + 1,) [rad]
     excess: float  # over the tolerances, as a length [m]
-    note: str  # of the largest error
+    note: str  # a text about the largest error
 
 
 def path_errors(problem: Problem, rates: FloatArray) -> PathErrors:

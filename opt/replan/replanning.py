@@ -302,10 +302,11 @@ class Replanning(Observer):
         self._renew_stepper()
 
     def _stepped(self, q: FloatArray, plan: JointPlan, goal: Goal) -> tuple[FloatArray, bool]:
-        """Return joint rates (n,) at the next step's end, along the plan or to the goal, and true if solved.
+        """Return joint rates (n,) at the next step's end, and whether the step was solved.
 
-        A plan within the limits is followed exactly, because the limits of single steps brake long before
-        they are reached, without a preview, and would lead away from the plan.
+        The rates follow the plan or lead to the goal. A plan within the limits is followed exactly. A QP of a
+        single step has no preview, so its limits brake long before they are reached, and the motion would
+        leave the plan.
         """
         dt, now, options = self.problem.dt, self._now, self.options
         left, rotation, wanted = self.problem.duration - now, None, None

@@ -289,7 +289,7 @@ class RestPlanner:
         elif last is not None and not good and now >= self._next_search:
             self._next_search = again
             other = self._searched_again(rest, now, joints, plan)
-            if other is not plan:  # it, too, begins with the commanded state
+            if other is not plan:  # `other`, too, begins with the commanded state
                 plan = replanned(rest, now, joints, other, options, accelerations, self.noisy)
                 plan = plan if plan.good(options.arrived_miss) else other
         self.current, self.made, self.computing_time = plan, now, time.perf_counter() - begun

@@ -160,7 +160,7 @@ def _slowing(bounds: RobotLimits) -> float:
 
 
 def _solved(factor: FloatArray, right: FloatArray) -> FloatArray:
-    """Return the solution x (M,) of U^T U x = right."""
+    """Return the solution x (M,) of U^T U x = right, with the Cholesky factor U."""
     return kernel.solve_upper(factor, kernel.solve_lower(factor, right[:, None])[:, 0])
 
 

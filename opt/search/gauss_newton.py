@@ -430,7 +430,7 @@ def prefer_limits(motion: Candidates) -> Candidates:
 
 
 def arrival_error(goal: Goal, plan: Trajectory) -> float:
-    """Return the largest error at the deadline [m, rad], and of desired velocities [m/s, rad/s]."""
+    """Return the largest error of the pose [m, rad] and of a desired twist [m/s, rad/s] at the deadline."""
     last = float(plan.position_error[-1]), float(plan.orientation_error[-1])
     return float(end_errors(goal, *last, plan.contact_velocity, plan.duration).max())
 

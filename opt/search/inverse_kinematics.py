@@ -49,7 +49,7 @@ class JointGoals(NamedTuple):
     distance: FloatArray
 
     def near(self, problem: Problem, radius: float = 0.05) -> FloatArray:
-        """Return the goals whose straight moves end within a radius, in arm lengths, of the target."""
+        """Return the goals whose straight moves end within `radius` arm lengths of the target."""
         return self.joints[self.distance <= radius * problem.stack.length]
 
     def arrived(self, problem: Problem) -> FloatArray:
@@ -104,8 +104,8 @@ def joint_goals(problem: Problem, joints: FloatArray) -> JointGoals:
     inset = np.where(problem.free, 0.0025 * (high - low), 0.0)
     much = 0.5  # [rad or m] the largest step of a joint, and base rotations that require exact slopes
     goals = np.where(problem.free, joints, start)
-    # Of the moves that arrive, those with little base rotation are preferred, except for the rest of a
-    # motion, whose base has rotated before.
+    # With a limit on the attitude, prefer arriving moves with little base rotation. The rest of a motion is
+    # an exception, because its base has rotated before.
     steady = problem.base_start is None and any(limit.holds_attitude for limit in problem.limits)
     exact = False
     path_turning: FloatArray | None
@@ -125,8 +125,8 @@ def joint_goals(problem: Problem, joints: FloatArray) -> JointGoals:
         if k == iterations - 1 or (k >= 5 and np.median(distance) < 1e-3 * arm.length):
             break
         J = columns.transpose(2, 0, 1) * problem.free
-        # Within a tenth of the arm's length the damping is reduced, for fast convergence also to nearly
-        # singular ends.
+        # Closer to the target than a tenth of the arm's length, the damping is reduced, so that nearly
+        # singular ends converge fast, too.
         near = np.clip(np.sqrt(dot(error, error)) / (0.1 * arm.length), 1e-4, 1.0)
         step = least_squares(J, error.T, _DAMPING * (arm.length * near)[:, None, None] ** 2)
         step *= np.minimum(1.0, much / np.maximum(np.abs(step).max(axis=1), 1e-9))[:, None]

@@ -44,7 +44,7 @@ if TYPE_CHECKING:
 
 _GAIN = 5.0  # [1/s] feedback gain of errors
 _LEVER = 0.3  # [m] lever at which an angular velocity is weighted as a velocity
-_DAMPING = 1e-7  # of the squares of joint rates, relative to those of velocities, near a singular posture
+_DAMPING = 1e-7  # weight of squared joint rates relative to squared velocities, near a singular posture
 _RETURN = 2.0  # [1/s] gain of redundant motion towards the preferred one
 
 

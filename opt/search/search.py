@@ -337,7 +337,7 @@ def within_limits(search: Search) -> None:
 def marches(search: Search) -> None:
     """Try rollouts of the paper's step, if they may have a lower cost or less travel than the plan."""
     problem = search.problem
-    # If C~ exceeds max(0, cos(theta_a)) by more, a rollout spirals.
+    # C~ exceeds max(0, cos(theta_a)) by up to log(2) / kappa. If that is 0.2 or more, rollouts spiral.
     wide = math.log(2.0) / problem.kappa >= 0.2
     if wide or not problem.cost_terms or problem.mode != "floating" or not _can_march(problem):
         return

@@ -23,7 +23,8 @@ from ffsms_pin.opt.rollouts import ARRIVAL_SHARE
 class Grid(NamedTuple):
     """The resolution of a spline: intervals before and after 0.9 T, and Gauss points in each.
 
-    Each late interval has half the length of the last one, as the remaining distance decreases likewise.
+    Each late interval has half the length of the previous one, because the remaining distance decreases
+    in the same way.
     """
 
     intervals: int
@@ -99,9 +100,9 @@ class RateSpline:
     def around(self, dt: float, rates: FloatArray) -> RateSpline:
         """Return the spline of a change of rates (N + 1, n) at nodes `dt` [s] apart, linear between.
 
-        A change begins with zero rate and acceleration; zero control points are no change. For control points
-        of rates, accelerations and positions the result has the least and the greatest values (2, k, n) of
-        the motion on the support of each point, with which rows keep the limits.
+        A change begins with zero rate and acceleration; zero control points are no change. The result also
+        has the motion's least and greatest rates, accelerations and positions (2, k, n) on the support of
+        each control point, which the rows of the limits use.
         """
         slopes = np.diff(rates, axis=0) / dt
         places = np.vstack([np.zeros_like(rates[:1]), np.cumsum(0.5 * dt * (rates[1:] + rates[:-1]), axis=0)])

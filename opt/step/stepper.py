@@ -178,7 +178,7 @@ def new_solver(variables: int, rows: int) -> Any:
     # Far below that curvature, because each iteration reduces the error to about regularisation / curvature
     # of it.
     settings.default_rho = 1e-8
-    # A few iterations are usual. A programme with this number has failed, within milliseconds.
+    # A few iterations are usual. A QP that reaches this number has failed, and has taken milliseconds.
     settings.max_iter = settings.max_iter_in = 40
     settings.initial_guess = proxqp.InitialGuess.WARM_START
     return qp
