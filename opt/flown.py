@@ -166,9 +166,9 @@ def judge(
 
     The goal and the goals of other frames are checked at the last row, within the reaches of
     `Trajectory.reached` for the last tenth. A goal with `Goal.exact` is checked at the deadline within its
-    tolerance, velocities included; other required velocities are checked there within the reaches a second. A
-    path is checked at all times within these reaches, a waypoint at its time or at the nearest point of the
-    motion, base limits and wheel momenta at all times.
+    tolerance, velocities included; for other goals a required velocity at the deadline may deviate by the
+    reaches per second. A path is checked at all times within these reaches, a waypoint at its time or at the
+    nearest point of the motion, base limits and wheel momenta at all times.
 
     Parameters
     ----------

@@ -53,7 +53,7 @@ def default_terms(
     Parameters
     ----------
     kappa : float
-        Sharpness of the paper's C~, see `opt.Coupling`. Ours: close to max(0, cos(theta_a)).
+        Sharpness of the paper's C~, see `opt.Coupling`. By default C~ is close to max(0, cos(theta_a)).
     effort : float, optional
         Weight on joint travel, see `opt.Effort`; for "horizon".
     base : float
@@ -97,8 +97,8 @@ class Problem:
         The desired pose of the end effector at the deadline, inertial axes: a position [m], a pose, a
         function of time [s] that returns either, or an `opt.Position`, `opt.Pose`, `opt.Moving`, `opt.Meet`.
     duration : float
-        Time to the deadline [s]; the paper states none. Ours: 1.5 to 3 times the least time under the joint
-        limits in the paper's cases.
+        Time to the deadline [s]; the paper states none. Its cases are planned here with 1.5 to 3 times the
+        least time under the joint limits.
     dt : float
         Step of the finished motion [s], rounded so that the duration is a whole number of steps.
     terms : sequence of Term, optional

@@ -1,4 +1,4 @@
-"""Captures: a servicer meets a free client, takes hold of it and brakes both, in one closed loop."""
+"""Captures: a servicer meets a free client, grasps it and brakes both, in one closed loop."""
 
 from ffsms_pin.capture.braking import Braking, brake
 from ffsms_pin.capture.camera import Camera, measured

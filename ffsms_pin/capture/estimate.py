@@ -2,7 +2,7 @@
 
 No force acts on a free body, so its initial state determines its motion. The estimated errors are those of
 position and velocity and, in body axes, of the attitude theta and the angular velocity w. With an inertia I,
-its error dI, and a = w' = I^-1 (I w x w) the latter evolve as
+its error dI, and a = w' = I^-1 (I w x w) the errors of attitude and angular velocity evolve as
 
     theta' = dw - w x theta,    dw' = I^-1 (I dw x w + I w x dw + dI w x w - dI a),
 

@@ -11,16 +11,16 @@ m never comes near -z. With A chosen so, the phase follows from omega . (m + z) 
     psi = M a_z t + M (e - a_z) int dt / (1 + Z dn u),     e = 2 (energy) / M^2.
 
 The integrand is smooth and periodic, so its Fourier series gives the integral to rounding. SciPy's elliptic
-functions take the parameter k^2, which near 1 has no digits left to distinguish motions; ours take k' =
-sqrt(1 - k^2).
+functions take the parameter k^2, which near 1 cannot resolve the difference between motions, so the functions
+below take k' = sqrt(1 - k^2).
 
 Errors are rounding, some 1e-16 times the angle of rotation, except after a departure from the unstable
 intermediate axis, which magnifies them.
 
-References: L. D. Landau, E. M. Lifshitz, "Mechanics", section 37 (m); the phase in these axes is our own
-derivation, beside R. van Zon, J. Schofield, "Numerical implementation of the exact dynamics of free rigid
-bodies", Journal of Computational Physics 225 (2007), who take Euler's angles. NIST Digital Library of
-Mathematical Functions, 22.20(ii) (arithmetic-geometric mean), 19.25 (Legendre's integrals by Carlson's).
+References: L. D. Landau, E. M. Lifshitz, "Mechanics", section 37 (m); the phase in these axes is derived
+here; compare R. van Zon, J. Schofield, "Numerical implementation of the exact dynamics of free rigid bodies",
+Journal of Computational Physics 225 (2007), who take Euler's angles. NIST Digital Library of Mathematical
+Functions, 22.20(ii) (arithmetic-geometric mean), 19.25 (Legendre's integrals by Carlson's).
 """
 
 from __future__ import annotations

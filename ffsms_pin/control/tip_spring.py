@@ -126,7 +126,10 @@ class TipSpring:
         self._most = self.force_limit / float(np.sqrt(self.stiffness.max()))
 
     def pull(self, sms: SpaceManipulator, now: Apart, wanted: Any = None) -> Pull:
-        """Return the pull on the first motion's joints; `wanted` (pinocchio.SE3) replaces the second."""
+        """Return the effect of the spring on the joints of `now.first`.
+
+        `wanted` (pinocchio.SE3) replaces the pose of `now.second`.
+        """
         first, second = now.first, now.second
         if wanted is None:
             place = first.com + now.turn @ (second.pose.translation - second.com)

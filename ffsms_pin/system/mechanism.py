@@ -393,8 +393,8 @@ def scratch(robot: Mechanism) -> Any:
 def last_frames(model: Any, chosen: int | None = None) -> list[str]:
     """Return the names of the last frames of the arms, which are on joints that carry no other joint.
 
-    Of several frames on one joint the `chosen` frame is returned, else the frame with a tool's name, else all
-    of them.
+    If a joint has several frames, the `chosen` frame is returned, else the frame with a tool's name, else all
+    frames.
     """
     carriers = set(model.parents)
     onward = {frame.parentFrame for frame in model.frames}

@@ -278,7 +278,7 @@ def inertial_place(value: Any, name: str, kinds: str = _STANDING) -> Place:
 
 
 class GoalErrors(NamedTuple):
-    """The judgement of a finished motion by its goal."""
+    """The errors of a finished motion relative to its goal."""
 
     distance: FloatArray  # (N + 1,) from the desired position at the nodes [m]
     angle: FloatArray  # (N + 1,) from the desired attitude at the nodes [rad]
@@ -288,7 +288,7 @@ class GoalErrors(NamedTuple):
 
 
 def verdict(goal: Goal, motion: Rollouts) -> GoalErrors:
-    """Judge a motion at its nodes and the middles between by its goal."""
+    """Return the errors of a motion relative to its goal, evaluated at nodes and midpoints."""
     m, place, last = Variables(motion), goal.place(motion.duration), motion.last
     places = goal.places(motion.times)
     missed = places.pose_error(m.frame("tip", places.on))

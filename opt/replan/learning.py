@@ -28,7 +28,7 @@ class Learner(Protocol):
     def update(
         self, t: float, q: FloatArray, v: FloatArray, wheel_momentum: FloatArray | None = None
     ) -> bool | None:
-        """Add a measured state at t [s]; return True if it is that of another robot, as after a capture."""
+        """Add a measured state at t [s]; return True if the robot has changed, for example by a capture."""
         ...
 
     def pushed(self) -> None:
@@ -102,7 +102,7 @@ class ScaleFactors:
     def update(
         self, t: float, q: FloatArray, v: FloatArray, wheel_momentum: FloatArray | None = None
     ) -> bool:
-        """Add a measured state; return whether it is that of another robot.
+        """Add a measured state; return whether the robot has changed.
 
         The time and the wheels are ignored, because only the linear momentum is used if they hold the
         attitude.

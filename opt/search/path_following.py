@@ -204,14 +204,14 @@ def _locked_weight(problem: Problem) -> FloatArray | None:
 
 
 class _Middle(NamedTuple):
-    """A pull towards the middle of the joints' ranges, for joints with position limits."""
+    """The preferred rates towards the middle of the joints' ranges, for joints with position limits."""
 
     middle: FloatArray  # (n,)
     half: FloatArray  # (n,) half of the range; infinite without limits
 
     @classmethod
     def of(cls, lower: FloatArray, upper: FloatArray) -> _Middle:
-        """Return the pull for ranges from lower (n,) to upper (n,)."""
+        """Return the preference for ranges from lower (n,) to upper (n,)."""
         ends = np.isfinite(upper - lower)
         middle = np.where(ends, 0.5 * (lower + upper), 0.0)
         return cls(middle, np.where(ends, 0.5 * (upper - lower), np.inf))

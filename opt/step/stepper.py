@@ -175,8 +175,8 @@ def new_solver(variables: int, rows: int) -> Any:
     qp = dense.QP(variables, 0, rows, dense_backend=dense.DenseBackend.PrimalDualLDLT)
     settings = qp.settings
     settings.eps_abs, settings.eps_rel = _TOLERANCE, 0.0
-    # Far below that curvature, because each iteration reduces the error to about regularisation / curvature
-    # of it.
+    # Far below that curvature, because each iteration multiplies the error by about
+    # regularisation / curvature.
     settings.default_rho = 1e-8
     # A few iterations are usual. A QP that reaches this number has failed, and has taken milliseconds.
     settings.max_iter = settings.max_iter_in = 40
