@@ -28,7 +28,7 @@ def run_numbers(scenario: Scenario, once: bool = False, files: str = "") -> dict
     ----------
     scenario : Scenario
     once : bool
-        True to follow the initial plan even if the scenario re-plans.
+        True to follow the plan made once even if the scenario re-plans.
     files : str
         A hash of the scenario's files; runs with equal planning inputs share one plan.
     """

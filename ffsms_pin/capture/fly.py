@@ -174,7 +174,7 @@ client, as control=ComputedTorque or control=lambda robot: ComputedTorque(robot,
 
 
 def _replan(replan: Any, sees: bool) -> Replan | None:
-    """Return the options of re-planning; None if the initial plan is followed."""
+    """Return the options of re-planning; None if the plan is made once."""
     if replan is None:
         replan = sees
     checks.instance("replan", replan, (opt.ReplanOptions, bool))

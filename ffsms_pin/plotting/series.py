@@ -370,7 +370,7 @@ def plot_tracked_position_error(
 ) -> Axes:
     """Plot the distance from the simulated end effector to the target.
 
-    `open_loop` is the flight of the initial plan, if the motion was re-planned in the loop.
+    `open_loop` is the flight of the plan made once, if the motion was re-planned in the loop.
     """
     label = "distance to target [m]"
     if open_loop is None:

@@ -331,7 +331,7 @@ class Outcome:
     note : str
         The failures of re-planning, as reported by the reference; else empty.
     open_loop : Attempt, optional
-        The initial plan, followed under the same conditions, if the motion was re-planned.
+        The plan made once, flown under the same conditions, if the motion was re-planned.
     capture : Captured, optional
         The result of a capture, if the scenario has one.
     learnt : mapping, optional

@@ -85,7 +85,7 @@ def _path(outcome: Outcome) -> dict[str, float]:
 
 
 def _tracking(outcome: Outcome) -> dict[str, Any]:
-    """Return the numbers of the closed loop and, if it was re-planned, those of the initial plan."""
+    """Return the numbers of the closed loop and, if it was re-planned, those of the plan made once."""
     sms, plan = outcome.sms, outcome.trajectory
     numbers = {
         **analysis.tracked_numbers(sms, plan, outcome.tracking, outcome.plant),
