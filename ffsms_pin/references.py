@@ -25,8 +25,8 @@ class Reference(Protocol):
     - ``q``, an array of rows (nq,): its first row is the start of the plant if `simulate` has no `q0`.
     - ``momentum``, (6,) or None: the total momentum of the plant at the start if `simulate` has none.
     - ``base_mode``, as in `opt.Problem.mode`: the base motion that is held at zero. Unless `simulate` has a
-    velocity, the plant starts with the reference's velocity and this base motion at rest. Default:
-    "floating".
+      velocity, the plant starts with the reference's velocity and this base motion at rest. Default:
+      "floating".
     """
 
     @property

@@ -30,7 +30,7 @@ class QuaternionFeedback:
       compensation", International Journal of Robotics Research 6 (1987).
     - "torque": the reaction to the joint torques of this control step, for any motion of the joints.
     - "none": no reaction; the torque is the whole system's inertia times the acceleration. This is the
-    textbook law, for comparison.
+      textbook law, for comparison.
 
     Parameters
     ----------

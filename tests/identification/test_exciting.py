@@ -71,7 +71,7 @@ def test_no_room_is_told(planar: ffsms.SpaceManipulator, refused: Any) -> None:
         limits = [opt.JointLimits(), opt.Clearance(0.01, obstacles=[_wall(planar, start)])]
         exciting_motion(planar, start, 8.0, limits=limits, starts=2, iterations=0)
 
-    refused(crowded, InvalidValue, "keeps the limits")
+    refused(crowded, InvalidValue, "too close to limits")
     refused(lambda: exciting_motion(planar, start, 8.0, starts=0), InvalidValue, "starts")
     refused(lambda: exciting_motion(planar, start, -1.0), InvalidValue, "duration")
 

@@ -41,7 +41,7 @@ def build(path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        (MOUNT + "inertia = [1, 1, 9]\n", "[robot.mount] inertia breaks the triangle inequality"),
+        (MOUNT + "inertia = [1, 1, 9]\n", "[robot.mount] inertia violates the triangle inequality"),
         (QUICK.replace("[start]", "locked = {elbow = 0.5}\n[start]"), "[robot] locked names no moving joint"),
         (QUICK.replace("[start]", "end_effector = 'tol'\n[start]"), "[robot] end_effector: no frame 'tol'"),
         (QUICK.replace('"planar_3r"', '"planar_4r"'), "[robot] model: no robot"),
@@ -49,7 +49,7 @@ def build(path: Path) -> None:
         (WHEELS.replace("[1, 0, 0]", "[0, 0, 0]"), "[wheels] axes must not hold a vector of length zero"),
         (PUSHED + "force = 1.0\n[attitude]\n", "[thrusters] period must exceed least_on_time"),
         (DUMPED + "above = 0.1\nbelow = 0.5\n", "[attitude.dump] must have 0 <= below < above"),
-        (PLACED.replace("[1, 1, 1]", "[1, 1, 9]") + "[meet]\n", "[client] inertia breaks the triangle"),
+        (PLACED.replace("[1, 1, 1]", "[1, 1, 9]") + "[meet]\n", "[client] inertia violates the triangle"),
         (PLACED + "[meet]\naxis = [0, 0, 0]\n", "[meet] axis must not be zero, got (0.0, 0.0, 0.0)"),
         (
             PLACED + TURNED + "half_angle_deg = 170\n",
@@ -82,5 +82,5 @@ def test_advice_names_the_key_and_not_python(tmp_path: Path) -> None:
         scenario(write(tmp_path, QUICK.replace('"planar_3r"', '"two_arms"'))).load()
     urdf = Path(model_path("planar_3r")).read_text("utf-8")
     (tmp_path / "slow.urdf").write_text(urdf.replace('velocity="', 'velocity="0" unused="'), encoding="utf-8")
-    with pytest.raises(InvalidUrdf, match=r"give \[robot\] velocity = \.\.\. to set it for all joints"):
+    with pytest.raises(InvalidUrdf, match=r"\[robot\] velocity = \.\.\. sets it for all joints"):
         scenario(write(tmp_path, QUICK.replace('"planar_3r"', '"slow.urdf"'))).load()

@@ -194,5 +194,5 @@ def test_momentum_is_checked(momentum: object, planar: ffsms.SpaceManipulator) -
 
 def test_the_papers_way_has_none(planar: ffsms.SpaceManipulator) -> None:
     q0 = planar.configuration([0.1, 0.2, 0.3])
-    with pytest.raises(InvalidValue, match="no momentum"):
+    with pytest.raises(InvalidValue, match="does not support momentum"):
         opt.plan(planar, q0, [0.9, 0.2, 0.0], method="paper", momentum=[1.0, 0.0, 0.0, 0.0, 0.0, 0.0])
