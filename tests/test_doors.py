@@ -138,7 +138,7 @@ UNPHYSICAL: dict[str, tuple[Callable[[Path], Any], type[FfsmsError], tuple[str, 
     "joints 1000 km apart": (
         lambda folder: changed(folder, '"0.232 0 0"', '"1e6 0 0"'),
         InvalidUrdf,
-        ("joint_1", "1e+06 m", "100000 m", "unit"),
+        ("joint_1", "1e+06 m", "100000 m", "metres"),
     ),
 }
 

@@ -55,9 +55,7 @@ def recording_of(
 ) -> Recording:
     """Return a checked recording, from a `Tracking` or from arrays (t, q, v[, tau])."""
     if (tracking is None) == (recording is None):
-        raise InvalidValue(
-            "recording", recording, "must be given if there is no Tracking, and left out otherwise"
-        )
+        raise InvalidValue("recording", recording, "must be given, or a Tracking instead, but not both")
     if tracking is None:
         made = _of_arrays(sms, recording, wheel_momentum)
     else:
