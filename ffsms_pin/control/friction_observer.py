@@ -8,8 +8,9 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from ffsms_pin.actuation.wheels import SLOW, friction_torque
+from ffsms_pin.actuation.wheels import SLOW
 from ffsms_pin.checks import FloatArray
+from ffsms_pin.control.step_observer import StepObserver
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.system import dynamics
 
@@ -22,7 +23,7 @@ _EXPLAINED = 0.5, 0.8
 _ENOUGH = 0.2  # least measured share of a window of averages, because any model fits a few samples
 
 
-class FrictionObserver:
+class FrictionObserver(StepObserver):
     """An estimate of Coulomb friction by regression of the missing torque on the direction of motion.
 
     Over a control step the measured rates change by dt qdd. The model needs tau_m = H_q qdd + C_q for that at
@@ -53,15 +54,13 @@ class FrictionObserver:
         viscous: ArrayLike = 0.0,
         coulomb: ArrayLike = 0.0,
     ) -> None:
-        self._dt, self._most = dt, _SHARE * limit
-        self._viscous, self._coulomb = np.asarray(viscous), np.asarray(coulomb)
+        super().__init__(sms, dt, viscous, coulomb)
+        self._most = _SHARE * limit
         self._driven = sms.wheels is not None or sms.thrusters is not None
-        self._data = sms.model.createData()
         self._quick, self._slow = -math.expm1(-dt / _SMOOTHING), -math.expm1(-dt / _WINDOW)
         self._smooth = np.zeros((3, sms.n))  # w, s and qdd
         self._means = np.zeros((3, 3, sms.n))  # means of the products of w, s and qdd
         self._filled = 0.0  # measured share of the averages
-        self._last: tuple[FloatArray, FloatArray, FloatArray] | None = None
 
     @property
     def friction(self) -> FloatArray:
@@ -77,19 +76,14 @@ class FrictionObserver:
 
     def update(self, sms: SpaceManipulator, q: FloatArray, v: FloatArray) -> None:
         """Update the estimate from a measured state and the law's present robot model."""
-        if self._last is None:
+        if (step := self._measured(q, v)) is None:
             return
-        q0, v0, tau = self._last
-        mean = 0.5 * (v0 + v)
-        middle = pin.integrate(sms.model, q0, 0.5 * self._dt * mean)
-        qdd = (v[6:] - v0[6:]) / self._dt
+        qdd = step.acceleration[6:]
         if self._driven:
-            acceleration = (v - v0) / self._dt
-            needed = pin.rnea(sms.model, self._data, middle, mean, acceleration)[6:]
+            needed = pin.rnea(sms.model, self._data, step.q, step.v, step.acceleration)[6:]
         else:  # the base's velocity is noisier than the joints'
-            needed = dynamics.floating_torque(sms, middle, mean, qdd)
-        tau = tau + friction_torque(mean[6:], self._viscous, self._coulomb)
-        seen = np.stack([tau - needed, np.tanh(mean[6:] / SLOW), qdd])
+            needed = dynamics.floating_torque(sms, step.q, step.v, qdd)
+        seen = np.stack([step.tau - needed, np.tanh(step.v[6:] / SLOW), qdd])
         self._smooth += self._quick * (seen - self._smooth)
         self._filled += self._slow * (1.0 - self._filled)
         self._means += self._slow * (self._smooth[:, None] * self._smooth - self._means)
@@ -97,7 +91,3 @@ class FrictionObserver:
     def torque(self, commanded: FloatArray) -> FloatArray:
         """Return the torques (n,) [N m] that compensate friction at commanded joint rates (n,)."""
         return self.friction * np.tanh(commanded / SLOW)
-
-    def acted(self, q: FloatArray, v: FloatArray, tau: FloatArray) -> None:
-        """Store the state and the torque of a step that begins."""
-        self._last = q.copy(), v.copy(), tau

@@ -128,7 +128,7 @@ class Impedance(_Compliant):
         vars(self._kept).update(motions=None, friction=np.zeros(self.sms.n))
 
     def time_constants(self, q: ArrayLike) -> FloatArray:
-        """Time constants of a small error at rest [s], ascending (2 n,): H_q x'' + D x' + K x = 0."""
+        """Return the time constants (2 n,) [s], ascending, of a small error: H_q x'' + D x' + K x = 0."""
         now = _at_rest(self.sms, q)
         H, K = now.first.H_q, self.spring.pull(self.sms, now).stiffness
         return time_constants(H, modal_damping(H, K, self.damping_ratio), K)

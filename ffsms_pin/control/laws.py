@@ -256,7 +256,7 @@ class SlidingModeController(JointLaw):
         return torque - self.K_s @ np.minimum(np.maximum(s / self.boundary, -1.0), 1.0)
 
     def time_constants(self, q: ArrayLike) -> FloatArray:
-        """Time constants of s inside the boundary layer, at a configuration (nq,): (n,) [s], ascending.
+        """Return the time constants (n,) [s], ascending, of s inside the boundary layer at q (nq,).
 
         In the layer H_q ds/dt = -K_s s / boundary, so the time constants are the eigenvalues of boundary
         K_s^-1 H_q. Compare the longest with the duration of the move, and the shortest with the control step.
@@ -313,7 +313,7 @@ class PD(JointLaw):
         self.K_d = gain_matrix("K_d", K_d, sms.n)
 
     def time_constants(self, q: ArrayLike) -> FloatArray:
-        """Time constants of a small error at rest [s], ascending (2 n,): H_q x'' + K_d x' + K_p x = 0."""
+        """Return the time constants (2 n,) [s], ascending, of a small error: H_q x'' + K_d x' + K_p x = 0."""
         return time_constants(self.sms.at(q).H_q, self.K_d, self.K_p)
 
     def _law(self, motion: Motion) -> FloatArray:
@@ -413,7 +413,7 @@ class ComputedTorque(JointLaw):
     def robot(self) -> SpaceManipulator:
         """The law's model of the robot: `sms`, with the estimated payload if there is one."""
         payload: PayloadObserver | None = self._kept.payload
-        return self.sms if payload is None or payload.robot is payload.sms else payload.robot
+        return self.sms if payload is None else payload.robot
 
     def joint_failed(self, joint: int, locked: bool) -> None:
         """Treat a failed joint (index from 0) as one without torque, unless it is locked, until `reset`."""
@@ -427,7 +427,7 @@ class ComputedTorque(JointLaw):
         return friction
 
     def time_constants(self, q: ArrayLike) -> FloatArray:
-        """Time constants of the error [s], ascending (2 n,), the same at every configuration."""
+        """Return the time constants (2 n,) [s], ascending, of the error; they are the same for every q."""
         self.sms.checked_configuration("q", q)
         return time_constants(np.eye(self.sms.n), self.K_d, self.K_p)
 

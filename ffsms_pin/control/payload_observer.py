@@ -8,11 +8,11 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from ffsms_pin.actuation.wheels import friction_torque
 from ffsms_pin.checks import FloatArray
+from ffsms_pin.control.step_observer import StepObserver
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.system import dynamics
-from ffsms_pin.system.regressors import PER_BODY, parameters_of, pseudo_inertia
+from ffsms_pin.system.regressors import PER_BODY, parameters_of, pseudo_inertia, torque_regressor
 
 _SMOOTHING, _WINDOW = 0.05, 2.0  # [s] of the smoothed measurements, and of the sums
 _PERIOD = 0.02  # [s] between two solutions
@@ -26,7 +26,7 @@ _CONVERGED = 1e-4  # relative change of a round
 _CHANGE = 0.02  # relative change of the payload above which the robot model is updated
 
 
-class PayloadObserver:
+class PayloadObserver(StepObserver):
     """An estimate of the ten inertial parameters of a payload by regression of the missing force.
 
     Over a control step the measured velocities change by dt a. With the inertia matrix M and the nonlinear
@@ -52,15 +52,14 @@ class PayloadObserver:
     ----------
     sms : SpaceManipulator
     robot : SpaceManipulator
-        `sms` with the payload; `sms` itself while there is no evidence of one.
+        `sms` with the estimated payload; `sms` itself until a payload is accepted.
     """
 
     def __init__(
         self, sms: SpaceManipulator, dt: float, viscous: ArrayLike = 0.0, coulomb: ArrayLike = 0.0
     ) -> None:
+        super().__init__(sms, dt, viscous, coulomb)
         self.sms = self.robot = sms
-        self._viscous, self._coulomb = np.asarray(viscous), np.asarray(coulomb)
-        self._dt, self._data = dt, sms.model.createData()
         self._body = sms.model.frames[sms.frame_id].parentJoint
         self._columns = slice(PER_BODY * (self._body - 1), PER_BODY * self._body)
         base = 6 if sms.wheels is None else 3
@@ -76,20 +75,16 @@ class PayloadObserver:
         self._seen, self._smooth = np.zeros((2, len(self._rows), PER_BODY + 1))
         self._all, self._of_base = np.zeros((2, PER_BODY + 1, PER_BODY + 1))
         self._share, self._near, self._steps = np.zeros(PER_BODY), np.zeros(PER_BODY), 0
-        self._last: tuple[FloatArray, FloatArray, FloatArray] | None = None
 
     def update(self, q: FloatArray, v: FloatArray) -> None:
         """Update the estimate from a measured state."""
-        if self._last is None:
+        if (step := self._measured(q, v)) is None:
             return
-        (q0, v0, tau), model = self._last, self.sms.model
-        mean, a = 0.5 * (v0 + v), (v - v0) / self._dt
-        middle = pin.integrate(model, q0, 0.5 * self._dt * mean)
-        acting = np.concatenate([np.zeros(6), tau + friction_torque(mean[6:], self._viscous, self._coulomb)])
-        missing = acting - pin.rnea(model, self._data, middle, mean, a)
-        Y = pin.computeJointTorqueRegressor(model, self._data, middle, mean, a)[:, self._columns]
+        acting = np.concatenate([np.zeros(6), step.tau])
+        missing = acting - pin.rnea(self._model, self._data, *step[:3])
+        Y = torque_regressor(self.sms, *step[:3])[:, self._columns]
         if self._steps % self._every == 0:
-            self._inertias = np.diag(dynamics.inertia_matrix(self.sms, middle))[self._rows, None]
+            self._inertias = np.diag(dynamics.inertia_matrix(self.sms, step.q))[self._rows, None]
         self._seen[:, :-1], self._seen[:, -1] = Y[self._rows] * self._scales, missing[self._rows]
         self._smooth += self._quick * (self._seen / self._inertias - self._smooth)
         on_base = self._smooth[self._base]
@@ -98,10 +93,6 @@ class PayloadObserver:
         self._steps += 1
         if self._steps % self._every == 0:
             self._solve()
-
-    def acted(self, q: FloatArray, v: FloatArray, tau: FloatArray) -> None:
-        """Store the state and the torque of a step that begins."""
-        self._last = q.copy(), v.copy(), tau
 
     def _solve(self) -> None:
         """Update the robot if a payload explains the missing force."""
