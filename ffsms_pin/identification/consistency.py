@@ -26,7 +26,8 @@ _BELOW = np.tril_indices(4, -1)
 
 def consistent(parameters: FloatArray, scale: FloatArray) -> bool:
     """Return whether parameters (10,) belong to a mass distribution; `scale` (10,) is their magnitude."""
-    return bool(np.linalg.eigvalsh(_normalised(pseudo_inertia(parameters), scale))[0] > _LEAST)
+    unit = _unit(scale)
+    return bool(np.linalg.eigvalsh(pseudo_inertia(parameters) / np.outer(unit, unit))[0] > _LEAST)
 
 
 def nearest_consistent(
@@ -45,7 +46,7 @@ def nearest_consistent(
         return estimate
     from scipy.optimize import least_squares  # slow to load and rarely needed
 
-    units = [np.sqrt(scale[0]) * np.append(np.full(3, np.sqrt(scale[4] / scale[0])), 1.0) for scale in scales]
+    units = [_unit(scale) for scale in scales]
     root = np.linalg.cholesky(information + 1e-14 * np.trace(information) * np.eye(len(information))).T
     held = np.flatnonzero(~free.ravel())
     stiff = 1e6 / scales.ravel()[held]  # weight that fixes known parameters
@@ -99,7 +100,7 @@ def _lower(numbers: FloatArray) -> FloatArray:
     return L
 
 
-def _normalised(P: FloatArray, scale: FloatArray) -> FloatArray:
+def _unit(scale: FloatArray) -> FloatArray:
+    """Return the factors (4,) of rows and columns of a pseudo-inertia of the magnitude `scale` (10,)."""
     length = np.sqrt(scale[4] / scale[0])
-    unit = np.sqrt(scale[0]) * np.array([length, length, length, 1.0])
-    return np.asarray(P / np.outer(unit, unit))
+    return np.asarray(np.sqrt(scale[0]) * np.array([length, length, length, 1.0]))
