@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -13,13 +14,13 @@ from ffsms_pin.client import AfterCapture, Client
 from ffsms_pin.errors import FfsmsError
 from ffsms_pin.geometry.payload import HeldClient
 from ffsms_pin.identification import exciting_motion, identify
+from ffsms_pin.identification.bodies import PAYLOAD
 from ffsms_pin.opt import JointLimits, TorqueLimits, Trajectory
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.simulation import Sensors
 
 _PERIOD = 0.01  # [s] between two samples
 _SWINGS = 0.25, 0.12, 0.06  # [rad or m] swings of each joint to either side in the identification motion
-_PAYLOAD = "payload"
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,14 +126,14 @@ class ClientIdentification:
             found = identify(
                 self._sms,
                 recording=(t, q, v),
-                unknown=[_PAYLOAD],
-                known={_PAYLOAD: believed},
+                unknown=[PAYLOAD],
+                known={PAYLOAD: believed},
                 sensors=sensors,
                 wheel_momentum=wheels if wheels and wheels[0] is not None else None,
             )
         except FfsmsError as error:
             return self._of(nothing, nothing, duration, f"not identified: {error}")
-        parameters, covariance = found[_PAYLOAD].parameters, found[_PAYLOAD].covariance
+        parameters, covariance = found[PAYLOAD].parameters, found[PAYLOAD].covariance
         covariance = covariance + self._share**2 * np.outer(parameters, parameters)
         values, J = self._values(parameters), np.empty((10, 10))
         for i, size in enumerate(np.sqrt(np.diag(covariance))):
@@ -165,7 +166,11 @@ class ClientIdentification:
 
 
 def teaching_motion(
-    joined: AfterCapture, duration: float, share: float, room: HeldClient | None
+    joined: AfterCapture,
+    duration: float,
+    share: float,
+    room: HeldClient | None,
+    locked: Sequence[str] = (),
 ) -> tuple[Trajectory | None, str]:
     """Return a motion of small swings that identifies the grasped client, or the reason for none.
 
@@ -181,6 +186,8 @@ def teaching_motion(
         The share of the torque limits that the motion may use.
     room : HeldClient, optional
         The grasped client, which keeps a clearance to the servicer.
+    locked : sequence of str
+        The names of joints that cannot move.
     """
     robot, reason = joined.robot, ""
     limits, joints = robot.limits, robot.layout.positions(joined.q)
@@ -197,9 +204,10 @@ def teaching_motion(
                 robot.with_limits(near),
                 joined.q,
                 duration,
-                unknown=[_PAYLOAD],
+                unknown=[PAYLOAD],
                 momentum=joined.momentum,
                 limits=kept,
+                locked=locked,
             )
         except FfsmsError as error:
             reason = str(error)

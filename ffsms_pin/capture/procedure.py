@@ -129,10 +129,15 @@ class CaptureOptions(Procedure):
         room = None if client is None or self.room is None else self.room(after.q, client.start_pose)
         return brake(after, torque_limit, self.torque_share, coast=coast, room=room)
 
-    def teach(self, joined: AfterCapture, pose: Any) -> tuple[Trajectory | None, str]:
-        """Return the motion of `identify` with a grasped client at a pose, or None and the reason."""
+    def teach(
+        self, joined: AfterCapture, pose: Any, locked: Sequence[str] = ()
+    ) -> tuple[Trajectory | None, str]:
+        """Return the motion of `identify` with a grasped client at a pose, or None and the reason.
+
+        `locked` are the names of joints that cannot move.
+        """
         room = None if self.room is None else self.room(joined.q, pose)
-        return teaching_motion(joined, self.identify, self.torque_share, room)
+        return teaching_motion(joined, self.identify, self.torque_share, room, locked)
 
 
 class Closing(NamedTuple):

@@ -118,7 +118,7 @@ class StateMachine(Observer, Supervisor):
         self._seen = np.array(plan.q[0]), np.array(plan.v[0])
         self._wanted = self._follow.sample(0.0)
         self._impact: FloatArray | None = None  # velocity after a latch, until it is measured
-        self._failed: list[str] = []
+        self._failed: dict[str, bool] = {}  # the failed joints; True if locked, False if limp
         self._momenta: deque[FloatArray] = deque(maxlen=max(1, round(_LOOK_BACK / dt)))
         self.closings: list[Closing] = []
         self.phases = [Phase(0.0, "approach", f"attempt 1 of {handling.attempts}")]
@@ -179,7 +179,8 @@ class StateMachine(Observer, Supervisor):
 
     def joint_failed(self, joint: int, locked: bool) -> None:
         """Forward the failure of a joint, and plan without the joint from now on."""
-        self._failed.append(self._sms.joint_names[joint])
+        self._failed[self._sms.joint_names[joint]] = locked
+        self.law.joint_failed(joint, locked)
         if self._replanning is not None:
             self._replanning.joint_failed(joint, locked)
 
@@ -191,6 +192,8 @@ class StateMachine(Observer, Supervisor):
     def reset(self, dt: float) -> None:
         """Reset the laws before a run, and when they are created again."""
         self.law.reset(dt)
+        for name, locked in self._failed.items():
+            self.law.joint_failed(self._sms.joint_names.index(name), locked)
         if isinstance(self.base_law, Resettable):
             self.base_law.reset(dt)
 
@@ -503,7 +506,7 @@ class StateMachine(Observer, Supervisor):
         start, limits = q.copy(), self._sms.limits
         self._sms.layout.set_positions(start, np.clip(self._wanted[0], limits.lower, limits.upper))
         joined = AfterCapture(self.model, start, v, centroidal(self.model, q, v).momentum, 0.0)
-        motion, trouble = self.handling.teach(joined, self.identification.client_pose(start))
+        motion, trouble = self.handling.teach(joined, self.identification.client_pose(start), [*self._failed])
         if motion is None:
             return Transition("rest", f"{reason}; no motion to identify the client: {trouble}")
         self._follow_from(now.t, motion)
@@ -511,7 +514,7 @@ class StateMachine(Observer, Supervisor):
 
     def _identification(self, now: Instant) -> Transition | None:
         done = now.t >= self._begin + self.handling.identify - 1e-9
-        return Transition("rest", "the motion that shows the client has ended") if done else None
+        return Transition("rest", "the identification motion has ended") if done else None
 
     def _rest(self, now: Instant) -> Transition | None:
         braked = [phase.time for phase in self.phases if phase.name == "braking"][-1]

@@ -52,6 +52,7 @@ def exciting_motion(
     dt: float = 0.02,
     momentum: ArrayLike | None = None,
     limits: Sequence[Limit] | None = None,
+    locked: Sequence[str] = (),
     harmonics: int = 2,
     starts: int = 48,
     iterations: int = 8,
@@ -75,6 +76,8 @@ def exciting_motion(
         Total momentum [linear; angular] about the system's centre of mass, inertial axes. Default: zero.
     limits : sequence of Limit, optional
         The limits that the motion keeps. Default: those of `Problem`: joints, torques and a clearance.
+    locked : sequence of str
+        The names of joints that cannot move.
     harmonics : int
         The number of frequencies of a joint's motion, multiples of 1 / `duration`.
     starts, iterations : int
@@ -97,7 +100,7 @@ def exciting_motion(
     identifier = Identifier(sms, unknown, sensors=sensors, known=known, spread=spread)
     limits = default_limits() if limits is None else limits
     start = sms.at(q0).end_effector_pose.translation
-    problem = Problem(sms, q0, start, duration, dt, limits=limits, momentum=momentum)
+    problem = Problem(sms, q0, start, duration, dt, limits=limits, momentum=momentum, locked=locked)
     search = _Search(identifier, problem, whole("harmonics", harmonics, 1, 20))
     rng = np.random.default_rng(whole("seed", seed, 0))
     count = whole("starts", starts, 1, 10_000)

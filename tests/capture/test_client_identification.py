@@ -74,6 +74,14 @@ def test_the_motion_swings_a_little_and_comes_back(caught: Any, motion: opt.Traj
     assert (np.abs(motion.joint_rates) <= limits.velocity).all()
 
 
+def test_the_motion_leaves_out_failed_joints(caught: Any) -> None:
+    planned, reason = teaching_motion(caught[2], 8.0, 0.5, None, ["panda_joint2"])
+    assert planned is not None, reason
+    swings = np.ptp(planned.joint_positions, axis=0)
+    assert swings[1] == 0.0
+    assert np.delete(swings, 1).min() > 0.05
+
+
 def test_mass_and_inertia_are_found(caught: Any, motion: opt.Trajectory) -> None:
     found = _measured(caught, motion.joint_rates, motion.dt, SENSORS)
     off, offs = abs(found.mass - TRUE[0]), np.abs(found.inertia - TRUE[1])

@@ -1,4 +1,4 @@
-"""Joints that a contact pushes beyond their rate limits."""
+"""Joints that a contact pushes beyond their rate limits, and joints that fail."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import pytest
 
 import ffsms_pin as ffsms
 from ffsms_pin.capture.state_machine import StateMachine
+from ffsms_pin.control import ComputedTorque
 
 
 @pytest.mark.parametrize(
@@ -23,3 +24,17 @@ def test_a_knock_is_left_to_the_law_for_a_second_and_up_to_three_times_the_limit
     v = np.zeros(planar.nv)
     v[7] = -share * planar.limits.velocity[1]
     assert StateMachine._knocked(mission, SimpleNamespace(t=10.0 + since, v=v)) is left  # type: ignore[arg-type]
+
+
+def test_a_law_is_told_of_failed_joints_also_when_it_is_made_again(planar: ffsms.SpaceManipulator) -> None:
+    state = planar.home(), np.zeros(planar.nv), np.zeros(3), np.zeros(3), np.ones(3)
+    mission: Any = SimpleNamespace(_sms=planar, _failed={}, _replanning=None, base_law=None)
+    sound = ComputedTorque(planar, adaptive=False).torque(*state)
+    for made in range(2):
+        mission.law = ComputedTorque(planar, adaptive=False)
+        StateMachine.reset(mission, 0.01)
+        if not made:
+            StateMachine.joint_failed(mission, 1, locked=False)
+        torque = mission.law.torque(*state)
+        assert abs(sound[1]) > 1e-3
+        assert torque[1] == pytest.approx(0.0, abs=1e-12)
