@@ -152,8 +152,9 @@ class StateMachine(Observer, Supervisor):
     # The interface of a reference, and of the laws.
 
     def observe(self, t: float, q: FloatArray, v: FloatArray) -> None:
-        """Process the measured state."""
+        """Process the measured state, and forward it."""
         self._seen = q, v
+        self.law.observe(t, q, v)
         if self.state in ("closing", "retreat") and self.base_law is None:
             self._momenta.append(centroidal(self._sms, q, v).momentum)
         if self._replanning is not None and self._follow is self._replanning:
@@ -162,18 +163,21 @@ class StateMachine(Observer, Supervisor):
             self._visual.look(t, q, v)
 
     def observe_sensors(self, t: float, q: FloatArray, v: FloatArray) -> None:
-        """Process the measurements that identify the latched client."""
+        """Process the measurements that identify the latched client, and forward them."""
+        self.law.observe_sensors(t, q, v)
         if self.identification is not None and self.after is not None:
             self.identification.add(t, q, v, self._wheels)
 
     def expect_noise(self, distance: float) -> None:
         """Forward the noise of the end effector's position."""
+        self.law.expect_noise(distance)
         if self._replanning is not None:
             self._replanning.expect_noise(distance)
 
     def observe_wheels(self, momentum: FloatArray) -> None:
         """Store the wheels' momenta, and forward them."""
         self._wheels = momentum.copy()
+        self.law.observe_wheels(momentum)
         if self._replanning is not None and self._follow is self._replanning:
             self._replanning.observe_wheels(momentum)
 

@@ -38,3 +38,26 @@ def test_a_law_is_told_of_failed_joints_also_when_it_is_made_again(planar: ffsms
         torque = mission.law.torque(*state)
         assert abs(sound[1]) > 1e-3
         assert torque[1] == pytest.approx(0.0, abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("method", "values"),
+    [
+        ("observe", (0.1, np.zeros(10), np.zeros(9))),
+        ("observe_sensors", (0.1, np.zeros(10), np.zeros(9))),
+        ("observe_wheels", (np.zeros(3),)),
+        ("observe_wrench", (0.1, np.zeros(6))),
+        ("expect_noise", (1e-3,)),
+    ],
+)
+def test_a_law_that_observes_does_so_in_a_capture(
+    planar: ffsms.SpaceManipulator, method: str, values: tuple[Any, ...]
+) -> None:
+    received: list[Any] = []
+    law: Any = ComputedTorque(planar)
+    setattr(law, method, lambda *given: received.append(given))
+    nothing = dict.fromkeys(("_replanning", "_visual", "identification", "base_law"))
+    mission: Any = SimpleNamespace(law=law, model=planar, _sms=planar, state="approach", **nothing)
+    getattr(StateMachine, method)(mission, *values)
+    assert len(received) == 1
+    assert received[0][0] is values[0]
