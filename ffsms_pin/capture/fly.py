@@ -167,7 +167,7 @@ def _control(control: Any) -> Control:
     if not callable(control):
         message = (
             "must be a capture.Control, or a function of a robot: the law is made anew for servicer and \
-client, as control=ComputedTorque or control=lambda robot: ComputedTorque(robot, K_p=100.0)"
+client, as control=lambda robot: ComputedTorque(robot, K_p=100.0, adaptive=False)"
         )
         raise InvalidValue("control", control, message)
     return Control(control)

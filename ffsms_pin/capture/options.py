@@ -261,8 +261,8 @@ class Control:
     ----------
     law : callable
         A function from a robot to the law of its joints, such as a class of `ffsms_pin.control`. The default
-        is computed torque with K_p = 100 1/s^2 and K_d = 20 1/s, without estimation of friction, because
-        contact loads are no friction.
+        is computed torque with K_p = 100 1/s^2 and K_d = 20 1/s, without estimation of friction and payload,
+        because contact loads are neither.
     base : callable, optional
         A function from a robot to the law of its base, such as `ffsms_pin.control.QuaternionFeedback`.
         Default: the base floats.

@@ -163,7 +163,7 @@ def controller(scenario: Scenario, sms: SpaceManipulator) -> JointLaw:
     torque_limit = scenario.per_joint(sms, "control", "torque_limit")
     attitude = scenario.attitude or {}
     if law == "computed-torque" and scenario.meet is not None:
-        gains.setdefault("adaptive", False)  # friction must not be adapted to a client's load
+        gains.setdefault("adaptive", False)  # a client's load is neither friction nor payload
     with scenario.named("control", "attitude"):
         if law == COORDINATED_WITH and attitude.get("law") == "coordinated":
             return Coordinated(sms, torque_limit=torque_limit, **gains, **_base_options(attitude))
