@@ -15,6 +15,7 @@ from trees import Tree, grown, packaged_planar
 
 import ffsms_pin as ffsms
 from ffsms_pin import opt
+from ffsms_pin.checks import FloatArray
 from ffsms_pin.control import ComputedTorque, SlidingModeController
 from ffsms_pin.errors import FfsmsError
 from ffsms_pin.opt import Trajectory
@@ -42,6 +43,18 @@ def planar_tree() -> Tree:
 def planar() -> ffsms.SpaceManipulator:
     """The paper's planar system."""
     return ffsms.load("planar_3r")
+
+
+@pytest.fixture(scope="session")
+def panda() -> ffsms.SpaceManipulator:
+    """An arm of seven joints on the default satellite; some modules have another one by this name."""
+    return ffsms.load("satellite_panda")
+
+
+@pytest.fixture(scope="session")
+def bent(panda: ffsms.SpaceManipulator) -> FloatArray:
+    """A configuration of it with a bent elbow, away from singular postures."""
+    return panda.configuration([0.0, -0.5, 0.0, -2.0, 0.0, 1.5, 0.8])
 
 
 @pytest.fixture(scope="session")

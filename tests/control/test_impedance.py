@@ -23,11 +23,6 @@ Refused = Callable[..., FfsmsError]
 BENT = np.array([0.4, 0.9, 1.1])  # of the planar arm, away from singular postures
 
 
-@pytest.fixture(scope="module")
-def panda() -> ffsms.SpaceManipulator:
-    return ffsms.load("satellite_panda")
-
-
 def resting(sms: ffsms.SpaceManipulator, joints: Array, duration: float) -> Swing:
     return Swing(sms, np.zeros(sms.n), duration, joints)
 

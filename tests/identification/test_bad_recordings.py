@@ -16,11 +16,6 @@ from ffsms_pin.identification import Identifier, identify
 from ffsms_pin.simulation import Conditions, Sensors, Wrench, simulate
 
 
-@pytest.fixture(scope="module")
-def panda() -> ffsms.SpaceManipulator:
-    return ffsms.load("satellite_panda")
-
-
 @pytest.fixture
 def arrays(panda: ffsms.SpaceManipulator) -> Any:
     """Arrays t, q, v of a good recording, to be damaged."""

@@ -21,16 +21,6 @@ PERIOD = 6.0  # [s]
 
 
 @pytest.fixture(scope="module")
-def panda() -> Any:
-    return ffsms.load("satellite_panda")
-
-
-@pytest.fixture(scope="module")
-def bent(panda: Any) -> Any:
-    return panda.configuration([0.0, -0.5, 0.0, -2.0, 0.0, 1.5, 0.8])
-
-
-@pytest.fixture(scope="module")
 def q0(planar: Any) -> Any:
     return planar.configuration([0.3, 0.6, 0.5])
 

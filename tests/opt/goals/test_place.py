@@ -29,11 +29,6 @@ CHEAP = [opt.Smooth(), opt.Effort()]
 
 
 @pytest.fixture(scope="module")
-def panda() -> ffsms.SpaceManipulator:
-    return ffsms.load("satellite_panda")
-
-
-@pytest.fixture(scope="module")
 def q0(panda: ffsms.SpaceManipulator) -> Any:
     base = pin.SE3(pin.exp3(np.array([0.3, -0.2, 0.5])), np.array([0.1, 0.2, 0.3]))
     return panda.configuration([0.0, -0.5, 0.0, -2.0, 0.0, 1.5, 0.8], base)

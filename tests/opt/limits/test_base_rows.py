@@ -16,11 +16,6 @@ from ffsms_pin.robot.base_motion import roll_out
 
 
 @pytest.fixture(scope="module")
-def panda() -> ffsms.SpaceManipulator:
-    return ffsms.load("satellite_panda")
-
-
-@pytest.fixture(scope="module")
 def start(panda: ffsms.SpaceManipulator) -> FloatArray:
     return turned_start(panda)
 

@@ -21,11 +21,6 @@ from ffsms_pin.geometry.bodies import clearance_stack
 from ffsms_pin.opt.step.state import StepState
 
 
-@pytest.fixture(scope="module")
-def panda() -> ffsms.SpaceManipulator:
-    return ffsms.load("satellite_panda")
-
-
 def planar_points(joints: FloatArray) -> FloatArray:
     """d_1 to d_4 of the planar arm in base axes, by hand."""
     angles = np.cumsum(joints)

@@ -22,11 +22,6 @@ Array = NDArray[np.float64]
 
 
 @pytest.fixture(scope="module")
-def panda() -> ffsms.SpaceManipulator:
-    return ffsms.load("satellite_panda")
-
-
-@pytest.fixture(scope="module")
 def start(panda: ffsms.SpaceManipulator) -> Array:
     return turned_start(panda)
 

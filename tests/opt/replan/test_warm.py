@@ -24,11 +24,6 @@ OPTIONS = ReplanOptions()
 
 
 @pytest.fixture(scope="module")
-def panda() -> ffsms.SpaceManipulator:
-    return ffsms.load("satellite_panda")
-
-
-@pytest.fixture(scope="module")
 def problem(panda: ffsms.SpaceManipulator) -> opt.Problem:
     middle = 0.5 * (panda.limits.lower + panda.limits.upper)
     base = pin.SE3(pin.rpy.rpyToMatrix(0.4, -0.7, 1.1), np.array([0.5, -0.2, 0.3]))

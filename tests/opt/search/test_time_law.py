@@ -23,16 +23,6 @@ def q0(planar: Any) -> Any:
     return planar.configuration([0.3, 0.6, 0.5])
 
 
-@pytest.fixture(scope="module")
-def panda() -> Any:
-    return ffsms.load("satellite_panda")
-
-
-@pytest.fixture(scope="module")
-def bent(panda: Any) -> Any:
-    return panda.configuration([0.0, -0.5, 0.0, -2.0, 0.0, 1.5, 0.8])
-
-
 def circle(pose: Any) -> Any:
     """Return a circle of 50 mm through a pose, by a parameter from 0 to 1."""
     return lambda x: (
