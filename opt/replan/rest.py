@@ -25,6 +25,7 @@ from ffsms_pin.opt.search.search import QUICK, STRATEGIES, Search
 from ffsms_pin.opt.search.spline import rate_spline
 from ffsms_pin.opt.trajectory import Trajectory
 from ffsms_pin.robot import SpaceManipulator
+from ffsms_pin.system.dynamics import MODES
 from ffsms_pin.threads import one_blas_thread
 
 
@@ -241,7 +242,10 @@ class RestPlanner:
             self._base_start = q[:7].copy()
         if pushed:
             self.learner.pushed()
-            self.momentum = self.robot.at(q, v).momentum
+            free = MODES[self._problem.mode]
+            if 0 in free:  # of a base whose attitude is held only the linear momentum counts
+                momentum = self.robot.at(q, v).momentum
+                self.momentum = momentum if len(free) == 6 else np.append(momentum[:3], np.zeros(3))
         if self._needs_wheels and wheels is None:
             return
         if self.learner.update(t, *(measured or (q, v)), wheels):

@@ -82,6 +82,21 @@ def test_on_the_base_and_held(planar: Any, q0: Any) -> None:
     assert run.position_error[-1] < 1e-4
 
 
+@pytest.mark.parametrize("mode", ["floating", "rotation-flying", "flying"])
+def test_a_push_during_a_path(planar: Any, q0: Any, mode: str) -> None:
+    """A push may change the momentum of the free part of the base's motion only."""
+    problem = opt.Problem(
+        planar, q0, path(planar.at(q0).end_effector_pose.translation), DURATION, 0.05, mode=mode
+    )
+    reference = opt.Replanning(problem, options=opt.ReplanOptions(period=0.05))
+    v = np.zeros(planar.nv)
+    reference.observe(0.0, q0, v)
+    reference.pushed = True
+    v[:6] = 1e-3
+    reference.observe(0.05, q0, v)
+    assert np.isfinite(reference.sample(0.1)[1]).all()
+
+
 def test_a_start_that_is_measured(planar: Any, q0: Any) -> None:
     """`StepPlanner.track` begins wherever the robot is: the approach leads from there."""
     begin = planar.at(q0).end_effector_pose.translation
