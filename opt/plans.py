@@ -25,7 +25,7 @@ from ffsms_pin.opt.limits.base_limits import BaseLimits
 from ffsms_pin.opt.limits.clearance import Clearance
 from ffsms_pin.opt.problem import Problem, default_limits, default_terms
 from ffsms_pin.opt.search import SearchOptions, solve
-from ffsms_pin.opt.search.diagnosis import joint_limits_used, noted, reasons, refused, with_limits_said
+from ffsms_pin.opt.search.diagnosis import joint_limits_used, noted, reasons, refused, with_limit_notes
 from ffsms_pin.opt.search.path_steps import plan_path_stepwise
 from ffsms_pin.opt.search.search import starts_within
 from ffsms_pin.opt.step.state import Progress
@@ -235,7 +235,7 @@ def plan_problem(
     if plan.reached and plan.within_tolerance:
         return plan
     if not plan.reached:
-        plan = with_limits_said(problem, plan, lambda other: plan_stepwise(other, method))
+        plan = with_limit_notes(problem, plan, lambda other: plan_stepwise(other, method))
     return noted(plan, plan.note, *reasons(problem, plan, joint_limits_used(problem, plan)))
 
 

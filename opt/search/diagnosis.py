@@ -34,7 +34,7 @@ Attempt: TypeAlias = Callable[[Problem, FloatArray], bool]
 _LONGER = (1.25, 1.5, 2.0, 3.0)  # factors on the failed duration
 
 
-def with_limits_said(
+def with_limit_notes(
     problem: Problem, plan: Trajectory, again: Callable[[Problem], Trajectory]
 ) -> Trajectory:
     """Return a failed plan with notes of its active limits; `again` plans another problem."""

@@ -15,7 +15,7 @@ from typing import Annotated, ClassVar, NamedTuple
 
 import numpy as np
 
-from ffsms_pin.checks import FloatArray, at_least_zero, instance, optional_callable, positive
+from ffsms_pin.checks import FloatArray, at_least_zero, instance, one_of, optional_callable, positive
 from ffsms_pin.errors import InvalidValue, PartError, numerical_errors
 from ffsms_pin.opt.costs import REFERENCE_TIME
 from ffsms_pin.opt.evaluation import NUMERICAL
@@ -31,7 +31,7 @@ from ffsms_pin.opt.search.diagnosis import (
     noted,
     refused,
     too_short,
-    with_limits_said,
+    with_limit_notes,
 )
 from ffsms_pin.opt.search.gauss_newton import (
     LAST_WEIGHTS,
@@ -76,7 +76,7 @@ class SearchOptions:
         The motion of least effort is chosen among those whose cost is at most this much above the least [s,
         for any duration].
     without : sequence of str
-        Names of strategies that are omitted (`strategies.STRATEGIES`), to measure their benefit.
+        Names of strategies in `opt.search.search.STRATEGIES` that are omitted, to measure their benefit.
     """
 
     time_limit: Annotated[Positive | None, Unit("s", "none")] = None
@@ -90,6 +90,8 @@ class SearchOptions:
             at_least_zero("time_limit", self.time_limit, "s")
         at_least_zero("cost_tolerance", self.cost_tolerance, "s")
         instance("without", self.without, (tuple, list))
+        for name in self.without:
+            one_of("without", name, dict.fromkeys(strategy.name for strategy in STRATEGIES))
 
 
 class Strategy(NamedTuple):
@@ -539,7 +541,7 @@ def solve(
         if not _finite(plan):
             raise FloatingPointError("the motion found is not a number")
         if not plan.reached and within_workspace(problem) and not arrives_while_tumbling(problem, plan):
-            plan = with_limits_said(problem, plan, again)
+            plan = with_limit_notes(problem, plan, again)
         if not (plan.reached and plan.within_tolerance):
             best = search.best()
             binding = best.model.qp.active(best.p[0])
@@ -614,8 +616,8 @@ def _momentum_note(problem: Problem) -> str:
     if np.allclose([linear, angular], 0.0, atol=1e-6 * float(np.abs(asked).max()) + 1e-9):
         return ""  # up to rounding
     return (
-        f"the momentum before the capture is {linear:.3g} kg m/s and {angular:.3g} kg m^2/s from the one "
-        "that leaves both at rest: so much is left after it"
+        f"the momentum before the capture differs by {linear:.3g} kg m/s and {angular:.3g} kg m^2/s from the "
+        "one that leaves both at rest, and both bodies keep this difference"
     )
 
 

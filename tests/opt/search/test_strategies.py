@@ -8,6 +8,7 @@ from horizon_parts import planar_problem, told
 
 import ffsms_pin as ffsms
 from ffsms_pin import opt
+from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.plans import plan_problem
 from ffsms_pin.opt.search.search import QUICK, STRATEGIES, Search, Strategy
 
@@ -37,6 +38,11 @@ def test_what_resolved_rate_reaches_is_reached(planar: ffsms.SpaceManipulator, p
     np.testing.assert_array_equal(plan.joint_rates, straight.joint_rates)
 
 
+def test_a_misspelt_strategy_is_refused() -> None:
+    with pytest.raises(InvalidValue, match=r"without must be .*marches.*, got 'mrches'"):
+        without("descent", "mrches")
+
+
 def test_what_is_left_out_is_not_done(planar: ffsms.SpaceManipulator) -> None:
     problem, done = planar_problem(planar, goal=[0.75, 0.5, 0.0]), []
 
@@ -47,7 +53,7 @@ def test_what_is_left_out_is_not_done(planar: ffsms.SpaceManipulator) -> None:
     def fail(search: Search) -> None:
         raise AssertionError
 
-    Search(problem, without("fail")).run([Strategy("stay", stay), Strategy("fail", fail)])
+    Search(problem, without("marches")).run([Strategy("stay", stay), Strategy("marches", fail)])
     assert done == ["stay"]
 
 
