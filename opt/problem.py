@@ -79,6 +79,12 @@ def default_limits(
     return kept if base is None else (*kept, base)
 
 
+def free_momentum(momentum: FloatArray, mode: str) -> FloatArray:
+    """Return the part of a total momentum (6,) that a problem accepts in a mode: less if the base is held."""
+    free = MODES[mode]
+    return np.asarray(momentum * np.repeat([float(0 in free), float(len(free) == 6)], 3))
+
+
 def step_limits(limits: Sequence[Limit], mode: str = "floating") -> tuple[Limit, ...]:
     """Return the limits of single steps, with the box on alpha, and wheel limits if wheels hold the base."""
     return _with_others(limits, AlphaBox(), *([WheelLimits()] if mode == "rotation-floating" else []))
@@ -189,9 +195,9 @@ class Problem:
         put("joint_rates", frozen(vector("joint_rates", rates, sms.n, "rad/s", largest=1e4)))
         put("locked", names("locked", self.locked, sms.joint_names, "joints"))
         momentum = self.asked_momentum if self.momentum is None else vector("momentum", self.momentum, 6)
-        momentum, free = None if momentum is None or not momentum.any() else momentum, MODES[self.mode]
-        if momentum is not None and len(free) < 6 and (momentum[3:].any() or 0 not in free):
-            kept = "linear momentum only" if 0 in free else "none"
+        momentum = None if momentum is None or not momentum.any() else momentum
+        if momentum is not None and (momentum != free_momentum(momentum, self.mode)).any():
+            kept = "linear momentum only" if 0 in MODES[self.mode] else "none"
             remedy = f"must be {kept} in mode '{self.mode}': the base is held"
             raise InvalidValue("momentum", momentum, remedy)
         put("momentum", None if momentum is None else frozen(momentum))

@@ -17,6 +17,7 @@ from ffsms_pin.errors import InvalidValue, ResultError
 from ffsms_pin.files import LARGEST_DATA, path_like, read_content, write_content
 from ffsms_pin.opt import Problem, Trajectory
 from ffsms_pin.opt.goals.goal import Position
+from ffsms_pin.opt.problem import free_momentum
 from ffsms_pin.opt.trajectory import measure
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.simulation import Tracking
@@ -182,7 +183,7 @@ def _trajectory(
     drift = _checked_joints(sms, table, positions, rates, source)
     options: dict[str, Any] = {"limits": (), "mode": mode}
     if MOMENTUM[0] in table:
-        options["momentum"] = _given_momentum(np.array([table[name][0] for name in MOMENTUM]), mode)
+        options["momentum"] = free_momentum(np.array([table[name][0] for name in MOMENTUM]), mode)
     if mode == "rotation-floating" and wheels and wheels[0] in table:
         options["wheel_momentum"] = [table[name][0] for name in wheels]
     here = sms.at(q0).end_effector_pose.translation
@@ -191,14 +192,6 @@ def _trajectory(
     motion = measure(problem, rates)
     _check_base(sms, motion, np.stack([table[name] for name in BASE], axis=-1), drift, source)
     return measure(replace(problem, goal=Position(motion.end_effector[-1])), rates)
-
-
-def _given_momentum(momentum: FloatArray, mode: str) -> FloatArray:
-    """Return the part of a total momentum (6,) that a problem accepts in a mode: less if the base is held."""
-    free = MODES[mode]
-    if len(free) < 6:
-        momentum[3:] = 0.0
-    return momentum if 0 in free else np.zeros(6)
 
 
 def _checked_joints(

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.goals.goal import Changed, Goal
-from ffsms_pin.opt.problem import Problem
+from ffsms_pin.opt.problem import Problem, free_momentum
 from ffsms_pin.opt.replan.learning import Learner, learner_of
 from ffsms_pin.opt.replan.options import Approach, Nearby, ReplanOptions
 from ffsms_pin.opt.rollouts import held_momentum, wheel_shares
@@ -25,7 +25,6 @@ from ffsms_pin.opt.search.search import QUICK, STRATEGIES, Search
 from ffsms_pin.opt.search.spline import rate_spline
 from ffsms_pin.opt.trajectory import Trajectory
 from ffsms_pin.robot import SpaceManipulator
-from ffsms_pin.system.dynamics import MODES
 from ffsms_pin.threads import one_blas_thread
 
 
@@ -242,10 +241,7 @@ class RestPlanner:
             self._base_start = q[:7].copy()
         if pushed:
             self.learner.pushed()
-            free = MODES[self._problem.mode]
-            if 0 in free:  # of a base whose attitude is held only the linear momentum counts
-                momentum = self.robot.at(q, v).momentum
-                self.momentum = momentum if len(free) == 6 else np.append(momentum[:3], np.zeros(3))
+            self.momentum = free_momentum(self.robot.at(q, v).momentum, self._problem.mode)
         if self._needs_wheels and wheels is None:
             return
         if self.learner.update(t, *(measured or (q, v)), wheels):
