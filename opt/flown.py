@@ -70,10 +70,11 @@ class Verdict:
     Attributes
     ----------
     misses : tuple of str
-        Missed goals, and violated limits that decide on arrival, each with its value and its tolerance; empty
-        if the motion has arrived.
+        Missed goals, and violated limits that decide on arrival, overlaps included, each with its value and
+        its tolerance; empty if the motion has arrived.
     breaches : tuple of str
-        Violated limits that do not decide on arrival, which are clearances, each with its value.
+        Violated limits that do not decide on arrival, which are clearances without overlap, each with its
+        value.
     path_error : ndarray, shape (K,)
         Distance from the path [m]; empty if the goal is no `opt.Path`.
     orientation_error : ndarray, shape (K,)
@@ -168,7 +169,9 @@ def judge(
     `Trajectory.reached` for the last tenth. A goal with `Goal.exact` is checked at the deadline within its
     tolerance, velocities included; for other goals a required velocity at the deadline may deviate by the
     reaches per second. A path is checked at all times within these reaches, a waypoint at its time or at the
-    nearest point of the motion, base limits and wheel momenta at all times.
+    nearest point of the motion, base limits and wheel momenta at all times. A clearance is checked between
+    rows, too: an overlap is a miss, a smaller violation a breach. Joint and torque limits, the corridor of
+    `opt.Meet` and a user's own limits are not checked.
 
     Parameters
     ----------
@@ -270,13 +273,8 @@ def _path_misses(goal: Goal, errors: FloatArray, t: FloatArray) -> list[str]:
 
 def _contact(problem: Problem, motion: Rollouts, k: int) -> FloatArray:
     """Return the end effector's velocities at a row relative to those of the goal (6,)."""
-    place = problem.place
-    wanted = [
-        np.zeros(3) if velocity is None else velocity for velocity in (place.velocity, place.angular_velocity)
-    ]
-    return np.concatenate(
-        [motion.velocity[:, 0, k] - wanted[0], motion.angular_velocity[:, 0, k] - wanted[1]]
-    )
+    moving = [motion.velocity[:, 0, k], motion.angular_velocity[:, 0, k]]
+    return np.asarray(np.concatenate(moving) - problem.place.twist)
 
 
 def _exact_misses(problem: Problem, motion: Rollouts, errors: FloatArray) -> list[str]:

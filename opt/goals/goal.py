@@ -93,6 +93,12 @@ class Place:
         return self.velocity is None and self.angular_velocity is None
 
     @property
+    def twist(self) -> FloatArray:
+        """The desired velocity and angular velocity (6,); zero where any is admissible."""
+        parts = (self.velocity, self.angular_velocity)
+        return np.concatenate([np.zeros(3) if part is None else part for part in parts])
+
+    @property
     def attitude(self) -> FloatArray:
         """The desired attitude (3, 3); NaN if any is admissible."""
         return np.full((3, 3), np.nan) if self.rotation is None else self.rotation

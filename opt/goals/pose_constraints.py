@@ -52,11 +52,7 @@ class PoseConstraint:
         assert places.rotation is not None
         if m.step is not None:
             now = self.goal.place(m.time_offset + float(m.times[0]))
-            rates = (
-                np.zeros(3) if velocity is None else velocity
-                for velocity in (now.velocity, now.angular_velocity)
-            )
-            moves, turns = ({"by_time": rate[:, None, None]} for rate in rates)
+            moves, turns = ({"by_time": rate[:, None, None]} for rate in np.split(now.twist, 2))
         return FrameVariable(places.position[:, None], places.rotation[:, :, None], moves, turns, m.where)
 
 
@@ -293,11 +289,8 @@ def verdict(goal: Goal, motion: Rollouts) -> GoalErrors:
     places = goal.places(motion.times)
     missed = places.pose_error(m.frame("tip", places.on))
     distance, angle = missed.distance[0, ::2], missed.angle[0, ::2]
-    wanted = [
-        np.zeros(3) if velocity is None else velocity for velocity in (place.velocity, place.angular_velocity)
-    ]
     moving = [motion.velocity[:, 0, last], motion.angular_velocity[:, 0, last]]
-    contact: FloatArray = np.concatenate(moving) - np.concatenate(wanted)
+    contact: FloatArray = np.concatenate(moving) - place.twist
     errors = end_errors(goal, float(distance[-1]), float(angle[-1]), contact, motion.duration)
     nodes = motion.last_tenth[motion.last_tenth % 2 == 0] // 2
     far, turned, late = float(distance[nodes].max()), float(angle[nodes].max()), ""
