@@ -105,28 +105,48 @@ class Nearest(NamedTuple):
 
 
 class ClearanceStack(ABC):
-    """A set of pairs of bodies and their distances.
+    """A set of m pairs of bodies and their distances.
 
     Links have the indices of their joints, obstacles the indices after them; the base is -1.
+
+    Attributes
+    ----------
+    mode : str
+        The geometry of the bodies, see `opt.Clearance`.
+    names : list of str
+        The name of each pair.
+    bodies : ndarray of int, shape (m, 3)
+        The two bodies of each pair, and the body in whose axes its nearest points are.
+    largest : ndarray, shape (m,)
+        The largest known distances [m].
+    margins : ndarray, shape (m,)
+        The margins beyond the clearance [m].
+    sizes : ndarray, shape (m, 2)
+        The largest distance of a point of each body from the body's origin [m].
+    reaches : ndarray, shape (m, n), or None
+        The largest rate of each distance per unit rate of each joint [m/rad, or 1]; None if it is not
+        bounded.
+    passes : ndarray of bool, shape (m,)
+        True for pairs whose second body moves relative to the base.
+    obstacles : tuple of Obstacle
+        The obstacles; if there are any, they are the second bodies.
+    tolerance : float
+        The violation below which a clearance counts as kept [m].
+    left_out : sequence of str
+        The names of pairs that are nearer than the clearance by construction.
     """
 
     mode: str
-    # For each of m pairs: its name, its two bodies, and the body whose axes nearest points are in (m, 3),
     names: list[str]
     bodies: Indices
-    # the largest known distance (m,), the margin beyond the clearance (m,), and the largest distance of a
-    # point of each body from the body's origin (m, 2) [m],
     largest: FloatArray
     margins: FloatArray
     sizes: FloatArray
-    # the largest rate of the distance per unit rate of each joint (m, n) [m/rad], None if not bounded,
     reaches: Any = None
-    # and whether the second body moves relative to the base (m,).
     passes: Any = np.zeros(0, dtype=bool)
-    # If there are obstacles, they are the second bodies.
     obstacles: tuple[Obstacle, ...] = ()
-    tolerance: float = 1e-5  # [m] a clearance violated by less counts as kept
-    left_out: Sequence[str] = ()  # pairs that are nearer than the clearance by construction
+    tolerance: float = 1e-5
+    left_out: Sequence[str] = ()
 
     def __init__(self, sms: ShapedMechanism) -> None:
         self.sms, self.arm = sms, sms.arm_stack()
@@ -218,7 +238,8 @@ class ClearanceStack(ABC):
 class PartPairs:
     """A set of pairs of bodies (m), each a list of parts of the first and one of the second.
 
-    `bodies` (m, 2) and `sizes` (m, 2) are as in `ClearanceStack`.
+    `bodies` (m, 2) are the two bodies of each pair; nearest points are in the axes of the first. For `sizes`
+    (m, 2) see `ClearanceStack`.
     """
 
     def __init__(self, arm: ArmStack, pairs: Sequence[tuple[list[Part], list[Part]]]) -> None:
@@ -277,7 +298,7 @@ class PartPairs:
 
     @cached_property
     def reaches(self) -> FloatArray:
-        """Return the bounds `ClearanceStack.reaches`, with sliding joints within their limits.
+        """The bounds `ClearanceStack.reaches` (m, n), with sliding joints within their limits.
 
         A joint between two bodies moves either of them relative to the other. The distance therefore changes
         at most by the displacement of the points of the body that is nearer to the joint.
