@@ -679,16 +679,16 @@ class StepVariables(Variables):
         stack, R = step.sms.arm_stack(step.mode), pin.Quaternion(step.q[3:7]).toRotationMatrix()
         start = pin.XYZQUATToSE3(step.base_start)
         u, com = step.rates, step.sms.base_com
-        # The velocities of the base's centre of mass, its rotation and the end effector, per joint rate, and
-        # the drift.
+        # The velocity of the base's centre of mass, the base's angular velocity, and the twist of the end
+        # effector, per joint rate, and in the last column the drift.
         root = np.column_stack([step.reaction, step.drift])
-        base, base_rotation_vector = R @ (root[:3] - skew(com) @ root[3:]), R @ root[3:]
+        base, base_spin = R @ (root[:3] - skew(com) @ root[3:]), R @ root[3:]
         tip = np.column_stack([step.J_star, step.tip_drift])
         self._moved = {
             "by_tip": tip[:3],
             "by_turn": tip[3:],
             "by_base": base,
-            "by_base_turn": base_rotation_vector,
+            "by_base_turn": base_spin,
         }
         at = np.append(u, 1.0)
         motions = FixedRollouts(
@@ -715,7 +715,7 @@ class StepVariables(Variables):
             attitude=_one(step.pose.rotation),
             velocity=_one(tip[:3] @ at),
             angular_velocity=_one(tip[3:] @ at),
-            base_angular_velocity=_one(base_rotation_vector @ at),
+            base_angular_velocity=_one(base_spin @ at),
             base_position=_one(step.q[:3] + R @ com),
         )
         super().__init__(motions, step.time + step.time_left)

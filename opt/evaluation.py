@@ -27,9 +27,9 @@ class Rows(NamedTuple):
     G : ndarray, shape (k, n)
     lower, upper : ndarray, shape (k,)
         The bounds; +-`UNBOUNDED` if a row has one side only.
-    give : float
-        The relaxation of a row per unit of the QP's slack, in the row's unit per (m/s). 0 is
-        a hard row, for limits that can always be satisfied.
+    softness : float
+        The relaxation of a row per unit of the QP's slack, in the row's unit per (m/s). 0 is a hard row, for
+        limits that can always be satisfied.
     """
 
     G: FloatArray
@@ -39,7 +39,7 @@ class Rows(NamedTuple):
 
 
 def stacked(rows: list[Rows]) -> Rows | None:
-    """Return the stacked rows with equal relaxation; None: no rows."""
+    """Stack rows, all with the largest of their softnesses; return None without rows."""
     if len(rows) < 2:
         return rows[0] if rows else None
     G, lower, upper = (np.concatenate(parts) for parts in zip(*(row[:3] for row in rows), strict=True))

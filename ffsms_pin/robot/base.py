@@ -107,10 +107,10 @@ def compose(
     The satellite's link is the root, and the root link of each arm is fixed to it at its placement, so that
     its mass counts for the base.
     """
-    robots = [_named_apart(arm.robot, arm.prefix, ("link", "joint")) for arm in arms]
+    robots = [_prefixed(arm.robot, arm.prefix, ("link", "joint")) for arm in arms]
     if len(arms) > 1:
         for i, robot in enumerate(robots, start=1):
-            _named_apart(robot, f"arm{i}_", ("material",))
+            _prefixed(robot, f"arm{i}_", ("material",))
     links = [link.get("name", "") for robot in robots for link in robot.findall("link")]
     joints = [joint.get("name", "") for robot in robots for joint in robot.findall("joint")]
     whole = ElementTree.Element("robot", {"name": name})
@@ -136,8 +136,8 @@ def compose(
     return whole
 
 
-def _named_apart(robot: ElementTree.Element, prefix: str, kinds: Collection[str]) -> ElementTree.Element:
-    """Return a copy of an arm with a prefix before the names of its links, joints or materials."""
+def _prefixed(robot: ElementTree.Element, prefix: str, kinds: Collection[str]) -> ElementTree.Element:
+    """Put a prefix before the names of an arm's links, joints or materials, in place, and return the arm."""
     for item in robot.iter():
         key, kind = _REFERENCES.get(str(item.tag), ("name", str(item.tag)))
         if prefix and kind in kinds and item.get(key):

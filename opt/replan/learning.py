@@ -82,7 +82,7 @@ class ScaleFactors:
         """Initialise the sums of the least squares A x = -c + (momentum error of the first sample)."""
         count = len(self.factors)
         self._G, self._g = np.eye(count) / _PRIOR**2, np.zeros(count)
-        self._begin()
+        self._begin_momentum()
 
     def begin(self, robot: SpaceManipulator) -> None:
         """Restart with the factors of another robot with the same joints and base."""
@@ -90,14 +90,15 @@ class ScaleFactors:
         self.factors = np.ones(robot.n + 1)
         self._forget()
 
-    def _begin(self) -> None:
+    def _begin_momentum(self) -> None:
+        """Initialise the sums of one constant momentum."""
         self._sum_A, self._sum_c = np.zeros((self._kept, len(self.factors))), np.zeros(self._kept)
         self._samples, self._first, self._last = 0, None, None
 
     def pushed(self) -> None:
         """Keep the estimate, and begin another momentum with the next sample, after a push."""
         self._G, self._g = self._sums()
-        self._begin()
+        self._begin_momentum()
 
     def update(
         self, t: float, q: FloatArray, v: FloatArray, wheel_momentum: FloatArray | None = None

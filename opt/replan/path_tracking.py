@@ -16,13 +16,13 @@ from ffsms_pin.opt.goals.path import Path
 from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.replan.options import ReplanOptions
 from ffsms_pin.opt.replan.rest import JointPlan
-from ffsms_pin.opt.search.path_following import PathNodes, path_task, plan_along, resolved
+from ffsms_pin.opt.search.path_following import PathNodes, feedback_gain, path_task, plan_along, resolved
 from ffsms_pin.opt.step.stepper import StepWeights
 from ffsms_pin.opt.trajectory import Trajectory
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.robot.base_motion import advance
 
-_GAIN, _NOISY_GAIN = 5.0, 2.0  # [1/s] feedback gain for a measured error
+_NOISY_GAIN = 2.0  # [1/s] feedback gain for a noisy error
 _ANOTHER = 5e-3  # [m, rad] deviation from the problem's start beyond which a measured start replaces it
 _APPROACH = 1.0  # [1/s] largest rate of a joint per distance to its position limit
 _RETURN = 2.0  # [1/s] gain of redundant motion towards the plan
@@ -35,7 +35,7 @@ def check_options(options: ReplanOptions, weights: StepWeights | None) -> None:
             remedy = "is not for an opt.Path, which is followed by resolved rates at all times; leave it out"
             raise InvalidValue(name, value, remedy)
     if weights is not None:
-        remedy = "must be left out for an opt.Path: its steps solve no weighted programme"
+        remedy = "must be left out for an opt.Path: its steps solve no weighted QP"
         raise InvalidValue("weights", weights, remedy)
 
 
@@ -101,7 +101,7 @@ class PathTracker:
         sms = problem.sms
         ahead, _ = advance(sms, q, rates, accelerations, dt, problem.momentum, problem.mode)
         node = PathNodes.of(problem.goal, np.array([(step + 1) * dt]))
-        gain = min(_NOISY_GAIN if noisy else _GAIN, 0.3 / dt)
+        gain = feedback_gain(dt, _NOISY_GAIN) if noisy else feedback_gain(dt)
         task = path_task(problem, node, 0, ahead, sms.layout.positions(ahead), gain)
         there, wanted = plan.sample((step + 1) * dt)
         prefer = wanted + _RETURN * (there - joints - dt * rates)

@@ -189,7 +189,7 @@ class Replanning(Observer):
             held = self.held_steps * self.problem.dt
             notes.append(f"the arm held still for {held:.3g} s, because the motions found violate a limit")
         if self.failed_steps:
-            notes.append(f"the arm braked in {self.failed_steps} steps whose programme was not solved")
+            notes.append(f"the arm braked in {self.failed_steps} steps whose QP was not solved")
         return "; ".join(notes)
 
     def observe(self, t: float, q: FloatArray, v: FloatArray) -> None:

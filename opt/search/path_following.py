@@ -76,9 +76,9 @@ class PathNodes(NamedTuple):
         )
 
 
-def feedback_gain(dt: float) -> float:
+def feedback_gain(dt: float, gain: float = _GAIN) -> float:
     """Return the gain of path errors [1/s], bounded so that long steps of dt [s] do not overshoot."""
-    return min(_GAIN, 0.3 / dt)
+    return min(gain, 0.3 / dt)
 
 
 class Task(NamedTuple):
@@ -341,7 +341,7 @@ def follow_fastest(
     path = problem.goal
     assert isinstance(path, Path)
     check_timing(problem)
-    joint_path = _joint_way(problem, path)
+    joint_path = _joint_path(problem, path)
     if joint_path is None:
         return plan_along(problem, options, progress)
     shares, joints, slopes, motion = joint_path
@@ -376,7 +376,7 @@ class JointPath(NamedTuple):
     motion: Rollouts
 
 
-def _joint_way(problem: Problem, path: Path) -> JointPath | None:
+def _joint_path(problem: Problem, path: Path) -> JointPath | None:
     """Return the joint path; None if the path cannot be followed even without rate limits."""
     start = problem
     if path.approach_time > 0.0:  # the joint path begins in the final posture of the approach

@@ -16,7 +16,7 @@ from ffsms_pin.opt.search.path_following import (
     resolved,
     rest_note,
 )
-from ffsms_pin.opt.step.state import REFERENCES, Progress, StepState
+from ffsms_pin.opt.step.state import REFERENCES, Progress, StepState, braked_note
 from ffsms_pin.opt.step.stepper import Stepper
 from ffsms_pin.opt.step.stepwise import REFERENCE_WEIGHTS
 from ffsms_pin.opt.trajectory import Trajectory, measure
@@ -63,6 +63,6 @@ def plan_path_stepwise(problem: Problem, method: str, progress: Progress | None 
         q, _ = advance(sms, q, rates[k], slope, dt, problem.momentum, problem.mode)
         if progress is not None:
             progress((k + 1) / steps)
-    note = f"the arm braked in {braked} of {steps} steps whose programme was not solved" if braked else ""
+    note = braked_note(braked, steps)
     plan = measure(problem, rates, note)
     return noted(plan, plan.note, rest_note(path))

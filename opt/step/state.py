@@ -157,8 +157,13 @@ def roll_out_steps(
         q, _ = advance(sms, q, rates[k], slope, dt, stepper.momentum, stepper.mode)
         if progress is not None:
             progress((k + 1) / steps)
-    note = f"the arm braked in {braked} of {steps} steps whose programme was not solved" if braked else ""
+    note = braked_note(braked, steps)
     return rates, note
+
+
+def braked_note(braked: int, steps: int) -> str:
+    """Return a message of the number of failed steps; empty if there are none."""
+    return f"the arm braked in {braked} of {steps} steps whose QP was not solved" if braked else ""
 
 
 def sides_across(displacement: FloatArray, J: FloatArray) -> list[FloatArray]:

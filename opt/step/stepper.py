@@ -248,7 +248,7 @@ class Step:
     cos_theta, entropy, cost : float
         Coupling assistance of these rates, H_norm, and the paper's summand, at the step's start.
     solved : bool
-        False if the programme was not solved, so that the arm brakes within its limits.
+        False if the QP was not solved, so that the arm brakes within its limits.
     slack : float
         The slack of the soft limits [m/s]; zero if all of them are satisfied.
     """

@@ -14,7 +14,7 @@ from scipy.sparse import csr_array, vstack
 import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.errors import InvalidValue
-from ffsms_pin.opt.search.path_following import _joint_way
+from ffsms_pin.opt.search.path_following import _joint_path
 from ffsms_pin.opt.search.time_law import LimitRows, fastest_law, limit_rows
 
 
@@ -82,7 +82,7 @@ def test_near_the_optimum_of_a_fine_grid(planar: Any, q0: Any, curve: Any) -> No
     plan = opt.solve(problem)
     assert plan.reached, plan.note
     assert plan.shortest_duration == plan.duration < 30.0
-    way = _joint_way(problem, problem.goal)
+    way = _joint_path(problem, problem.goal)
     assert way is not None
     shares, joints, slopes, _ = way
     fine = np.linspace(0.0, 1.0, 2001)
@@ -162,7 +162,7 @@ def test_locked_joints_stay(panda: Any, bent: Any) -> None:
     line = [tool.translation, tool.act(np.array([0.15, 0.05, 0.0]))]
     path = opt.Path(line, timing="fastest")
     problem = opt.Problem(panda, bent, path, duration=20.0, locked=["panda_joint3"])
-    way = _joint_way(problem, problem.goal)
+    way = _joint_path(problem, problem.goal)
     assert way is not None
     _, joints, slopes, _ = way
     assert np.abs(slopes[:, 2]).max() < 1e-9
