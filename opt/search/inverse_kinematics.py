@@ -274,9 +274,7 @@ def moves_to(problem: Problem, spline: RateSpline, goals: FloatArray) -> FloatAr
     from scipy.interpolate import CubicHermiteSpline  # slow to load
 
     end, arm = problem.place, problem.stack.evaluate(goals.T)
-    velocity, spin = (
-        np.zeros(3) if velocity is None else velocity for velocity in (end.velocity, end.angular_velocity)
-    )
+    velocity, spin = np.split(end.twist, 2)
     # The base attitude with the tip at the goal.
     joints, base = goals, end.base_attitude(arm.tip_rotation)
     J = pose_error_at(problem, end, problem.duration, joints, base)[1]
