@@ -38,7 +38,8 @@ class InertialEstimate(Protocol):
 class SpaceManipulator(ShapedMechanism):
     """A satellite with a floating base and an arm; it does not change once it is made.
 
-    Wheels and thrusters act in `simulate` only; the base's inertia includes the wheels at rest.
+    Plans and closed loops use the wheels and thrusters; a `State` does not. The base's inertia includes the
+    wheels at rest.
 
     Use `ffsms_pin.load` for files; the constructor takes a Pinocchio model.
 

@@ -197,7 +197,7 @@ class _Robot:
                 self._add_body(b, floating=whole)
         self._add_sites()
         self._add_shapes(whole)
-        self._tell_of_the_rest(roots)
+        self._note_unused(roots)
 
     def _roots(self, whole: bool) -> set[int]:
         """Return the children of the world that are the roots of the robot's trees."""
@@ -307,13 +307,12 @@ class _Robot:
         return low, high
 
     def _add_sites(self) -> None:
-        m, taken = self._compiled, set[str]()
+        m = self._compiled
         for s in range(m.nsite):
             place, name = self._places.get(int(m.site_bodyid[s])), m.site(s).name
             if place is None or place.joint == 0 or not name:
                 continue
             pose = place.pose * _pose(m.site_pos[s], m.site_quat[s])
-            taken.add(name)
             frame = pin.Frame(name, place.joint, place.frame, pose, pin.FrameType.OP_FRAME)
             self.model.addFrame(frame, False)
 
@@ -369,7 +368,7 @@ class _Robot:
             return np.array(m.mat_rgba[material], dtype=np.float64)
         return own
 
-    def _tell_of_the_rest(self, roots: set[int]) -> None:
+    def _note_unused(self, roots: set[int]) -> None:
         """Add a sentence on the elements of the file that are not used."""
         m = self._compiled
         inside = [j for j in range(m.njnt) if m.body_rootid[m.jnt_bodyid[j]] in roots]

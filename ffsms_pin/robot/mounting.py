@@ -250,9 +250,7 @@ def mounted_arms(arms: Sequence[Any], base: SatelliteBase, placements: Any, aske
         poses = [pose(f"placement[{i}]", placement) for i, placement in enumerate(placements)]
         return _mixed_arms(arms, base, poses, asked)
     robots = [read_robot(path) for path, _ in urdfs]
-    names = [arm_names(robot) for robot in robots]
-    shared = sum(map(len, names)) > len(set().union(*names))
-    prefixes = [f"arm{i}_" if shared else "" for i in range(1, len(arms) + 1)]
+    prefixes = _prefixes([arm_names(robot) for robot in robots])
     placed = [
         PlacedArm(path, robot, pose(f"placement[{i}]", placement), prefix)
         for i, ((path, _), robot, placement, prefix) in enumerate(
@@ -281,8 +279,13 @@ def _mixed_arms(
         own = alone if file else replace(alone, package_dirs=())
         robots.append(mounted(arm, base, placement, own, depth=2))
     names = [{*list(sms.model.names)[2:], *(frame.name for frame in sms.model.frames[3:])} for sms in robots]
+    return joined(robots, _prefixes(names), base, asked)
+
+
+def _prefixes(names: Sequence[set[Any]]) -> list[str]:
+    """Return a prefix for the names of each arm; all are empty if the arms share no name."""
     shared = sum(map(len, names)) > len(set().union(*names))
-    return joined(robots, [f"arm{i}_" if shared else "" for i in range(1, len(arms) + 1)], base, asked)
+    return [f"arm{i}_" if shared else "" for i in range(1, len(names) + 1)]
 
 
 def face_placement(base: SatelliteBase, i: int = 0, count: int = 1) -> Any:
