@@ -71,6 +71,12 @@ def put(text: str, key: str, value: Any) -> str:
     return found
 
 
+def swap(text: str, old: str, new: str) -> str:
+    """Replace a text that a scenario file has."""
+    assert old in text, old
+    return text.replace(old, new)
+
+
 def seeded(text: str, seed: int) -> str:
     """Draw plant, sensors and camera anew."""
     text = re.sub(r"(\[plant\.random\]\n)seed = 1", rf"\g<1>seed = {200 + seed}", text)
@@ -86,7 +92,7 @@ def packaged(name: str, after: float) -> str:
 
 def coarse_nozzle(after: float, seed: int) -> str:
     """Return the packaged nozzle, drawn anew, in control steps of twice its length."""
-    return seeded(packaged("nozzle", after), seed).replace("dt = 0.005 ", "dt = 0.01 ")
+    return swap(seeded(packaged("nozzle", after), seed), "dt = 0.005 ", "dt = 0.01 ")
 
 
 def scenario_text(kind: str, seed: int) -> str:
@@ -145,9 +151,7 @@ def drawn(kind: str, seed: int, rng: np.random.Generator) -> str:
         text = put(text, "model", '"servicer"')
         for values in (start, client.tolist()):
             text = re.sub(r"(?m)^joints = .*$", f"joints_deg = {values}", text, count=1)
-        text = (
-            put(text, "duration", 60.0).replace("dt = 0.02 ", "dt = 0.1 ").replace("dt = 0.002", "dt = 0.01")
-        )
+        text = swap(put(text, "duration", 60.0), "dt = 0.02 ", "dt = 0.1 ")
         text = put(put(text, "standoff", 0.4), "turn_stiffness", 500.0)
         text = put(put(text, "turn_damping", 200.0), "damping", 500.0)
     else:
@@ -158,10 +162,9 @@ def drawn(kind: str, seed: int, rng: np.random.Generator) -> str:
         text = re.sub(
             r"(?m)^(\[client\][^[]*?)joints = .*$", rf"\g<1>joints = {joints.tolist()}", text, count=1
         )
-        text = (
-            put(text, "duration", 20.0).replace("dt = 0.02 ", "dt = 0.05 ").replace("dt = 0.002", "dt = 0.01")
-        )
-    text = text.replace('kind = "re-planning"', 'kind = "re-planning"\nperiod = 0.5')
+        text = swap(put(text, "duration", 20.0), "dt = 0.02 ", "dt = 0.05 ")
+    text = swap(text, "dt = 0.002 ", "dt = 0.01 ")
+    text = swap(text, 'kind = "re-planning"', 'kind = "re-planning"\nperiod = 0.5')
     text = text.replace("\n[[obstacle]]", f"{believed}\n[[obstacle]]", 1)
     if kind == "wrong":
         text += f"\n[plant.random]\nseed = {seed}\narm_mass = 0.2\nbase_mass = 0.2\nbase_inertia = 0.2\n"
