@@ -129,11 +129,10 @@ def main() -> None:
         what = "latched" if row["caught"] else row["why"]
         numbers = [f"{words} {row[name]:.3g}" for name, words in WORDS.items() if name in row]
         print(f"{seed}: {what}; {', '.join(numbers)}", file=sys.stderr, flush=True)
-    print(f"{sum(row['caught'] for row in rows)} of {len(rows)} latched. Those that did not:\n")
-    for row in rows:
-        if not row["caught"]:
-            print(f"* seed {row['seed']}: {row['why'][:200]}")
-    print()
+    print(f"{sum(row['caught'] for row in rows)} of {len(rows)} latched.\n")
+    missed = [f"* seed {row['seed']}: {row['why'][:200]}\n" for row in rows if not row["caught"]]
+    if missed:
+        print(f"Not latched:\n\n{''.join(missed)}")
     table = []
     for name, words in WORDS.items():
         values = [row[name] for row in rows if np.isfinite(row.get(name, np.nan))]
