@@ -627,7 +627,7 @@ class Variables:
 
     @cached_property
     def goal(self) -> Variable:
-        """The position of the goal (3, S, K) [m]; NaN in a step, which has no goal."""
+        """The position of the goal (3, S, K) [m]; NaN in a step, whose parts do not receive its goal."""
         m = self.rollouts
         value = np.zeros((3, *m.rates.shape[1:])) + m.target_points
         if m.target_on == INERTIAL:
