@@ -331,7 +331,7 @@ def table(rows: list[dict[str, Any]]) -> str:
     if intervals:
         words = ("runs", "within 1", "2", "3 standard deviations", "sampling error of the first")
         found += "\n\n" + markdown(words, intervals)
-    return found + "\n\nNot caught:\n\n" + "\n".join(lines)
+    return found + "\n\nNot caught:\n\n" + "\n".join(lines) if lines else found
 
 
 def main() -> None:
