@@ -17,13 +17,14 @@ from ffsms_pin.scenarios.keys import DEGREES
 
 # Keys that get a new value for each seed if the scenario has their table.
 _SEEDS = ("sensors.seed", "wrist.seed", "plant.random.seed", "client.sensor.seed")
+_KINDS = ("uniform", "normal", "choice")
 _ADVICE = "write { uniform = [low, high] }, { normal = [mean, deviation] } or { choice = [value, value] }"
 
 
 def flat_draws(table: Mapping[str, Any], path: str = "") -> Iterator[tuple[str, Any]]:
     """Yield drawn keys and their distributions from nested tables, such as `plant.arm_mass`."""
     for name, value in table.items():
-        if isinstance(value, Mapping) and value and not set(value) & {"uniform", "normal", "choice"}:
+        if isinstance(value, Mapping) and value and not set(value) & set(_KINDS):
             yield from flat_draws(value, f"{path}{name}.")
         else:
             yield path + name, value
@@ -60,7 +61,7 @@ def drawn_content(
     for key, distribution in draws.items():
         try:
             value = _draw(distribution, _stream(key, seed))
-        except (AttributeError, LookupError, OverflowError, TypeError, ValueError) as error:
+        except (OverflowError, TypeError, ValueError) as error:
             message = f"[campaign.draw] {key} = {distribution} cannot be drawn ({error}); {_ADVICE}"
             raise InvalidScenario(source, message) from None
         try:
@@ -81,11 +82,21 @@ def _stream(key: str, seed: int) -> np.random.Generator:
     return np.random.default_rng([seed, zlib.crc32(key.encode())])
 
 
-def _draw(distribution: Mapping[str, Any], rng: np.random.Generator) -> Any:
-    """Draw a number, a list of numbers or one of the choices."""
+def _draw(distribution: Any, rng: np.random.Generator) -> Any:
+    """Draw a number, a list of numbers or one of the choices; `ValueError` if that is not possible."""
+    if (
+        not isinstance(distribution, Mapping)
+        or len(distribution) != 1
+        or not set(distribution) <= set(_KINDS)
+    ):
+        raise ValueError(f"it must be a table with one of {', '.join(_KINDS)}")
     ((kind, values),) = distribution.items()
     if kind == "choice":
+        if not isinstance(values, list | tuple) or not values:
+            raise ValueError("choice must be a list of one or more values")
         return values[int(rng.integers(len(values)))]
+    if not isinstance(values, list | tuple) or len(values) != 2:
+        raise ValueError(f"{kind} must be a list of two values")
     first, second = values
     sample: Any = {"uniform": rng.uniform, "normal": rng.normal}[kind]
     return np.asarray(sample(first, second)).tolist()

@@ -87,6 +87,9 @@ def test_a_drawn_value_takes_the_place_of_the_files() -> None:
     "table",
     [
         {"a": {}},
+        {"a": [0.0, 1.0]},
+        {"a": {"uniform": 1.0}},
+        {"a": {"choice": "abc"}},
         {"a": {"b": {"uniform": [0, 1], "normal": [0, 1]}}},
         {"a": {"uniform": [1.0, 2.0, 3.0]}},
         {"a": {"uniform": ["low", "high"]}},
