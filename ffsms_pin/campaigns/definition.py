@@ -73,10 +73,15 @@ class Campaign:
         return scenario_of(Path(self.source), content, allow_import=self.allow_import)
 
     def digest(self) -> str:
-        """Return the SHA-256 of all inputs of a run except its seed."""
+        """Return the SHA-256 of the file, the distributions, the files that it names, and the versions.
+
+        The files of a user's own terms and limits belong to them, but not the modules that these import.
+        """
         names = [self.content.get(table, {}).get("model") for table in ("robot", "plant")]
         names += [row.get("file") for row in self.content.get("obstacle", [])]
         names.append(self.content.get("path", {}).get("file"))
+        rows = [*self.content.get("term", []), *self.content.get("limit", [])]
+        names += [f"{row['use'].partition(':')[0].replace('.', '/')}.py" for row in rows if ":" in row["use"]]
         paths = [Path(self.source).parent / str(name) for name in names]
         parts: list[Any] = [read_content(path, LARGEST_DATA).hex() for path in paths if path.is_file()]
         parts += [__version__, *map(version, ("pin", "proxsuite", "daqp", "numpy", "scipy"))]
