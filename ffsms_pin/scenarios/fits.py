@@ -12,6 +12,7 @@ from ffsms_pin.control import LAWS
 from ffsms_pin.opt import Problem
 from ffsms_pin.scenarios.keys import DEGREES, options_of
 from ffsms_pin.scenarios.paths import CURVES
+from ffsms_pin.scenarios.problems import SHAPES
 from ffsms_pin.scenarios.tables import (
     BASE_LAWS,
     DEFAULT_LAW,
@@ -55,6 +56,8 @@ _IN_A_FILE = "[robot] {key} = {listed}"  # advice of the library
 _Tables = Mapping[str, Any]
 
 
+# Required and optional keys of each curve and each shape: table, choosing key, and the keys by choice.
+_REQUIRED = (("path", "curve", CURVES), ("obstacle", "shape", SHAPES))
 # Keys for one method, kind, law or shape only: table, choosing key, its default, and the keys by choice. All
 # other keys of a table apply to every choice.
 TAKES: tuple[tuple[str, str, str, Mapping[str, tuple[str, ...]]], ...] = (
@@ -77,18 +80,9 @@ TAKES: tuple[tuple[str, str, str, Mapping[str, tuple[str, ...]]], ...] = (
         },
     ),
     ("control", "law", DEFAULT_LAW, {law: tuple(options_of(made)) for law, made in LAWS.items()}),
-    ("path", "curve", "", {curve: (*needed, *others) for curve, (needed, others) in CURVES.items()}),
-    (
-        "obstacle",
-        "shape",
-        "",
-        {
-            "box": ("size",),
-            "sphere": ("radius",),
-            "cylinder": ("radius", "length"),
-            "capsule": ("radius", "length"),
-            "mesh": ("file", "scale"),
-        },
+    *(
+        (table, key, "", {name: needed + others for name, (needed, others) in choices.items()})
+        for table, key, choices in _REQUIRED
     ),
 )
 # Conditions are tables, keys or values of keys: "attitude", "attitude.dump", "attitude.law = coordinated".
@@ -117,6 +111,14 @@ _NEEDS: tuple[tuple[str, tuple[str, ...], str], ...] = (
     ),
     ("meet", ("plan.method = horizon",), '[plan] method = "horizon": other methods cannot meet it'),
     ("path.frame = client", ("client",), "a table [client]"),
+    *(
+        (
+            f"path.{key}",
+            ("path.attitude", "path.faces", "path.file"),
+            "attitude, faces, or a file with attitudes",
+        )
+        for key in ("orientation_tolerance", "orientation_reach")
+    ),
     ("simulation.wheel_momentum", ("attitude",), "a table [attitude], without which the wheels stand still"),
     ("thrusters", ("attitude",), "a table [attitude], without which they never fire; it may be empty"),
     ("estimator", ("sensors",), "a table [sensors], because perfect sensors need no estimator"),
@@ -180,7 +182,14 @@ def check_fits(source: Path, tables: _Tables) -> None:
 
 
 def _choices(tables: _Tables) -> Iterator[str]:
-    """Yield messages about keys that do not apply to the method, kind, law or shape."""
+    """Yield messages about keys that the method, kind, law, curve or shape does not take, or lacks."""
+    for name, chooser, choices in _REQUIRED:
+        for title, row in _rows(tables, name):
+            needed, _ = choices[row[chooser]]
+            for key in needed:
+                if key not in row:
+                    takes_it = f'{chooser} = "{row[chooser]}"'
+                    yield f"{title} {key} is missing: {takes_it} needs {' and '.join(needed)}"
     replans = tables["reference"].get("kind") == "re-planning"
     for name, chooser, default, takes in TAKES:
         for title, row in _rows(tables, name):
@@ -260,9 +269,6 @@ def _task(tables: _Tables) -> Iterator[str]:
 def _path(path: _Tables, client: _Tables | None) -> Iterator[str]:
     """Yield messages about a path."""
     curve = path["curve"]
-    for key in CURVES[curve][0]:
-        if key not in path:
-            yield f'[path] {key} is missing: curve = "{curve}" needs {" and ".join(CURVES[curve][0])}'
     if curve == "points" and ("points" in path) == ("file" in path):
         yield '[path] curve = "points" needs either points or file'
     if curve == "rounded-square" and 2.0 * path["corner"] > path["side"]:

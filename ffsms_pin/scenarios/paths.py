@@ -12,10 +12,10 @@ import numpy as np
 import pinocchio as pin
 
 from ffsms_pin import opt
-from ffsms_pin.checks import FloatArray
+from ffsms_pin.checks import FloatArray, direction
 from ffsms_pin.client import FreeBody
-from ffsms_pin.errors import InvalidScenario, InvalidValue, ResultError
-from ffsms_pin.files import read_content, wrap_os_error
+from ffsms_pin.errors import InvalidScenario, InvalidValue
+from ffsms_pin.files import read_content
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.scenarios.keys import radians
 from ffsms_pin.system.batch.stacks import cross, rotations
@@ -78,8 +78,8 @@ def path_goal(scenario: Scenario, sms: SpaceManipulator, q0: FloatArray, client:
     options = {name: values[name] for name in _OPTIONS if name in values}
     if "faces" in values:
         options.setdefault("free_axis", _AHEAD)
-    place = partial(_placed, _placement(values, sms, q0, client), _attitude(values))
     with scenario.named("path"):
+        place = partial(_placed, _placement(values, sms, q0, client), _attitude(values))
         curve: Any
         if kind == "points":
             points, attitudes, options["times"] = _samples(scenario, values)
@@ -113,7 +113,7 @@ def _attitude(values: Mapping[str, Any]) -> Callable[[FloatArray], FloatArray] |
         return lambda point: attitude
     if "faces" not in values:
         return None
-    tool = _facing(np.array(values.get("free_axis", _AHEAD))).T
+    tool = _facing(direction("free_axis", values.get("free_axis", _AHEAD))).T
     inwards = -np.array([1.0, 1.0, values["faces"] == "centre"])
     return lambda point: _facing(inwards * point) @ tool
 
@@ -124,12 +124,12 @@ def _placed(placement: Any, turn: Any, point: FloatArray, attitude: FloatArray |
     return placement.act(point) if attitude is None else placement * pin.SE3(attitude, point)
 
 
-def _facing(direction: FloatArray) -> FloatArray:
-    """Return an attitude (3, 3) whose third axis has a direction (3,), and whose second one lies across z."""
-    length = float(np.linalg.norm(direction))
+def _facing(along: FloatArray) -> FloatArray:
+    """Return an attitude (3, 3) whose third axis points along (3,), and whose second axis lies across z."""
+    length = float(np.linalg.norm(along))
     if length < 1e-9:
-        raise InvalidValue("faces", direction, "has no direction where the curve meets the axis or centre")
-    ahead = direction / length
+        raise InvalidValue("faces", along, "has no direction where the curve meets the axis or centre")
+    ahead = along / length
     across = np.array([ahead[1], -ahead[0], 0.0])
     across = across / np.linalg.norm(across) if across.any() else np.array([0.0, 1.0, 0.0])
     return np.column_stack([cross(across, ahead), across, ahead])
@@ -154,12 +154,13 @@ def _samples(
 def _columns(source: Path, name: str) -> dict[str, FloatArray]:
     """Return the named columns of a CSV file of points; raise `InvalidScenario` for any other file."""
     try:
-        with wrap_os_error(name, "read"):
-            text = read_content(source.parent / name).decode("utf-8-sig")
+        text = read_content(source.parent / name).decode("utf-8-sig")
         table = np.atleast_1d(np.genfromtxt(io.StringIO(text), delimiter=",", names=True))
-    except (ResultError, ValueError) as error:
-        problem = "cannot be read" if isinstance(error, ValueError) else str(error)
-        raise InvalidScenario(source, f"[path] file = '{name}' {problem}") from None
+    except FileNotFoundError:
+        raise InvalidScenario(source, f"[path] file = '{name}' does not exist") from None
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or " ".join(str(error).split())
+        raise InvalidScenario(source, f"[path] file = '{name}' cannot be read ({reason})") from None
     names = table.dtype.names or ()
     attitude = [column for column in _ATTITUDE if column in names]
     if (

@@ -31,13 +31,19 @@ from ffsms_pin.system.mechanism import frame_index
 if TYPE_CHECKING:
     from ffsms_pin.scenarios.definition import Scenario
 
-# The required keys of each shape of obstacles.
-_SHAPES: Mapping[str, tuple[Callable[..., Any], tuple[str, ...]]] = {
-    "box": (lambda size: coal.Box(*size), ("size",)),
-    "sphere": (coal.Sphere, ("radius",)),
-    "cylinder": (coal.Cylinder, ("radius", "length")),
-    "capsule": (coal.Capsule, ("radius", "length")),
-    "mesh": (coal.MeshLoader, ("file",)),
+# The required and the optional keys of each shape of obstacles.
+SHAPES: Mapping[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
+    "box": (("size",), ()),
+    "sphere": (("radius",), ()),
+    "cylinder": (("radius", "length"), ()),
+    "capsule": (("radius", "length"), ()),
+    "mesh": (("file",), ("scale",)),
+}
+_SHAPE_CLASSES: Mapping[str, Callable[..., Any]] = {
+    "box": lambda size: coal.Box(*size),
+    "sphere": coal.Sphere,
+    "cylinder": coal.Cylinder,
+    "capsule": coal.Capsule,
 }
 
 
@@ -250,8 +256,8 @@ def meeting(meet: Mapping[str, Any], client: Client | ClientEstimate) -> opt.Mee
 def made_obstacles(scenario: Scenario, client: Any = None) -> list[opt.Obstacle]:
     """Return the obstacles; obstacles on the client only if a client is given.
 
-    Paths of meshes are relative to the file's folder. `InvalidScenario` is raised if keys do not fit the
-    shape, or a mesh is missing, unreadable or not convex.
+    Paths of meshes are relative to the file's folder. `InvalidScenario` is raised if a mesh is missing,
+    unreadable or not convex.
     """
     source, obstacles = scenario.source, []
     for i, row in enumerate(scenario.obstacle, start=1):
@@ -272,16 +278,12 @@ def made_obstacles(scenario: Scenario, client: Any = None) -> list[opt.Obstacle]
 
 def _shape(source: Path, title: str, row: Mapping[str, Any]) -> Any:
     kind = row["shape"]
-    make, needed = _SHAPES[kind]
-    for key in needed:
-        if key not in row:
-            raise InvalidScenario(source, f"{title} {key} is missing: a {kind} needs {' and '.join(needed)}")
     if kind != "mesh":
-        return make(*(row[key] for key in needed))
+        return _SHAPE_CLASSES[kind](*(row[key] for key in SHAPES[kind][0]))
     path = source.parent / row["file"]
     try:
         check_readable(path, LARGEST_DATA)
-        return make().load(str(path), np.full(3, row.get("scale", 1.0)))
+        return coal.MeshLoader().load(str(path), np.full(3, row.get("scale", 1.0)))
     except FileNotFoundError:
         raise InvalidScenario(source, f"{title} file = '{row['file']}' does not exist") from None
     except Exception as error:  # each mesh reader raises its own kinds

@@ -173,7 +173,7 @@ class Path(Goal):
     def for_motion(self, sms: SpaceManipulator, q0: FloatArray, duration: float) -> Path:
         """Return the path of a motion from q0 (nq,) that lasts `duration` [s]; jumps raise `InvalidValue`."""
         if duration <= self.approach_time:
-            remedy = f"must be shorter than the motion, which lasts {duration:g} s [s]"
+            remedy = f"must be shorter than the motion, which lasts {duration:g} s"
             raise InvalidValue("approach_time", self.approach_time, remedy)
         pose = sms.at(q0).end_effector_pose
         if self.on == BASE:

@@ -87,7 +87,7 @@ clearance = 0.012
 @pytest.mark.parametrize(
     ("table", "words"),
     [
-        ('shape = "box"', "size is missing: a box needs size"),
+        ('shape = "box"', 'size is missing: shape = "box" needs size'),
         ('shape = "sphere"\nradius = 0.1\nsize = [1.0, 1.0, 1.0]', 'size is no option of shape = "sphere"'),
         ('shape = "sphere"\nradius = 0.1\non = "moon"', 'must be one of "inertial", "base"'),
         ('shape = "mesh"\nfile = "absent.stl"', "'absent.stl' does not exist"),
