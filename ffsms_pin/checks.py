@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from typing import Any, ParamSpec, TypeAlias, TypeVar
+from typing import Any, TypeAlias
 
 import numpy as np
 import pinocchio as pin
@@ -20,8 +20,6 @@ from ffsms_pin.errors import InvalidValue
 
 FloatArray: TypeAlias = NDArray[np.float64]
 Indices: TypeAlias = NDArray[np.signedinteger[Any]]
-P = ParamSpec("P")
-R = TypeVar("R")
 
 LARGEST = 1e9
 SMALLEST_POSITIVE, LARGEST_POSITIVE = 1e-12, 1e12

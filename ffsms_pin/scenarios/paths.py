@@ -146,7 +146,14 @@ def _samples(
     points = np.column_stack([columns[name] for name in _POSITION])
     attitudes: Any = [None] * len(points)
     if "qx" in columns:
+        file = f"[path] file = '{values['file']}'"
+        for name in ("attitude", "faces"):
+            if name in values:
+                raise InvalidScenario(scenario.source, f"{file} has attitudes, and {name} too; keep one")
         turns = np.stack([columns[name] for name in _ATTITUDE])
+        if (zero := ~turns.any(axis=0)).any():
+            row = int(np.argmax(zero)) + 1
+            raise InvalidScenario(scenario.source, f"{file}: the quaternion of row {row} is zero")
         attitudes = np.moveaxis(rotations(turns / np.linalg.norm(turns, axis=0)), -1, 0)
     return points, attitudes, columns.get("t")
 

@@ -194,6 +194,7 @@ def test_terms_are_for_whole_motions(tmp_path: Path) -> None:
         ("x,y,z\n0,0,0\n1,one,1\n", "y of row 2 is no finite number"),
         ("x,y,z\n0,0,0\n1,1\n", r"cannot be read \(.*Line #3 \(got 2 columns instead of 3\)"),
         ("x,y,z\n0,0,0\n", "must have two samples at least"),
+        ("x,y,z,qx,qy,qz,qw\n0,0,0,0,0,0,1\n1,1,1,0,0,0,0\n", "the quaternion of row 2 is zero"),
     ],
 )
 def test_bad_files_of_points(tmp_path: Path, text: str, problem: str) -> None:
@@ -201,6 +202,12 @@ def test_bad_files_of_points(tmp_path: Path, text: str, problem: str) -> None:
     (tmp_path / "a.csv").write_text(text, encoding="utf-8")
     with pytest.raises(InvalidScenario, match=problem):
         goal_of(tmp_path, 'curve = "points"\nfile = "a.csv"\n')
+
+
+def test_attitudes_of_a_file_and_of_the_table_exclude_each_other(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text("x,y,z,qx,qy,qz,qw\n1,0,0,0,0,0,1\n1,1,1,0,0,0,1\n", encoding="utf-8")
+    with pytest.raises(InvalidScenario, match="has attitudes, and faces too; keep one"):
+        goal_of(tmp_path, 'curve = "points"\nfile = "a.csv"\nfaces = "axis"\n')
 
 
 def test_a_run_says_how_far_it_was_off_its_path(tmp_path: Path) -> None:
