@@ -135,6 +135,17 @@ def com_problem(mass: float, inertia: FloatArray, com: FloatArray) -> str:
     return f"{far} {radius:.3g} m; it must lie within {most:.3g} m: check the units of both"
 
 
+def rigid_body(name: str, mass: Any, tensor: Any, com: Any) -> tuple[float, FloatArray, FloatArray]:
+    """Return mass [kg], inertia (3, 3) and centre of mass (3,) of a body that is physically possible."""
+    mass, com = positive(f"{name}.mass", mass, "kg"), vector(f"{name}.com", com, 3, "m")
+    checked = inertia(f"{name}.inertia", tensor)
+    if problem := inertia_problem(mass, checked):
+        raise InvalidValue(f"{name}.inertia", tensor, problem)
+    if problem := com_problem(mass, checked, com):
+        raise InvalidValue(f"{name}.com", com, problem)
+    return mass, checked, com
+
+
 def number(name: str, value: Any) -> float:
     """Return a finite number of magnitude up to 1e9."""
     if type(value) is float and -LARGEST <= value <= LARGEST:  # the most common case, in every control step

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any, TypeAlias
 
@@ -141,7 +141,10 @@ class List(Kind):
 
 @dataclass(frozen=True)
 class ByName(Kind):
-    """A table of numbers by name."""
+    """A table of values by name; `what` names them in messages."""
+
+    of: Kind
+    what: str
 
     def schema(self) -> Any:
         """Return the schema of a dict."""
@@ -149,10 +152,10 @@ class ByName(Kind):
 
         def check(value: Any) -> Any:
             if not isinstance(value, dict) or not value:
-                raise unusable("must be a table of numbers by joint, such as {joint_2 = 0.5}")
+                raise unusable(f"must be a table of {self.what}")
             return value
 
-        return no_info_before_validator_function(check, dict_schema(str_schema(), Real().schema()))
+        return no_info_before_validator_function(check, dict_schema(str_schema(), self.of.schema()))
 
 
 @dataclass(frozen=True)
@@ -234,7 +237,7 @@ Substeps: TypeAlias = Annotated[int, Integer(1, 1000)]
 Text: TypeAlias = Annotated[str, Name()]
 Texts: TypeAlias = Annotated[Any, List(Name(), what="texts", empty=True)]
 Numbers: TypeAlias = Annotated[Any, List(Real())]
-ByJoint: TypeAlias = Annotated[Any, ByName()]
+ByJoint: TypeAlias = Annotated[Any, ByName(Real(), "numbers by joint, such as {joint_2 = 0.5}")]
 # Vectors of fixed size, of numbers above zero, and rows of three numbers.
 Vector3: TypeAlias = Annotated[Any, _THREE]
 Vector6: TypeAlias = Annotated[Any, List(Real(), 6)]
@@ -250,7 +253,39 @@ PerJointLimit: TypeAlias = Annotated[Any, values_per_joint(Real(SMALLEST_POSITIV
 # One number, one per joint, or a square matrix.
 Gain: TypeAlias = Annotated[Any, Either(_has_rows, _SQUARE, values_per_joint(Real()))]
 # Principal moments, or a matrix.
-Inertia: TypeAlias = Annotated[Any, Either(_has_rows, List(_THREE, 3), List(_POSITIVE, 3))]
+_INERTIA = Either(_has_rows, List(_THREE, 3), List(_POSITIVE, 3))
+Inertia: TypeAlias = Annotated[Any, _INERTIA]
+
+
+@dataclass(frozen=True)
+class RigidBody(Kind):
+    """A table of `mass`, `inertia` about the centre of mass, and optionally `com`."""
+
+    def schema(self) -> Any:
+        """Return the schema of a dict with these keys."""
+        from pydantic_core import core_schema
+
+        def check(value: Any) -> Any:
+            if not {"mass", "inertia"} <= value.keys() <= {"mass", "inertia", "com"}:
+                raise unusable("must have the keys mass, inertia and, where it is not zero, com")
+            return value
+
+        kinds = {"mass": _POSITIVE, "inertia": _INERTIA, "com": _THREE}
+        fields = {
+            key: core_schema.typed_dict_field(kind.schema(), required=key != "com")
+            for key, kind in kinds.items()
+        }
+        return core_schema.no_info_before_validator_function(check, core_schema.typed_dict_schema(fields))
+
+
+# Masses or rigid bodies by the names of links.
+Bodies: TypeAlias = Annotated[
+    Mapping[str, Any],
+    ByName(
+        Either(lambda value: isinstance(value, dict), RigidBody(), _POSITIVE),
+        "masses or bodies by link, such as {base = 30.0}",
+    ),
+]
 # One vector, or one for each joint.
 Shifts: TypeAlias = Annotated[Any, Either(_has_rows, List(_THREE, what="rows of 3 numbers"), _THREE)]
 NameOrIndex: TypeAlias = Annotated[

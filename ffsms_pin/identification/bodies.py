@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from ffsms_pin.checks import FloatArray, instance, positive
+from ffsms_pin.checks import FloatArray, instance, positive, rigid_body
 from ffsms_pin.errors import InvalidValue, meant
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.system.regressors import PER_BODY
@@ -62,13 +62,15 @@ def known_bodies(sms: SpaceManipulator, known: Mapping[str, Any]) -> Known:
     instance("known", known, Mapping)
     inertias, masses, payload = list(sms.model.inertias)[1:], dict[str, float](), None
     for name, value in known.items():
+        index = None if name == PAYLOAD else _index(sms, name, "known")
         if not isinstance(value, pin.Inertia):
-            masses[name] = positive(f"known['{name}']", value, "kg")
-        elif name == PAYLOAD:
-            positive(f"known['{name}'].mass", value.mass, "kg")
+            masses[name] = positive(f"known.{name}", value, "kg")
+            continue
+        rigid_body(f"known.{name}", float(value.mass), value.inertia, value.lever)
+        if index is None:
             payload = value
         else:
-            inertias[_index(sms, name, "known")] = value
+            inertias[index] = value
     return Known(sms.with_inertias(inertias), masses, payload)
 
 
@@ -84,8 +86,8 @@ def unknown_bodies(known: Known, unknown: Sequence[str], spread: float) -> list[
     spread = positive("spread", spread)
     bodies = [_unknown(known, name, spread) for name in unknown]
     if strangers := [name for name in known.masses if name not in unknown]:
-        text = f"holds the mass of '{strangers[0]}', which is not among the unknown bodies; give a"
-        raise InvalidValue("known", known.masses, f"{text} pinocchio.Inertia to change the model's")
+        text = f"holds the mass of '{strangers[0]}', which is not among the unknown bodies; to change the"
+        raise InvalidValue("known", known.masses, f"{text} model, give its inertia, too (pinocchio.Inertia)")
     if known.payload is not None and PAYLOAD not in unknown:
         text = "holds an inertia of the payload, which is not among the unknown bodies; add a known payload"
         raise InvalidValue("known", known.payload, f"{text} to the robot with sms.with_inertias")

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Mapping
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
 import pinocchio as pin
@@ -16,7 +15,7 @@ from ffsms_pin.errors import FfsmsError, InvalidValue
 from ffsms_pin.identification.bodies import known_bodies, unknown_bodies
 from ffsms_pin.identification.noise import NoiseModel
 from ffsms_pin.identification.result import Identification, Solution, identification_of
-from ffsms_pin.options import Positive, Texts, Unit
+from ffsms_pin.options import Bodies, Positive, Texts, Unit
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.simulation import Sensors
 from ffsms_pin.system.regressors import PER_BODY, body_regressor, momentum_regressors
@@ -58,7 +57,8 @@ class Identifier:
         measurements. `identify` estimates the noise from the recording.
     known : mapping, optional
         Values by the name of a body: a mass [kg], which is not estimated, or a `pinocchio.Inertia` as prior
-        in place of the model's; that of "payload" is in the frame of the link.
+        in place of the model's; that of "payload" is in the frame of the link. In a scenario file a body is a
+        table of `mass`, `inertia` (about the centre of mass) and `com`.
     spread : float
         The prior standard deviation as a share of a body's mass, first moments and inertia.
     at_rest : bool
@@ -86,7 +86,7 @@ class Identifier:
         unknown: Annotated[Texts, Unit()],
         *,
         sensors: Sensors | None = None,
-        known: Mapping[str, Any] | None = None,
+        known: Annotated[Bodies | None, Unit("kg", "none")] = None,
         spread: Annotated[Positive, Unit()] = 1.0,
         at_rest: Annotated[bool, Unit()] = False,
     ) -> None:

@@ -6,8 +6,11 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
+import pinocchio as pin
+
 from ffsms_pin.capture.estimate import ClientEstimate
 from ffsms_pin.capture.visual_replanning import VisualReplanning
+from ffsms_pin.checks import rigid_body
 from ffsms_pin.identification import Identifier
 from ffsms_pin.opt import Path, Replanning, ReplanOptions, Trajectory
 from ffsms_pin.opt.plans import replannable
@@ -51,8 +54,14 @@ def learner(scenario: Scenario, sms: SpaceManipulator) -> Identifier | None:
         return None
     with scenario.named("learn"):
         sensors = scenario.made(Sensors, "sensors") if scenario.sensors else None
-        return Identifier(sms, list(table["unknown"]), sensors=sensors, **_options(table))
+        known = {name: _known(f"known.{name}", value) for name, value in table.get("known", {}).items()}
+        others = {key: table[key] for key in ("spread", "at_rest") if key in table}
+        return Identifier(sms, list(table["unknown"]), sensors=sensors, known=known, **others)
 
 
-def _options(table: Mapping[str, Any]) -> dict[str, Any]:
-    return {key: table[key] for key in ("spread", "at_rest") if key in table}
+def _known(name: str, value: Any) -> Any:
+    """Return a known mass [kg], or the pinocchio.Inertia of a table of mass, inertia and com."""
+    if not isinstance(value, Mapping):
+        return value
+    mass, tensor, com = rigid_body(name, value["mass"], value["inertia"], value.get("com", (0.0, 0.0, 0.0)))
+    return pin.Inertia(mass, com, tensor)

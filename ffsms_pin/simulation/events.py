@@ -10,16 +10,7 @@ from typing import Annotated, Any, ClassVar, Literal, TypeAlias
 import numpy as np
 import pinocchio as pin
 
-from ffsms_pin.checks import (
-    FloatArray,
-    com_problem,
-    inertia,
-    inertia_problem,
-    number,
-    one_of,
-    positive,
-    vector,
-)
+from ffsms_pin.checks import FloatArray, number, one_of, rigid_body, vector
 from ffsms_pin.client import Client, after_capture
 from ffsms_pin.client.client import carried
 from ffsms_pin.errors import InvalidValue
@@ -125,12 +116,7 @@ class Capture:
 
     def client(self, tool: Any, tool_twist: FloatArray) -> Client:
         """Return the grasped body of an end effector at a pose (pinocchio.SE3) with a twist (6,)."""
-        mass, com = positive("capture.mass", self.mass, "kg"), vector("capture.com", self.com, 3, "m")
-        tensor = inertia("capture.inertia", self.inertia)
-        if problem := inertia_problem(mass, tensor):
-            raise InvalidValue("capture.inertia", self.inertia, problem)
-        if problem := com_problem(mass, tensor, com):
-            raise InvalidValue("capture.com", self.com, problem)
+        mass, tensor, com = rigid_body("capture", self.mass, self.inertia, self.com)
         pose, twist = carried(tool, tool_twist, pin.SE3(np.eye(3), com))
         if self.twist is not None:
             twist = vector("capture.twist", self.twist, 6, "m/s, rad/s")

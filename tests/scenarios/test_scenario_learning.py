@@ -7,13 +7,18 @@ import re
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+import pinocchio as pin
 import pytest
 from condition_files import QUICK, ran
 from rich.console import Console
 
+import ffsms_pin as ffsms
 from ffsms_pin.cli.run import summary_table
 from ffsms_pin.errors import InvalidScenario
-from ffsms_pin.scenarios import summary
+from ffsms_pin.identification import Identifier
+from ffsms_pin.scenarios import scenario, summary
+from ffsms_pin.scenarios.replanning import learner
 
 LEARN = '[reference]\nkind = "re-planning"\ndt = 0.02\n[learn]\nunknown = ["base"]\n'
 LONGER = QUICK.replace("duration = 2.0", "duration = 4.0")
@@ -36,6 +41,45 @@ def test_the_summary_has_what_was_believed_learnt_and_true(tmp_path: Path) -> No
     text = io.StringIO()
     Console(width=160, file=text).print(summary_table(summary(outcome)))
     assert re.search(r"base: mass .* 34\.12 \+- .* believed 31\.02, true 34\.12 kg", text.getvalue())
+
+
+def test_known_masses_and_bodies_are_those_of_python(tmp_path: Path) -> None:
+    """A known mass is not estimated; a whole body is the prior in place of the model's."""
+
+    def of_file(keys: str) -> Identifier:
+        file = tmp_path / "known.toml"
+        file.write_text(QUICK + LEARN + keys, encoding="utf-8")
+        made = scenario(file)
+        identifier = learner(made, made.load())
+        assert identifier is not None
+        return identifier
+
+    sms = ffsms.load("planar_3r")
+    bodies = {"base": 30.0}, {"base": pin.Inertia(30.0, np.array([0.1, 0.0, 0.0]), np.diag([1.0, 1.0, 1.5]))}
+    tables = (
+        "known = {base = 30.0}\n",
+        "[learn.known.base]\nmass = 30.0\ncom = [0.1, 0.0, 0.0]\ninertia = [1.0, 1.0, 1.5]\n",
+    )
+    for known, keys in zip(bodies, tables, strict=True):
+        (expected,), (body,) = Identifier(sms, ["base"], known=known).bodies, of_file(keys).bodies
+        for name in ("believed", "deviation", "free"):
+            np.testing.assert_array_equal(getattr(expected, name), getattr(body, name))
+
+
+@pytest.mark.parametrize(
+    ("keys", "words"),
+    [
+        ("known = {base = -3.0}", "known must be above zero, got -3"),
+        ("known = 3.0", "table of masses or bodies by link"),
+        ("known = {bse = 3.0}", "did you mean 'base'"),
+        ("known = {link_1 = 2.0}", "not among the unknown bodies"),
+        ("[learn.known.base]\nmass = 3.0", "must have the keys mass, inertia"),
+        ("[learn.known.base]\nmass = 3.0\ninertia = [1.0, 1.0, 5.0]", "triangle inequality"),
+    ],
+)
+def test_known_values_that_cannot_be_used_are_refused(tmp_path: Path, keys: str, words: str) -> None:
+    with pytest.raises(InvalidScenario, match=words):
+        ran(tmp_path, QUICK + LEARN + keys + "\n")
 
 
 def test_without_it_the_summary_has_nothing(tmp_path: Path) -> None:
