@@ -333,15 +333,17 @@ class Identifier:
         G, g, c, count = self._equations()
         k, other = len(G), self._other
         bias = self._bias[:k, :k]
-        shown, more_shown = _significant(G - bias, bias, self.samples), _significant(other[:-1, :-1])
-        clean, right = shown @ (G - bias) @ shown.T, shown @ (g - self._bias[:k, -1])
-        more, more_right = more_shown @ other[:-1, :-1] @ more_shown.T, more_shown @ other[:-1, -1]
-        learnt = round(max(np.trace(shown), np.trace(more_shown)))
+        A, N = _significant(G - bias, bias, self.samples)
+        B, M = _significant(other[:-1, :-1])
+        a, b = N @ (g - self._bias[:k, -1]), M @ other[:-1, -1]
+        learnt = max(len(A), len(B))
         scale = other_scale = 1.0
         for _ in range(4):
-            H = clean / scale + more / other_scale + np.eye(k)
-            inverse = np.linalg.inv(0.5 * (H + H.T))
-            x = -inverse @ (right / scale + more_right / other_scale)
+            # Least squares by the factors of the information, because exact data need twice its digits.
+            root, other_root = math.sqrt(scale), math.sqrt(other_scale)
+            Q, R = np.linalg.qr(np.vstack([A / root, B / other_root, np.eye(k)]))
+            back = np.linalg.inv(R)
+            x = -back @ (Q.T @ np.concatenate([a / root, b / other_root, np.zeros(k)]))
             misfit = c + 2.0 * float(g @ x) + float(x @ G @ x)
             if count >= _ENOUGH + k:
                 scale = max(misfit / (count - learnt), _LEAST_SCALE)
@@ -349,7 +351,9 @@ class Identifier:
                 others = float(other[-1, -1] + 2.0 * other[:-1, -1] @ x + x @ other[:-1, :-1] @ x)
                 other_scale = max(others / (self._other_count - learnt), _LEAST_SCALE)
         # The noise of the regressors adds to that of the sums, in proportion to their weight.
-        covariance = inverse + inverse @ shown @ (bias / scale) @ shown.T @ inverse
+        inverse = back @ back.T
+        noisy = inverse @ A.T @ N
+        covariance = inverse + noisy @ (bias / scale) @ noisy.T
         whole = x + np.concatenate([body.believed for body in self.bodies])[self._columns] / self._scales
         moved, beyond_noise = float(whole @ G @ whole), max(misfit - _NOISE * count, 0.0)
         unexplained = math.sqrt(beyond_noise / moved) if moved > 0.0 else 0.0
@@ -405,11 +409,13 @@ class Identifier:
         return identification_of(self)
 
 
-def _significant(G: FloatArray, bias: FloatArray | None = None, samples: int = 1) -> FloatArray:
-    """Return the projector (k, k) onto the directions whose information exceeds the noise of its `bias`.
+def _significant(
+    G: FloatArray, bias: FloatArray | None = None, samples: int = 1
+) -> tuple[FloatArray, FloatArray]:
+    """Return a factor A (r, k) of the part of G that exceeds the noise of its `bias`, and N (r, k).
 
-    The directions are the eigenvectors of G relative to that noise, because a direction without information
-    may have more noise than others have information.
+    The part is A^T A; A^T N projects on its directions. These are the eigenvectors of G relative to that
+    noise, because a direction without information may have more noise than others have information.
     """
     noise = _ROUNDING * max(float(np.linalg.eigvalsh(G)[-1]), 1e-300) * np.eye(len(G))
     if bias is not None:
@@ -417,5 +423,5 @@ def _significant(G: FloatArray, bias: FloatArray | None = None, samples: int = 1
     L = np.linalg.cholesky(noise)
     inverse = np.linalg.inv(L)
     values, vectors = np.linalg.eigh(inverse @ (0.5 * (G + G.T)) @ inverse.T)
-    chosen = vectors[:, values > 1.0]
-    return np.asarray(L @ chosen @ chosen.T @ inverse)
+    chosen, root = vectors[:, values > 1.0].T, np.sqrt(values[values > 1.0])[:, None]
+    return root * (chosen @ L.T), (chosen @ inverse) / root

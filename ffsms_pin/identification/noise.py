@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,6 +14,7 @@ from ffsms_pin.simulation import Sensors
 
 # [m/s, rad/s] default if the sensors are unknown; larger residuals scale it up.
 NOMINAL = 1e-6
+_ORDERS = (3, 5, 7)  # orders of the differences that estimate noise
 _LEAST = 1e-9  # least share of a stated deviation, so that weights stay finite
 _USUAL_SHARE = 0.3  # share of the rate limits, assumed for the effect of joint angle errors on momentum
 
@@ -64,7 +66,7 @@ class NoiseModel:
 
     @classmethod
     def shown_by(cls, v: FloatArray) -> NoiseModel:
-        """Return the noise of velocities v (N, 6 + n), estimated from their third differences."""
+        """Return the noise of velocities v (N, 6 + n), estimated from their differences."""
         noise = noise_of(v)
         return cls(np.maximum(noise, NOMINAL) ** 2, noise**2, 0.0, 0.0, 0.0, False)
 
@@ -77,7 +79,14 @@ class NoiseModel:
 
 
 def noise_of(values: FloatArray) -> FloatArray:
-    """Return the noise deviations (k,) of series (N, k), estimated from third differences."""
-    if len(values) < 8:
+    """Return the noise deviations (k,) of series (N, k), the least by differences of several orders.
+
+    Lower orders also show the motion if its rate of sampling is low.
+    """
+    if len(values) < 16:
         return np.zeros(values.shape[1])
-    return np.asarray(np.sqrt(np.mean(np.diff(values, 3, axis=0) ** 2, axis=0) / 20.0))
+    squares = [
+        np.mean(np.diff(values, order, axis=0) ** 2, axis=0) / math.comb(2 * order, order)
+        for order in _ORDERS
+    ]
+    return np.asarray(np.sqrt(np.min(squares, axis=0)))

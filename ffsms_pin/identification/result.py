@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from ffsms_pin.identification.identifier import Identifier
 
 SHOWN = 0.5  # share of the prior deviation below which a direction counts as observed
+_ROUNDING = 1e-14  # least variance, as a share of the prior one
 _UNEXPLAINED = 0.08  # share of a momentum; arm masses with errors of 15 % cause half of it
 _SUSPICIOUS = 4.0  # times the stated noise: the model is wrong
 
@@ -202,7 +203,7 @@ def identification_of(identifier: Identifier, near: FloatArray | None = None) ->
     estimate = believed.copy()
     estimate[free] += scales[free] * solved.x
     squares, V = np.linalg.eigh(solved.covariance)
-    left = np.sqrt(np.clip(squares, 1e-30, 1.0))  # at most the prior uncertainty
+    left = np.sqrt(np.clip(squares, _ROUNDING, 1.0))  # at most the prior uncertainty
     information = (V / left**2) @ V.T / np.outer(scales[free], scales[free])
     sizes = _sizes(believed, scales)
     settled = nearest_consistent(estimate, information, sizes, free, near)

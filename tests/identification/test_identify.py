@@ -210,6 +210,27 @@ class _scaled:  # noqa: N801 - reads as a factor
         return pin.Inertia(factor * self.body.mass, self.body.lever, factor * self.body.inertia)
 
 
+def test_exact_momenta_and_torques_together_leave_unobservable_parameters_alone() -> None:
+    """The information of exact data exceeds that of the prior by sixteen orders."""
+    tracking = swung_by(true_arm(), arm())
+    recording = tracking.t, tracking.q, tracking.v, tracking.tau
+    found = identify(arm(), recording=recording, unknown=["base", *arm().joint_names], spread=0.3)
+    assert found.residual < 2.0
+    for body, inertia in zip(found.bodies.values(), list(true_arm().model.inertias)[1:], strict=True):
+        off = body.parameters - np.array(inertia.toDynamicParameters())
+        assert (np.abs(off) < 3.0 * body.deviation + 1e-6).all()
+        assert body.mass == pytest.approx(inertia.mass, rel=0.5)
+
+
+def test_a_low_rate_of_sampling_is_no_noise() -> None:
+    """Differences of the third order alone would take the motion for noise of 2 % of the rates."""
+    tracking = swung_by(true_arm(), arm())
+    rows = slice(None, None, 20)  # 10 Hz
+    base_of(
+        identify(arm(), recording=(tracking.t[rows], tracking.q[rows], tracking.v[rows])), true_arm(), 1e-3
+    )
+
+
 def test_wheels_are_counted() -> None:
     wheels = ffsms.ReactionWheels(np.eye(3), inertia=0.05, torque=2.0, momentum=50.0)
     model = arm().with_actuators(wheels=wheels)
