@@ -1,4 +1,4 @@
-"""The coupling-informed planning: problems made of terms and limits, and solvers that stack them."""
+"""Coupling-informed planning: problems of cost terms and limits, and their solvers."""
 
 from ffsms_pin.geometry.obstacle import Obstacle
 from ffsms_pin.opt.check import check
@@ -38,7 +38,8 @@ from ffsms_pin.opt.search.search import SearchOptions, shortest, solve
 from ffsms_pin.opt.step.stepper import Step, StepProblem, StepWeights
 from ffsms_pin.opt.trajectory import Trajectory
 
-Via = Waypoint  # earlier names
+# Earlier names.
+Via = Waypoint
 Also = FrameGoal
 
 __all__ = [

@@ -23,20 +23,20 @@ from ffsms_pin.options import NotNegative, Positive, Unit
 if TYPE_CHECKING:
     from ffsms_pin.opt.step.state import StepState
 
-# [s] The weights of motion are for a motion of this duration. Times are scaled to an eighth of the duration,
-# so that the ratio of cost integral and regularisation of a joint motion is the same in any time.
+# [s] The duration for which weights of regularisation are stated. For other durations time is scaled, so that
+# the ratio of the paper's cost to the regularisation is the same for a motion at any speed.
 REFERENCE_TIME = 8.0
 
 
 def time_scale(motions: Rollouts | Variables) -> float:
-    """Return the unit of time for the weights of motion: 1 for a motion of 8 s."""
+    """Return the duration divided by `REFERENCE_TIME`, by which residuals of regularisation are scaled."""
     return motions.duration / REFERENCE_TIME
 
 
 class Term(ABC):
     """A cost term; the integral of its squared residuals is its share of the objective.
 
-    An own term is a subclass, passed as `opt.Problem(terms=[...])`: see docs/own-parts.md.
+    A user's own term is a subclass, passed as `opt.Problem(terms=[...])`; see docs/own-parts.md.
 
     Attributes
     ----------
@@ -47,13 +47,12 @@ class Term(ABC):
     smooths : bool
         True if the term has a larger weight at the beginning of a search, to avoid poor minima.
     step_weight : float
-        The weight on the squared residual in single steps, where it determines redundant motion; it is small
-        compared with the weight 1 of a step's direction. 0: the term is for whole motions only.
+        The weight of the squared residual in single steps, where the term determines redundant motion. It is
+        small compared with 1, the weight of a step's direction. With 0 single steps ignore the term.
     measures_cost : bool
-        True if motions are compared by this term alone, and by its `cost`, because the residual may be
-        smoothed during a search.
+        True if a search compares motions by the cost of such terms only.
     kappa : float or None
-        Sharpness of the paper's C~, if the term has one; the reported measures of a motion use it.
+        The sharpness of the paper's C~, if the term has one. The measures of a finished motion use it.
     """
 
     name: str = ""
@@ -65,29 +64,30 @@ class Term(ABC):
 
     @abstractmethod
     def residual(self, m: Any) -> Formula:
-        """Return the residual at every instant, which includes the square root of the weight.
+        """Return the residual at every instant, multiplied by the square root of the weight.
 
-        The residual is a variable (S, K) or (c, S, K) computed from `m`, the `opt.Variables` of whole
-        motions, or a list of variables.
+        The residual is a variable (S, K) or (c, S, K), or a list of variables, computed from `m`, the
+        `opt.Variables` of whole motions.
         """
 
     def step_objective(self, step: StepState) -> tuple[FloatArray, FloatArray] | None:
         """Return W (n, n) and w (n,) that a step adds to its objective as u^T W u / 2 - w^T u.
 
-        u are the joint rates at the step's end; they rank below the direction and the speed of the end
-        effector. Default: with `step_weight`, rates that take the residual to zero at 1 /s.
+        u are the joint rates at the step's end. The direction and speed of the end effector have priority
+        over this objective. Default: if `step_weight` is above zero, rates at which the residual decays with
+        a time constant of 1 s.
         """
         if self.step_weight == 0.0:
             return None
-        seen = step.variables
+        variables = step.variables
         W, w = np.zeros((step.sms.n, step.sms.n)), np.zeros(step.sms.n)
-        for residual in formulas(self, "residual", seen):
+        for residual in formulas(self, "residual", variables):
             if residual.where is None:  # only whole motions have variables at some instants
-                value, flow, drift, jump = seen.change(residual)
-                known = np.isfinite(value)  # the goal is unknown
-                J, asked = (flow + jump)[known], (jump @ step.rates - value - drift)[known]
+                value, flow, drift, jump = variables.change(residual)
+                known = np.isfinite(value)  # NaN if it depends on the goal, which single steps do not pass
+                J, desired = (flow + jump)[known], (jump @ step.rates - value - drift)[known]
                 W += self.step_weight * J.T @ J
-                w += self.step_weight * J.T @ asked
+                w += self.step_weight * J.T @ desired
         return W, w
 
     def cost(self, m: Variables) -> FloatArray:
@@ -96,13 +96,13 @@ class Term(ABC):
         return sum(squares, np.zeros(m.count))
 
     def share(self, motion: Rollouts) -> float:
-        """Return the cost of one finished motion, at its nodes and the middles between; default: `cost`."""
+        """Return the cost of a finished motion from its nodes and their midpoints; default: `cost`."""
         return float(self.cost(Variables(motion))[0])
 
 
 @dataclass(frozen=True)
 class WeightedTerm(Term):
-    """A term with a weight, at least zero."""
+    """A term with a weight of at least zero."""
 
     weight: Annotated[NotNegative, Unit()] = 1.0
     """The weight in the objective."""
@@ -114,10 +114,10 @@ class WeightedTerm(Term):
 def soft_assistance(cos_theta: float, kappa: float) -> float:
     """Return C~ = log(1 + exp(kappa cos(theta_a))) / kappa, the paper's smooth max(0, cos(theta_a)).
 
-    The coupling assistance is in [-1, 1], the sharpness kappa above zero.
+    The coupling assistance `cos_theta` is in [-1, 1], the sharpness `kappa` above zero.
     """
     x = kappa * cos_theta
-    # log(1 + exp(x)) without overflow, as numpy's logaddexp(0, x).
+    # log(1 + exp(x)) without overflow.
     return (max(x, 0.0) + math.log1p(math.exp(-abs(x)))) / kappa
 
 
@@ -127,10 +127,10 @@ def step_cost(cos_theta: float, entropy: float, kappa: float) -> float:
 
 
 def ideal_cosine(entropy: float, kappa: float) -> float:
-    """Return the cosine at which the cost of a step with this H_norm is zero, or the nearest one in [-1, 1].
+    """Return the cos(theta_a) in [-1, 1] with the least cost of a step at an entropy H_norm.
 
-    C~ = 1 - H_norm gives log(exp(kappa (1 - H_norm)) - 1) / kappa. The ideal velocity is on a cone around the
-    direction to the target.
+    The cost is zero if C~ = 1 - H_norm, that is, cos(theta_a) = log(exp(kappa (1 - H_norm)) - 1) / kappa.
+    Velocities with this cosine form a cone around the direction to the target.
     """
     return kernel.ideal_cosine(entropy, kappa)
 
@@ -139,18 +139,18 @@ def ideal_cosine(entropy: float, kappa: float) -> float:
 class Coupling(Term):
     """The paper's cost (C~ - (1 - H_norm))^2, integrated over time (Eq. optimal_cost).
 
-    Its residual is independent of the speed, and discontinuous where the end effector stands still or has
-    arrived. During a search two factors take it to zero there (`Smoothing`); a finished motion has the true
-    cost.
+    The residual is independent of the end effector's speed, and discontinuous where this speed or the
+    distance to the target is zero. During a search two factors reduce the residual to zero there
+    (`rollouts.Smoothing`); the cost of a finished motion is exact.
 
-    `kappa` is the sharpness of C~: the paper does not state its own, and 10 makes C~ nearly
-    max(0, cos(theta_a)). `weight` is that of the integral [1/s]; the default of 1 makes other weights
-    relative to this term.
+    The paper states no `kappa`; with 10, C~ is close to max(0, cos(theta_a)). With the default `weight`,
+    other weights are relative to this term.
     """
 
     kappa: Annotated[Positive, Unit()] = 10.0
     """The sharpness of the paper's C~."""
     weight: Annotated[NotNegative, Unit()] = 1.0
+    """The weight of the integral in the objective."""
     name = "coupling"
     measures_cost = True
 
@@ -174,29 +174,29 @@ class Coupling(Term):
         return np.asarray(self.weight * ((soft - (1.0 - m.rollouts.entropy)) ** 2 @ m.rollouts.weights))
 
     def share(self, motion: Rollouts) -> float:
-        """Return the paper's sum over the steps, times their length."""
+        """Return the paper's sum over the steps, times the step's length [s] and the weight."""
         return self.weight * _sum_over_steps(motion, motion.paired.cost(self.kappa))
 
 
 class _Plain(WeightedTerm):
-    """A regularisation; up to its default weight it only decides between motions of equal cost."""
+    """A regularisation term; up to its default weight it only decides between motions of equal cost."""
 
     smooths = True
 
     @property
-    def tie_breaker(self) -> bool:  # type: ignore[override]  # plain elsewhere
-        """True if the weight is at most the default; a greater weight is traded against cost."""
+    def tie_breaker(self) -> bool:  # type: ignore[override]  # a class attribute in the base class
+        """True if the weight is at most the default; a larger weight is traded against the cost."""
         return self.weight <= type(self).weight
 
 
 @dataclass(frozen=True)
 class Effort(_Plain):
-    """The joint travel.
+    """The cost of joint rates, which keeps joint travel short.
 
-    `weight` is that of the integral of the squared joint rates [s^2/rad^2, for a motion of 8 s]. By default a
-    joint travel of 3 rad more costs as much as 1e-3 s of the paper's cost integral. `idle` is the factor on
-    the square of joints that do not move the end effector, such as those of a second arm, because their
-    swinging reduces the paper's cost by 1e-4 s only.
+    `weight` multiplies the integral of the squared joint rates [s^2/rad^2, for a motion of 8 s]. With the
+    default, a joint that turns by 3 rad at a constant rate costs as much as 1.1e-4 s of the paper's cost
+    integral. `idle` multiplies the squares of joints that do not move the end effector, such as those of a
+    second arm, because their motion hardly reduces the paper's cost.
     """
 
     weight: Annotated[NotNegative, Unit()] = 1e-4
@@ -215,49 +215,52 @@ class Effort(_Plain):
 
 @dataclass(frozen=True)
 class Smooth(_Plain):
-    """The joint accelerations; `weight` is on the integral of their squares [s^4/rad^2, for 8 s]."""
+    """The cost of joint accelerations.
+
+    `weight` multiplies the integral of the squared joint accelerations [s^4/rad^2, for a motion of 8 s].
+    """
 
     weight: Annotated[NotNegative, Unit()] = 1e-5
     name = "smooth"
 
     def residual(self, m: Variables) -> Any:
-        """Return the joint accelerations."""
+        """Return the weighted joint accelerations."""
         return np.sqrt(self.weight) * time_scale(m) ** 2 * m.accelerations
 
 
 @dataclass(frozen=True)
 class BaseTurn(WeightedTerm):
-    """The rotation of the base.
+    """The cost of the base's rotation.
 
-    `weight` is on the integral of its squared angular velocity [32 s^2/rad^2, for a motion of 8 s]. With 1 an
-    even base rotation by 0.05 rad costs as much as 0.01 s of the paper's cost integral, which decides between
-    motions of nearly zero cost.
+    `weight` multiplies the integral of the base's squared angular velocity, in units of 32 s^2/rad^2 for a
+    motion of 8 s. With 1, a base rotation by 0.05 rad at a constant rate costs as much as 0.01 s of the
+    paper's cost integral, which is enough to decide between motions of nearly zero cost.
     """
 
     name = "base turn"
 
     def residual(self, m: Variables) -> Any:
-        """Return the angular velocity."""
+        """Return the weighted angular velocity of the base."""
         return np.sqrt(32.0 * self.weight) * time_scale(m) * m.base_angular_velocity
 
 
 @dataclass(frozen=True)
 class WheelMomentum(WeightedTerm):
-    """The momentum of the wheels that hold the attitude; zero without wheels.
+    """The cost of the momenta of wheels that hold the attitude; zero without wheels.
 
-    `weight` is on the integral of the wheels' squared momenta [1/(N m s)^2 1/s, for a motion of 8 s].
+    `weight` multiplies the integral of the wheels' squared momenta [1/(N m s)^2, for a motion of 8 s].
     """
 
     name = "wheel momentum"
 
     def residual(self, m: Variables) -> Any:
-        """Return the momentum of each wheel."""
+        """Return the weighted momentum of each wheel."""
         return np.sqrt(self.weight) * time_scale(m) * m.wheels
 
 
 @dataclass(frozen=True)
 class _Rounded(WeightedTerm):
-    """A term on absolute values that are smoothed below `rounding`."""
+    """A term whose absolute values are smoothed below `rounding`."""
 
     rounding: Annotated[Positive, Unit("W or N")] = 1e-3
     """The power of a wheel, or force of a thruster, below which its absolute value is smoothed."""
@@ -270,18 +273,18 @@ class _Rounded(WeightedTerm):
 
 @dataclass(frozen=True)
 class WheelEnergy(_Rounded):
-    """The energy of the wheels that hold the attitude; zero without wheels.
+    """The cost of the energy of wheels that hold the attitude; zero without wheels.
 
-    The energy is the integral of the sum of |motor torque x wheel speed|, because braking wheels do not
-    regenerate energy (`Trajectory.wheel_energy`). `weight` is on the energy [s/J, for a motion of 8 s];
-    `rounding` is the power of a wheel below which its absolute value is smoothed [W]; it bounds the error of
-    each wheel's power.
+    The energy is the integral of the sum of |motor torque x wheel speed| (`Trajectory.wheel_energy`), because
+    braking wheels do not regenerate energy. `weight` multiplies the energy [s/J, for a motion of 8 s].
+    `rounding` is the power of a wheel below which its absolute value is smoothed [W], and the largest error
+    of a wheel's power.
     """
 
     name, unit = "wheel energy", "W"
 
     def residual(self, m: Variables) -> Any:
-        """Return the square root of each wheel's power, at instants that have a weight."""
+        """Return the weighted square root of each wheel's power at instants with a quadrature weight."""
         if m.rollouts.wheels is None:
             return []
         power = root_of_size(_powers(m.weighted()), self.rounding)
@@ -290,38 +293,40 @@ class WheelEnergy(_Rounded):
 
 @dataclass(frozen=True)
 class Propellant(_Rounded):
-    """The propellant of the thrusters that hold attitude or place; zero without thrusters.
+    """The cost of propellant of thrusters that hold attitude or position; zero without thrusters.
 
-    The force and the moment that hold the base (`Variables.wrench`) are allocated by the pseudo-inverse; a
-    negative force counts as that of an opposed thruster. For thrusters in opposed pairs the result equals
-    `Trajectory.propellant`; for others it is a smooth approximation. `weight` is on the propellant [s/g, for
-    a motion of 8 s]; `rounding` is the force of a thruster below which its absolute value is smoothed [N].
+    The force and the moment that hold the base (`Variables.wrench`) are allocated to the thrusters by the
+    pseudo-inverse. A negative force is taken as that of an opposed thruster. For thrusters in opposed pairs
+    the propellant equals `Trajectory.propellant`, except for the smoothing; for others it is an
+    approximation. `weight` multiplies the propellant [s/g, for a motion of 8 s]. `rounding` is the force of a
+    thruster below which its absolute value is smoothed [N].
     """
 
     weight: Annotated[NotNegative, Unit()] = 0.1
     name, unit = "propellant", "N"
 
     def residual(self, m: Variables) -> Any:
-        """Return the square root of each thruster's flow, at instants that have a weight."""
+        """Return the weighted square root of each thruster's flow at instants with a quadrature weight."""
         thrusters = m.rollouts.thrusters
         if thrusters is None:
             return []
         forces: Any = ThrusterAllocation(thrusters, m.stack.base_com).shares @ m.weighted().wrench
-        flow = 1e3 * thrusters.flow(np.ones(1))  # [g/s] a newton
+        flow = 1e3 * thrusters.flow(np.ones(1))  # [g/s] per newton
         return np.sqrt(self.weight * flow) * time_scale(m) * root_of_size(forces, self.rounding)
 
 
 def wheel_energy(motion: Rollouts) -> float:
-    """Integrate the sum of |motor torque x wheel speed| over one motion [J], by its steps' middles."""
+    """Integrate the sum of |motor torque x wheel speed| over one motion [J], by the midpoint rule."""
     if motion.wheels is None:
         return 0.0
     return _sum_over_steps(motion, np.abs(_powers(Variables(motion)).value[:, 0, 1::2]))
 
 
 def propellant(motion: Rollouts) -> float:
-    """Return the propellant of thrusters that hold the base over one motion [kg], by the law's allocation.
+    """Return the propellant [kg] of thrusters that hold the base during one motion.
 
-    It is that of proportional thrusters; pulses of the same mean use as much.
+    Forces are allocated as in the control of the base. The thrusters are proportional; pulses with the same
+    mean force use the same propellant.
     """
     thrusters = motion.thrusters
     if thrusters is None:
@@ -334,7 +339,7 @@ def propellant(motion: Rollouts) -> float:
 
 
 def _powers(m: Variables) -> Any:
-    """Return motor torque x speed (w, S, K) of each wheel [W]."""
+    """Return the motor torque times the speed of each wheel (w, S, K) [W]."""
     wheels: Any = m.rollouts.wheels
     return m.wheel_torques * m.wheels / wheels.inertia
 

@@ -1,8 +1,8 @@
-"""Variables of motions with derivatives (forward mode), so that a part is one formula.
+"""Variables of motions with their derivatives (forward mode), for the formulas of terms and limits.
 
-Each array has slopes by the quantities on which it depends. A `Variable` is such an array, a `FrameVariable`
-the position of a frame of the robot with its attitude. `Variables` are all variables for a part, of whole
-motions or, as `StepVariables`, of a single step.
+A `Variable` is an array with slopes, its derivatives by the quantities on which it depends. A `FrameVariable`
+is the position of a frame of the robot, with the frame's attitude. `Variables` has all variables of whole
+motions, `StepVariables` those of a single step.
 """
 
 from __future__ import annotations
@@ -41,13 +41,13 @@ Slopes: TypeAlias = "dict[str, FloatArray] | Callable[[], dict[str, FloatArray]]
 # Motions, or None for all of them, and instants.
 Where: TypeAlias = "tuple[Indices | None, Any]"
 
-# Each component of these depends on its own joint alone, so the slopes have no axis for the joints.
+# Slopes of component j by joint j alone, which have no axis for the joints, and the slopes by all joints.
 OWN = {"own_joint": "by_joints", "own_rate": "by_rates", "own_acceleration": "by_accelerations"}
 _NEXT, _AFTER = [1, 2, 0], [2, 0, 1]
 _lost = threading.local()  # number of variables converted to plain arrays, by thread
 _TINY = 1e-150  # keeps the slope of a square root finite at zero
 
-# Derivatives by each argument of a function, from its result y and the arguments; None: 1.
+# Derivatives of a function by each argument, computed from its result y and its arguments; None means 1.
 _DERIVATIVES: dict[np.ufunc, tuple[Callable[..., Any], ...]] = {
     np.add: (lambda y, a, b: None, lambda y, a, b: None),
     np.subtract: (lambda y, a, b: None, lambda y, a, b: -1.0),
@@ -81,7 +81,7 @@ _FLAT = _COMPARISONS | {np.sign, np.floor, np.ceil, np.isfinite, np.isnan}
 
 
 def gradient_watch(make: Callable[[], Any]) -> tuple[Any, bool]:
-    """Call a function; return its result, and whether a variable lost its slopes as a plain array."""
+    """Call a function; return its result, and True if a variable with slopes became a plain array."""
     before, _lost.count = getattr(_lost, "count", 0), 0
     try:
         return make(), _lost.count > 0
@@ -90,7 +90,7 @@ def gradient_watch(make: Callable[[], Any]) -> tuple[Any, bool]:
 
 
 def _operators(ufunc: np.ufunc) -> tuple[Callable[[Any, Any], Variable], ...]:
-    """Return an operator and its reflection, which are faster than NumPy's dispatch by `__array_ufunc__`."""
+    """Return a binary operator and its reflection, which call `__array_ufunc__` without NumPy's dispatch."""
     return (
         lambda x, y: x.__array_ufunc__(ufunc, "__call__", x, y),
         lambda x, y: x.__array_ufunc__(ufunc, "__call__", y, x),
@@ -100,31 +100,32 @@ def _operators(ufunc: np.ufunc) -> tuple[Callable[[Any, Any], Variable], ...]:
 class Variable(NDArrayOperatorsMixin):
     """A number or a vector at every instant of every motion, with its derivatives.
 
-    Numbers, vectors (3,) and numpy's functions of single numbers (`np.sqrt`, `np.maximum`, ...) work with it
-    as with an array, and matrices (r, c) with a vector: `A @ variable`. `.value` is the plain array.
+    A variable combines with numbers, vectors (3,) and other variables, also in NumPy's elementwise functions
+    (`np.sqrt`, `np.maximum`, ...), and a vector with a matrix (r, c): `A @ variable`. `.value` is the plain
+    array.
 
     Parameters
     ----------
     value : ndarray, shape (S, K), or (c, S, K)
         The value at K instants of S motions; components come first.
     slopes : dict of str to ndarray, or a function that makes it
-        The partial derivatives, each by one quantity. The axes are the value's components, if any, those of
-        the quantity, then S and K, or 1 in their place. A function is called once, when slopes are needed.
-        The names are:
+        The partial derivatives by the name of a quantity. The first axis is that of the value's components if
+        the value is a vector, then follow the axes of the quantity, then S and K, each of which may be 1. If
+        a function returns them, it is called once, when slopes are needed. The names are:
 
         "by_joints", "by_rates", "by_accelerations" (n): joint positions, rates and accelerations;
-        "own_joint", "own_rate", "own_acceleration" (no axis): the same of component j by joint j alone;
-        "by_tip", "by_turn", "by_velocity", "by_spin" (3): position of the end effector, a turn of it
-        (rotation vector), its velocity and angular velocity, inertial axes;
-        "by_base", "by_base_turn", "by_base_spin" (3): position of the base's centre of mass, a turn of the
-        base, and its angular velocity;
+        "own_joint", "own_rate", "own_acceleration" (no axis): the same, of component j by joint j alone;
+        "by_tip", "by_turn", "by_velocity", "by_spin" (3): the end effector's position, rotation vector,
+        velocity and angular velocity, inertial axes;
+        "by_base", "by_base_turn", "by_base_spin" (3): the position of the base's centre of mass, the base's
+        rotation vector and its angular velocity, inertial axes;
         "by_entropy" (no axis): H_norm; "by_coupling" (6, n): the entries of C_bm in base axes;
         "by_time" (no axis): the time, for explicit time dependence, in single steps.
     where : tuple of ndarray, optional
-        Indices of motion and instant, (V,) each, of V values in shape (1, V) or (c, 1, V); or None and the
-        instants (K,) of all motions. Default: all.
+        Indices (V,) of motions and (V,) of instants, for V values in shape (1, V) or (c, 1, V); or None and
+        indices (K,) of instants of all motions. Default: all motions and instants.
     over_time : bool
-        True if the square of a residual is integrated over time; otherwise it is added as it is.
+        True if the square of a residual is integrated over time, False if it is added without integration.
     """
 
     def __init__(
@@ -138,7 +139,7 @@ class Variable(NDArrayOperatorsMixin):
         self._slopes: Slopes = {} if slopes is None else slopes
 
     def __repr__(self) -> str:
-        return f"Variable{self.value.shape} moved by {', '.join(self.slopes) or 'nothing'}"
+        return f"Variable{self.value.shape} with slopes {', '.join(self.slopes) or 'none'}"
 
     @property
     def slopes(self) -> dict[str, FloatArray]:
@@ -154,7 +155,7 @@ class Variable(NDArrayOperatorsMixin):
 
     @property
     def ndim(self) -> int:
-        """The number of axes: 2 of a number, 3 of a vector."""
+        """The number of axes: 2 for a number, 3 for a vector."""
         return self.value.ndim
 
     def __len__(self) -> int:
@@ -183,7 +184,7 @@ class Variable(NDArrayOperatorsMixin):
             by_name: dict[str, FloatArray] = {}
             for x, rule in moving:
                 part, joins = rule(result, *values), result.ndim > x.value.ndim
-                spreads = result.shape[:-2] != x.value.shape[:-2]  # a number broadcasts to all components
+                spreads = result.shape[:-2] != x.value.shape[:-2]  # x is a number and the result a vector
                 for name, slope in x.slopes.items():
                     if joins:
                         slope = slope[None]
@@ -206,7 +207,7 @@ class Variable(NDArrayOperatorsMixin):
         if isinstance(index, tuple) or index is None or index is Ellipsis:
             return np.asarray(self)[index]
         if self.value.ndim < 3:
-            raise InvalidValue("index", index, "must belong to a vector, but this variable is a number")
+            raise InvalidValue("index", index, "must belong to a vector; this variable is a number")
         return self._linear(lambda x: x[index])
 
     def _linear(self, mapping: Callable[[FloatArray], FloatArray]) -> Variable:
@@ -218,7 +219,7 @@ class Variable(NDArrayOperatorsMixin):
         return Variable(mapping(self.value), slopes, self.where)
 
     def by_all(self) -> dict[str, FloatArray]:
-        """Return the slopes, with those of components by their own joint expanded to all joints."""
+        """Return the slopes; those of component j by joint j alone get an axis for all joints."""
         by_name = {name: slope for name, slope in self.slopes.items() if name not in OWN}
         own = {OWN[name]: slope for name, slope in self.slopes.items() if name in OWN}
         return _summed(by_name, {name: np.eye(len(self))[..., None, None] * own[name] for name in own})
@@ -230,7 +231,7 @@ class Variable(NDArrayOperatorsMixin):
         return self._linear(lambda x: x.sum(axis=0))
 
     def during(self, span: slice) -> Variable:
-        """Return the values in a span of instants, of all motions."""
+        """Return the variable in a span of instants, of all motions."""
 
         def slopes() -> dict[str, FloatArray]:  # arrays that are constant in time stay unchanged
             return {name: x if x.shape[-1] == 1 else x[..., span] for name, x in self.slopes.items()}
@@ -248,16 +249,16 @@ class Variable(NDArrayOperatorsMixin):
 
         return Variable(np.einsum("c...,c...->...", mine, its), slopes, self.where)
 
-    def _along(self, ways: FloatArray) -> dict[str, FloatArray]:
-        """Return the slopes of the sum of components times directions (c, S, K)."""
+    def _along(self, directions: FloatArray) -> dict[str, FloatArray]:
+        """Return the slopes of the scalar product with constant directions (c, S, K)."""
 
         def along(slope: FloatArray) -> FloatArray:
-            return np.asarray(np.einsum("c...,c...->...", slope, _beside(ways, slope.ndim - 3)))
+            return np.asarray(np.einsum("c...,c...->...", slope, _beside(directions, slope.ndim - 3)))
 
         return {name: along(slope) for name, slope in self.by_all().items()}
 
     def cosine(self, other: Variable, size: FloatArray, its: FloatArray) -> Variable:
-        """Return the cosine of the angle to another vector, given both lengths (S, K), above zero."""
+        """Return the cosine of the angle to another vector; `size` and `its` (S, K) > 0 are both lengths."""
         here, there = self.value / size, other.value / its
         cosine = np.einsum("c...,c...->...", here, there)
 
@@ -296,10 +297,10 @@ class Variable(NDArrayOperatorsMixin):
 
 
 def root_of_size(x: Variable, rounding: float) -> Variable:
-    """Return r with r^2 = sqrt(x^2 + e^2) - e: smooth at zero, and at most e less than |x|.
+    """Return r, whose square sqrt(x^2 + e^2) - e is a smooth |x| that is at most e = `rounding` smaller.
 
-    Least squares take squares, and the integral of |x| has a kink at zero. With s = sqrt(x^2 + e^2) it is
-    (s - e)(s + e) = x^2, so r = x / sqrt(s + e).
+    As a residual, r makes a least-squares problem minimise |x| without the kink at zero. With
+    s = sqrt(x^2 + e^2), (s - e)(s + e) = x^2, so r = x / sqrt(s + e).
     """
     return x / np.sqrt(np.hypot(x, rounding) + rounding)
 
@@ -315,18 +316,18 @@ def _summed(slopes: dict[str, FloatArray], others: dict[str, FloatArray]) -> dic
 
 
 def _components(x: Any) -> Any:
-    """Return x as an array that broadcasts with (c, S, K): vectors (c,) get two axes more."""
+    """Return x as an array that broadcasts with (c, S, K); vectors (c,) get two more axes."""
     if isinstance(x, (Variable, float)):
         return x.value if isinstance(x, Variable) else x
     array = np.asarray(x, dtype=np.float64)
     return array[:, None, None] if array.ndim == 1 else array
 
 
-def _beside(values: Any, moved: int) -> Any:
-    """Return values (c, S, K) with `axes` new axes behind the first; others unchanged."""
-    if not moved or getattr(values, "ndim", 0) < 3:
+def _beside(values: Any, axes: int) -> Any:
+    """Return values (c, S, K) with `axes` new axes behind the first; return others unchanged."""
+    if not axes or getattr(values, "ndim", 0) < 3:
         return values
-    return values.reshape(len(values), *(1,) * moved, *values.shape[1:])
+    return values.reshape(len(values), *(1,) * axes, *values.shape[1:])
 
 
 # The axes in which a quantity is expressed.
@@ -337,14 +338,17 @@ EYE = np.eye(3)[..., None, None]  # slopes of a vector by itself
 class RobotFrame(NamedTuple):
     """A frame that is fixed to a body of the robot."""
 
-    moves: FloatArray  # (n,) 1 for joints that move it, else 0
-    body: int | None = None  # index of the joint that carries it, -1 the base; None: it is the end effector
-    offset: FloatArray = np.zeros(3)  # its position in the body's axes [m]
-    turn: FloatArray = np.eye(3)  # its attitude in the body's axes
+    moves: FloatArray  # (n,) 1 for joints that move the frame, else 0
+    body: int | None = None  # index of the body's joint; -1: the base, None: the frame is the end effector
+    offset: FloatArray = np.zeros(3)  # the frame's position in the body's axes [m]
+    turn: FloatArray = np.eye(3)  # the frame's attitude in the body's axes
 
     @classmethod
     def of(cls, stack: ArmStack, name: str = "tip") -> RobotFrame:
-        """Return the robot's frame by name, or its end effector; `FrameNotFound` lists the names."""
+        """Return the robot's frame with a name; "tip" is the end effector.
+
+        `FrameNotFound` is raised for an unknown name and lists the known ones.
+        """
         if name in ("tip", stack.robot.end_effector):
             return cls(stack.moves_tip)
         frame = stack.robot.model.frames[frame_index(stack.robot.model, name)]
@@ -353,9 +357,10 @@ class RobotFrame(NamedTuple):
         return cls(moves, body, placement.translation.copy(), placement.rotation.copy())
 
     def of_arm(self, arm: ArmValues) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """Return position (3, ...), rotation (3, 3, ...), both velocities by joint rates (3, n, ...).
+        """Return position (3, ...) [m], rotation (3, 3, ...), and both velocities per joint rate (3, n, ...).
 
-        All are relative to the root of a fixed base, in its axes [m].
+        All are relative to the root frame of the base, in its axes, with the base fixed. The velocities are
+        linear and angular.
         """
         shape = arm.axes.shape[2:]
         along = (..., *(None,) * len(shape))
@@ -375,10 +380,10 @@ class RobotFrame(NamedTuple):
 
 
 class FrameVariable(Variable):
-    """The position (3, S, K) of a frame, inertial axes [m]: a variable.
+    """The position of a frame (3, S, K), inertial axes [m], as a variable that also has the frame's attitude.
 
-    It also has the frame's attitude `rotation` (3, 3, S, K), or a function that computes it, and `turns`, the
-    slopes of a rotation of the frame (rotation vector, inertial axes).
+    `rotation` is the attitude (3, 3, S, K), or a function that returns it. `turns` are the slopes of the
+    frame's rotation vector, inertial axes.
     """
 
     def __init__(
@@ -400,7 +405,7 @@ class FrameVariable(Variable):
         return self._rotation
 
     def axis(self, axis: Any) -> Variable:
-        """Return a direction (3,), given in the frame's axes, in inertial axes (3, S, K)."""
+        """Return a direction (3,) of the frame's axes as a variable (3, S, K) in inertial axes."""
         a = apply(self.rotation, np.asarray(axis, dtype=np.float64)[:, None, None])
         return self._turned(a, lambda: -skew(a))  # a rotation phi changes it by phi x a
 
@@ -418,14 +423,14 @@ class FrameVariable(Variable):
         return self._turned(r, slope)
 
     def angle_from(self, rotation: FloatArray) -> Variable:
-        """Return the angle (S, K) by which the frame has turned from an attitude [rad]."""
+        """Return the angle (S, K) of the frame's rotation from an attitude (3, 3) or (3, 3, K) [rad]."""
         r = self._from(rotation)
         angle = np.sqrt(dot(r, r) + 1e-18)  # finite slopes at zero
         # Only the component of a rotation along its axis changes the angle.
         return Variable(angle, lambda: self._turn._along(r / angle), self.where)
 
     def during(self, span: slice) -> FrameVariable:
-        """Return the values in a span of instants, of all motions."""
+        """Return the frame in a span of instants, of all motions."""
         place, turn = super().during(span), self._turn.during(span)
         slopes = (lambda: place.slopes, lambda: turn.slopes)
         return FrameVariable(place.value, lambda: self.rotation[..., span], *slopes, place.where)
@@ -454,8 +459,8 @@ class FrameVariable(Variable):
         return Variable(value, slopes, self.where)
 
 
-_OWN = np.ones((1, 1, 1))  # slopes of one number per joint by itself; the first row is for a single number
-# Velocities, by the quantity of which they are the rate.
+_OWN = np.ones((1, 1, 1))  # slope of one number per joint by itself; `_OWN[0]` is that of a single number
+# Slopes by velocities, and the slopes by the quantities whose rates these velocities are.
 _VELOCITIES = {"by_velocity": "by_tip", "by_spin": "by_turn", "by_base_spin": "by_base_turn"}
 
 
@@ -467,9 +472,9 @@ def _moving(by: str, name: str, slope: FloatArray, doc: str) -> Any:
 class Variables:
     """The variables of S motions at K instants, inertial axes; other attributes are those of `Rollouts`.
 
-    The plain arrays are `rollouts`; `duration` is the time from the start to the deadline [s], `step` the
-    state of a single step, if it is one, and `extra_margin` the additional margin that a search requires of
-    the limit whose residual is computed, in the limit's own unit.
+    `rollouts` has the plain arrays. `duration` is the time from the start to the deadline [s]. `step` is the
+    state of a single step, None for whole motions. `extra_margin` is the additional margin that a search
+    requires of the limit whose residual is computed, in the limit's own unit.
     """
 
     step: StepState | None = None
@@ -495,7 +500,7 @@ class Variables:
 
     @cached_property
     def tip(self) -> FrameVariable:
-        """The position of the end effector (3, S, K) [m], whose `.axis(a)` is an axis of its frame."""
+        """The position of the end effector (3, S, K) [m], a `FrameVariable`."""
         m = self.rollouts
         return FrameVariable(
             m.end_effector, lambda: m.attitude, {"by_tip": EYE}, {"by_turn": EYE}, self.where
@@ -512,7 +517,7 @@ class Variables:
     def frame(self, name: str, on: str = INERTIAL) -> FrameVariable:
         """Return the position of a frame of the robot, a `FrameVariable`; "tip" is the end effector.
 
-        With `on` "base" it is relative to the base link's frame, in its axes.
+        With `on="base"` position and attitude are relative to the base link's frame, in its axes.
         """
         m, frame = self.rollouts, RobotFrame.of(self.rollouts.stack, name)
         if frame.body is None and on == INERTIAL:
@@ -531,21 +536,23 @@ class Variables:
             self.where,
         )
 
-    velocity = _moving("by_velocity", "velocity", EYE, "Velocity of the end effector (3, S, K) [m/s].")
+    velocity = _moving("by_velocity", "velocity", EYE, "The velocity of the end effector (3, S, K) [m/s].")
     angular_velocity = _moving(
-        "by_spin", "angular_velocity", EYE, "Angular velocity of the end effector (3, S, K) [rad/s]."
+        "by_spin", "angular_velocity", EYE, "The angular velocity of the end effector (3, S, K) [rad/s]."
     )
     base_angular_velocity = _moving(
-        "by_base_spin", "base_angular_velocity", EYE, "Angular velocity of the base (3, S, K) [rad/s]."
+        "by_base_spin", "base_angular_velocity", EYE, "The angular velocity of the base (3, S, K) [rad/s]."
     )
-    joints = _moving("own_joint", "joints", _OWN, "Joint positions (n, S, K).")
-    rates = _moving("own_rate", "rates", _OWN, "Joint rates (n, S, K).")
-    accelerations = _moving("own_acceleration", "accelerations", _OWN, "Joint accelerations (n, S, K).")
-    entropy = _moving("by_entropy", "entropy", _OWN[0], "H_norm (S, K).")
+    joints = _moving("own_joint", "joints", _OWN, "The joint positions (n, S, K) [rad, or m].")
+    rates = _moving("own_rate", "rates", _OWN, "The joint rates (n, S, K) [rad/s, or m/s].")
+    accelerations = _moving(
+        "own_acceleration", "accelerations", _OWN, "The joint accelerations (n, S, K) [rad/s^2, or m/s^2]."
+    )
+    entropy = _moving("by_entropy", "entropy", _OWN[0], "The entropy H_norm (S, K).")
 
     @cached_property
     def to_goal(self) -> Variable:
-        """The displacement from the end effector to the goal (3, S, K) [m], paired as in `Rollouts.delay`."""
+        """The displacement from the end effector, `Rollouts.delay` earlier, to the goal (3, S, K) [m]."""
         to_goal: Variable = self.goal - self.tip + self.rollouts.delay * self.velocity
         return to_goal
 
@@ -561,7 +568,7 @@ class Variables:
 
     @cached_property
     def cosine(self) -> Variable:
-        """The paper's cos(theta_a) (S, K), of the angle between `to_goal` and the end effector's velocity."""
+        """The paper's cos(theta_a) (S, K), between `to_goal` and the velocity of the end effector."""
         return self.to_goal.cosine(self.velocity, self.distance.value, self.speed.value)
 
     @cached_property
@@ -571,7 +578,7 @@ class Variables:
 
     @cached_property
     def _forces(self) -> Variable:
-        """The torques of the joints, and below them the wrench that holds the base (n + 6, S, K)."""
+        """The joint torques, and below them the base's constraint wrench (n + 6, S, K)."""
         m = self.rollouts
 
         def slopes() -> dict[str, FloatArray]:
@@ -582,13 +589,13 @@ class Variables:
 
     @property
     def torques(self) -> Variable:
-        """The joint torques H_q qdd + C_q (n, S, K) with a reacting base; qdd = 0 in a step [N m, or N]."""
+        """The joint torques H_q qdd + C_q (n, S, K) with a reacting base [N m, or N]; qdd = 0 in a step."""
         torques: Variable = self._forces[:-6]
         return torques
 
     @property
     def wrench(self) -> Variable:
-        """The force and moment about its centre of mass that hold the base (6, S, K), base axes [N, N m]."""
+        """The wrench (6, S, K) that holds the base, about its centre of mass, base axes [N; N m]."""
         wrench: Variable = self._forces[-6:]
         return wrench
 
@@ -627,7 +634,7 @@ class Variables:
 
     @cached_property
     def goal(self) -> Variable:
-        """The position of the goal (3, S, K) [m]; NaN in a step, whose parts do not receive its goal."""
+        """The position of the goal (3, S, K) [m]; NaN in single steps."""
         m = self.rollouts
         value = np.zeros((3, *m.rates.shape[1:])) + m.target_points
         if m.target_on == INERTIAL:
@@ -635,12 +642,15 @@ class Variables:
         return self.variable(value, lambda: {"by_base": EYE, "by_base_turn": -skew(value - m.base_position)})
 
     def weighted(self) -> Variables:
-        """Return the variables at the instants with a nonzero weight in an integral over the motion."""
+        """Return the variables at the instants with a quadrature weight above zero."""
         m = self.rollouts
         return self.at(*np.nonzero(np.broadcast_to(m.weights > 0.0, m.rates.shape[1:])))
 
     def at(self, motion: Indices | None, instants: Indices | slice) -> Variables:
-        """Return V instants of motions as one motion of V instants, or a span of instants of all motions."""
+        """Return V pairs of motion and instant, by their indices, as one motion with V instants.
+
+        If `motion` is None, return these instants of all motions.
+        """
         where = motion, np.arange(len(self.rollouts.times))[instants]
         return Variables(self.rollouts.at(motion, instants), self.duration, where, self.extra_margin)
 
@@ -650,7 +660,7 @@ class Variables:
         return self if same else Variables(self.rollouts, self.duration, self.where, extra)
 
     def during(self, first: int, last: int) -> Variables:
-        """Return the variables from one instant to another, by index."""
+        """Return the variables from instant `first` to instant `last`, both included."""
         span = slice(first, last + 1)
         selected = self.at(None, span)
         selected.tip = self.tip.during(span)
@@ -658,18 +668,18 @@ class Variables:
 
 
 class StepChange(NamedTuple):
-    """The change of c variables at a step's start with its joint rates u."""
+    """The dependence of c variables at a step's start on the joint rates u of the step."""
 
-    value: FloatArray  # (c,) at the state, with the rates at the step's start
-    flow: FloatArray  # (c, n) the rate of change by positions is flow @ u + flow_drift
+    value: FloatArray  # (c,) the values for the rates at the step's start
+    flow: FloatArray  # (c, n) flow @ u + flow_drift is the rate of change due to the motion
     flow_drift: FloatArray  # (c,)
-    jump: FloatArray  # (c, n) the derivative by the rates, at the same state
+    jump: FloatArray  # (c, n) the derivative by the rates, with the configuration unchanged
 
 
 class StepVariables(Variables):
-    """The variables of a single step: a motion of one instant, shape (..., 1, 1).
+    """The variables of a single step, as a motion of one instant, shape (..., 1, 1).
 
-    Quantities of the step are reused; others are computed when a part needs them.
+    Quantities of the step's state are reused; others are computed when they are needed.
     """
 
     step: StepState
@@ -721,7 +731,7 @@ class StepVariables(Variables):
         super().__init__(motions, step.time + step.time_left)
 
     def change(self, variable: Variable) -> StepChange:
-        """Return the change of a variable of the step with the joint rates."""
+        """Return the dependence of a variable on the joint rates of the step."""
         m, n, c = self.rollouts, self.step.sms.n, variable.value.size
         flow, jump = np.zeros((c, n + 1)), np.zeros((c, n))
         for name, slope in variable.by_all().items() if c else ():
@@ -745,5 +755,5 @@ class StepVariables(Variables):
 
 
 def _one(x: Any) -> FloatArray:
-    """Return a copy of x in the shape of one motion at one instant; the state's may be read-only views."""
+    """Return x with axes for one motion and one instant; a copy, because x may be a read-only view."""
     return np.array(x, dtype=np.float64)[..., None, None]

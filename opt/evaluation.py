@@ -1,4 +1,4 @@
-"""The checked evaluation of terms and limits for the solvers; errors name the part."""
+"""The checked evaluation of parts (terms and limits) for the solvers; errors have the part's name."""
 
 from __future__ import annotations
 
@@ -20,16 +20,17 @@ UNBOUNDED = 1e20
 
 
 class Rows(NamedTuple):
-    """The rows lower <= G u <= upper, up to a slack, in the joint rates u at the step's end.
+    """Linear constraints lower <= G u <= upper, up to a slack, on the joint rates u at a step's end.
 
     Attributes
     ----------
     G : ndarray, shape (k, n)
+        The coefficients.
     lower, upper : ndarray, shape (k,)
         The bounds; +-`UNBOUNDED` if a row has one side only.
     softness : float
-        The relaxation of a row per unit of the QP's slack, in the row's unit per (m/s). 0 is a hard row, for
-        limits that can always be satisfied.
+        The relaxation of a row per unit of the QP's slack, in the row's unit per (m/s). With 0 the row is
+        hard, for limits that can always be satisfied.
     """
 
     G: FloatArray
@@ -39,7 +40,7 @@ class Rows(NamedTuple):
 
 
 def stacked(rows: list[Rows]) -> Rows | None:
-    """Stack rows, all with the largest of their softnesses; return None without rows."""
+    """Stack rows, with the largest softness for all; return None if the list is empty."""
     if len(rows) < 2:
         return rows[0] if rows else None
     G, lower, upper = (np.concatenate(parts) for parts in zip(*(row[:3] for row in rows), strict=True))
@@ -56,11 +57,11 @@ class Violation(NamedTuple):
     instants : ndarray, shape (k,)
         Times at which the limit is active or violated [s].
     note : str
-        A text of the violation, with values and units; empty if the limit is satisfied.
+        A description of the violation, with values and units; empty if the limit is satisfied.
     nearest : str
-        A text of the nearest pair for a limit that `blocks`, for the note of a plan that it holds back.
+        A description of the nearest pair of bodies, for the note of a plan that does not reach its target.
     overlap : str
-        A text of the overlap with an obstacle, from which no motion can start.
+        A description of an overlap with an obstacle, from which no motion can start; empty without one.
     """
 
     amount: float = 0.0
@@ -73,14 +74,14 @@ class Violation(NamedTuple):
 # The result of a part's formula.
 Formula: TypeAlias = "Variable | Sequence[Formula]"
 NUMERICAL = (np.linalg.LinAlgError, ArithmeticError)  # numerical failures, not programming errors
-_WRITE = "write it with m.tip, m.frame(...), m.rates, m.joints, ... (docs/own-parts.md)"
+_WRITE = "compute it from m.tip, m.frame(...), m.rates, m.joints, ... (docs/own-parts.md)"
 _LOST = (
-    "a function of numpy made a plain array of a variable; take x.norm(), x.dot(y), np.maximum(x, y), ... in "
-    "place of np.linalg.norm, np.clip, np.where, ..., and x.value if no slope is needed (docs/own-parts.md)"
+    "a NumPy function converted a variable to a plain array; use x.norm(), x.dot(y), np.maximum(x, y), ... "
+    "instead of np.linalg.norm, np.clip, np.where, ..., or x.value if no slope is needed (docs/own-parts.md)"
 )
 
 
-# The required results of methods, and their text.
+# The required types of the methods' results, and their names in messages.
 _KINDS: dict[str, tuple[Any, str]] = {
     "rows": ((Rows, type(None)), "opt.Rows or None"),
     "step_objective": ((tuple, type(None)), "a matrix and a vector, or None"),
@@ -90,49 +91,49 @@ _KINDS: dict[str, tuple[Any, str]] = {
 
 
 def checked_parts(name: str, parts: Any, kind: type[Any]) -> tuple[Any, ...]:
-    """Check that parts are of the same kind with unique names, and return them."""
+    """Return parts as a tuple; raise `InvalidValue` for another kind, or a name that occurs twice."""
     if isinstance(parts, str) or not isinstance(parts, Sequence):
         raise InvalidValue(name, parts, f"must be a sequence of opt.{kind.__name__}")
     for i, part in enumerate(parts):
         if not isinstance(part, kind):
             raise InvalidValue(f"{name}[{i}]", part, f"must be an opt.{kind.__name__}")
         if not isinstance(part.name, str) or not part.name:
-            raise InvalidValue(f"{name}[{i}]", part, "must have a `name`, a text")
+            raise InvalidValue(f"{name}[{i}]", part, "must have a `name`, a string that is not empty")
     names = [part.name for part in parts]
-    if twice := [name for name in names if names.count(name) > 1]:
-        raise InvalidValue(name, twice[0], "must have one part of each name; give yours another `name`")
+    if repeated := [name for name in names if names.count(name) > 1]:
+        raise InvalidValue(name, repeated[0], "must have one part of each name; set another `name` for yours")
     return tuple(parts)
 
 
 def residuals_of(part: Any, motions: Rollouts | Variables) -> list[Variable]:
-    """Return the residuals of a term or a limit at motions, or at shared variables."""
-    seen = motions if isinstance(motions, Variables) else Variables(motions)
-    return [residual for residual in formulas(part, "residual", seen) if residual.value.size]
+    """Return the residuals of a term or limit for motions, without empty ones."""
+    variables = motions if isinstance(motions, Variables) else Variables(motions)
+    return [residual for residual in formulas(part, "residual", variables) if residual.value.size]
 
 
-def evaluate(part: Any, method: str, seen: Any) -> Any:
+def evaluate(part: Any, method: str, argument: Any) -> Any:
     """Call a method of a part; raise `PartError` if it fails or returns another type."""
     try:
-        answer = getattr(part, method)(seen)
+        result = getattr(part, method)(argument)
     except PartError:
         raise
     except Exception as error:
         raise PartError.of(part, method, error) from error
-    kinds, wanted = _KINDS.get(method, (object, ""))
-    if not isinstance(answer, kinds):
-        raise PartError(part, method, f"must return {wanted}; got {type(answer).__name__}")
-    return answer
+    kinds, required = _KINDS.get(method, (object, ""))
+    if not isinstance(result, kinds):
+        raise PartError(part, method, f"must return {required}; got {type(result).__name__}")
+    return result
 
 
 def rows_of(limit: Any, step: StepState) -> Rows | None:
-    """Return the rows of a limit in a step, after a check of their shapes."""
+    """Return the rows of a limit in a step; raise `PartError` for wrong shapes."""
     rows: Rows | None = evaluate(limit, "rows", step)
     if rows is None:
         return None
     k, n = len(rows.lower), len(step.rates)
     try:
         shapes = rows.G.shape, rows.lower.shape, rows.upper.shape
-    except AttributeError:  # no arrays
+    except AttributeError:  # sequences instead of arrays
         shapes = np.shape(rows.G), np.shape(rows.lower), np.shape(rows.upper)
     if shapes != ((k, n), (k,), (k,)):
         raise PartError(limit, "rows", f"must return G (k, {n}), lower (k,) and upper (k,); got {shapes}")
@@ -140,7 +141,7 @@ def rows_of(limit: Any, step: StepState) -> Rows | None:
 
 
 def objective_of(term: Any, step: StepState) -> tuple[FloatArray, FloatArray] | None:
-    """Return a term's part of a step's objective, after a check of the shapes."""
+    """Return a term's part of a step's objective; raise `PartError` for wrong shapes."""
     objective: tuple[FloatArray, FloatArray] | None = evaluate(term, "step_objective", step)
     n = len(step.rates)
     if objective is not None and [np.shape(array) for array in objective] != [(n, n), (n,)]:
@@ -163,11 +164,11 @@ def share_of(term: Any, motion: Rollouts) -> float:
 
 
 def formulas(part: Any, method: str, variables: Variables) -> list[Variable]:
-    """Return the variables of a part's formula, flat and checked."""
-    answer, slopes_lost = gradient_watch(lambda: evaluate(part, method, variables))
+    """Return the variables of a part's formula as a flat list; raise `PartError` for anything else."""
+    result, slopes_lost = gradient_watch(lambda: evaluate(part, method, variables))
     if slopes_lost:
         raise PartError(part, method, f"loses slopes: {_LOST}")
-    return [_checked(part, method, value, variables) for value in _flat(answer)]
+    return [_checked(part, method, value, variables) for value in _flat(result)]
 
 
 def check_own_parts(parts: Sequence[Any], motion: Rollouts) -> None:
@@ -188,22 +189,22 @@ def check_own_parts(parts: Sequence[Any], motion: Rollouts) -> None:
                     raise
 
 
-def _flat(answer: Any) -> list[Any]:
+def _flat(result: Any) -> list[Any]:
     return (
-        [value for each in answer for value in _flat(each)] if isinstance(answer, (list, tuple)) else [answer]
+        [value for each in result for value in _flat(each)] if isinstance(result, (list, tuple)) else [result]
     )
 
 
-def _checked(part: Any, method: str, answer: Any, variables: Variables) -> Variable:
+def _checked(part: Any, method: str, value: Any, variables: Variables) -> Variable:
     """Return a variable unchanged; raise `PartError` for anything else, and for a wrong shape."""
-    if not isinstance(answer, Variable):
-        if isinstance(answer, (np.ndarray, np.generic, float, int)):
+    if not isinstance(value, Variable):
+        if isinstance(value, (np.ndarray, np.generic, float, int)):
             raise PartError(part, method, f"returns a plain array without slopes: {_WRITE}")
         raise PartError(
-            part, method, f"must return a variable, or a list of these; got {type(answer).__name__}: {_WRITE}"
+            part, method, f"must return a variable, or a list of these; got {type(value).__name__}: {_WRITE}"
         )
     S, K = variables.rollouts.rates.shape[1:]
-    if answer.where is None and (answer.shape[-2:] != (S, K) or answer.ndim > 3):
+    if value.where is None and (value.shape[-2:] != (S, K) or value.ndim > 3):
         shapes = f"{(S, K)} or (c, S, K) = (c, {S}, {K})"
-        raise PartError(part, method, f"must return shape (S, K) = {shapes}; got {answer.shape}")
-    return answer
+        raise PartError(part, method, f"must return shape (S, K) = {shapes}; got {value.shape}")
+    return value

@@ -1,7 +1,7 @@
-"""The verdict on a flown motion by goals and limits of its problem, with the formulas for plans.
+"""The verdict on a flown motion by the goals and limits of its problem, with the formulas for plans.
 
-The rows of a recording become one motion at these instants, so the same code checks a position, an attitude,
-a second frame, a waypoint, a base limit or a clearance of planned and flown motions.
+A recording becomes one motion whose instants are the recording's rows, so the same code checks planned and
+flown motions.
 """
 
 from __future__ import annotations
@@ -35,11 +35,11 @@ class LeastClearance(NamedTuple):
     Attributes
     ----------
     distance : float
-        [m]; negative where the bodies overlap.
+        The distance [m]; negative if the bodies overlap.
     pair : str
         The names of the two bodies.
     time : float
-        [s]
+        The time of the least distance [s].
     wanted : float
         The required clearance [m].
     place : tuple of three floats
@@ -149,10 +149,10 @@ def recorded(
         mean_speed=1.0,
         **{name: values[..., None, :] for name, values in variables.items()},
     )
-    known = given(problem, problem.goal, t)
+    of_problem = given(problem, problem.goal, t)
     if problem.base_start is None:  # limits of the base are relative to its pose in the first row
-        known |= {"base_start": motion.base_start, "rotation_start": motion.rotation_start}
-    return replace(motion, **known)
+        of_problem |= {"base_start": motion.base_start, "rotation_start": motion.rotation_start}
+    return replace(motion, **of_problem)
 
 
 def judge(
@@ -165,13 +165,13 @@ def judge(
 ) -> Verdict:
     """Judge a flown motion by the goals and limits of its problem.
 
-    The goal and the goals of other frames are checked at the last row, within the reaches of
-    `Trajectory.reached` for the last tenth. A goal with `Goal.exact` is checked at the deadline within its
-    tolerance, velocities included; for other goals a required velocity at the deadline may deviate by the
-    reaches per second. A path is checked at all times within these reaches, a waypoint at its time or at the
-    nearest point of the motion, base limits and wheel momenta at all times. A clearance is checked between
-    rows, too: an overlap is a miss, a smaller violation a breach. Joint and torque limits, the corridor of
-    `opt.Meet` and a user's own limits are not checked.
+    The goals of the end effector and of other frames are checked at the last row, within `Goal.reach` and
+    `Goal.orientation_reach`. A goal with `Goal.exact` is checked at the deadline within its tolerance,
+    velocities included. For other goals, a required velocity at the deadline may deviate by these reaches per
+    second. A path is checked at all times within the same reaches, a waypoint at its time or at the nearest
+    point of the motion, base limits and wheel momenta at all times. A clearance is checked between rows, too;
+    an overlap is a miss, a smaller violation a breach. Joint and torque limits, the corridor of `opt.Meet`
+    and a user's own limits are not checked.
 
     Parameters
     ----------
@@ -213,10 +213,10 @@ def judge(
 
 
 def least_clearance(problem: Problem, robot: SpaceManipulator, motion: Rollouts) -> LeastClearance | None:
-    """Return the least clearance of a motion, including between instants.
+    """Return the least clearance of a motion, at instants and between them.
 
-    It includes the robot's own bodies and obstacles on the base, in space and on a client. It is None if the
-    problem has no clearance limit, or no bodies can meet.
+    The clearance is that between the robot's bodies and from them to obstacles on the base, in space and on a
+    client. It is None if the problem has no clearance limit, or no bodies can meet.
     """
     least = None
     for limit in problem.limits:
@@ -251,7 +251,7 @@ def _errors(goal: Goal, m: Variables, frame: str) -> FloatArray:
 
 
 def _goal_misses(goal: Goal, error: FloatArray, frame: str) -> list[str]:
-    """Return a message if a frame misses its goal at the end."""
+    """Return a list with a message if a frame misses its goal at the end; else an empty list."""
     if error[0] <= goal.reach and error[1] <= goal.orientation_reach:
         return []
     turned = goal.place(0.0).rotation is not None

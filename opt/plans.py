@@ -39,12 +39,12 @@ METHODS = ("horizon", "step", "paper", "resolved-rate", "least-disturbance", "mi
 
 
 class PlanOptions(TypedDict, total=False):
-    """The further arguments of `plan`, each a field of the class that documents it.
+    """The further arguments of `plan`.
 
-    `clearance` and `collision`: `opt.Clearance`; `base_limits`: an `opt.BaseLimits`; `momentum`,
-    `joint_rates`, `locked` and `wheel_momentum`: `opt.Problem`; `effort`: the weight of `opt.Effort`; `base`:
-    the weight of `opt.BaseTurn`; `time_limit`: `opt.SearchOptions`; `also`: goals of other frames at the
-    deadline by the frames' names, each an `opt.FrameGoal`.
+    `clearance` and `collision` are fields of `opt.Clearance`; `momentum`, `joint_rates`, `locked` and
+    `wheel_momentum` of `opt.Problem`; `time_limit` of `opt.SearchOptions`. `base_limits` is an
+    `opt.BaseLimits`. `effort` is the weight of `opt.Effort`, `base` that of `opt.BaseTurn`. `also` maps names
+    of other frames to their goals at the deadline, see `opt.FrameGoal`.
     """
 
     clearance: float
@@ -76,23 +76,24 @@ def plan(
     progress: Progress | None = None,
     **options: Unpack[PlanOptions],
 ) -> Trajectory:
-    """Plan a coupling-informed motion from `q0` to `target`: build an `opt.Problem`, and solve it.
+    """Plan a coupling-informed motion from `q0` to `target`, by building and solving an `opt.Problem`.
 
     Parameters
     ----------
     sms, q0, duration, dt, mode
         See `opt.Problem`.
     target
-        The problem's `goal`.
+        The `goal` of `opt.Problem`.
     kappa : float
-        Sharpness of C~, see `opt.Coupling`. Not stated in the paper; 10 makes C~ nearly max(0, cos(theta_a)).
+        Sharpness of C~, see `opt.Coupling`. The paper states none; with 10, C~ is close to
+        max(0, cos(theta_a)).
     method : str
         "horizon": optimisation of the whole motion from several initial guesses (docs/planner.md). It reaches
-        targets that single steps miss, at the computing time of a full nonlinear programme. "step": the best
-        rollout of the per-step programme, one for each side of the cost's cone. "paper": the paper's cost as
-        printed, minimised step by step, with a schedule for const8. It supports no base limits, momentum,
-        `also` or `via`. "resolved-rate", "least-disturbance", "minimum-effort": classical methods straight to
-        the target (see `REFERENCES`), under the same limits.
+        targets that single steps miss, but takes longer to compute. "step": a quadratic program (QP) in each
+        step, rolled out once for each side of the cone of zero cost; the best rollout is the plan. "paper":
+        the paper's cost as printed, minimised step by step, with a schedule for const8. It supports no base
+        limits, momentum, `also` or `via`. "resolved-rate", "least-disturbance", "minimum-effort": classical
+        methods that move straight to the target, under the same limits (docs/planner.md).
     obstacles : sequence of Obstacle
         The obstacles, see `opt.Clearance`.
     via : sequence, optional
@@ -116,7 +117,7 @@ def plan(
         If a shape is wrong, a number is out of range, the start is outside the joint limits, or the method
         does not support an option.
     UnknownOption
-        A misspelt argument.
+        If an argument is misspelt.
     """
     _check_options("opt.plan", options)
     one_of("method", method, METHODS)
@@ -164,7 +165,7 @@ def _check_options(function: str, options: Mapping[str, Any]) -> None:
 
 
 def _other_goals(also: Mapping[str, Any] | None) -> list[FrameGoal]:
-    """Return the goals of other frames of `plan(also=...)`."""
+    """Return the goals of other frames from `plan(also=...)`."""
     if not (also is None or isinstance(also, Mapping)):
         raise InvalidValue("also", also, "must map names of frames to their goals, or be None")
     for frame in also or {}:
@@ -174,7 +175,7 @@ def _other_goals(also: Mapping[str, Any] | None) -> list[FrameGoal]:
 
 
 def _waypoints(via: Sequence[Any]) -> list[Waypoint]:
-    """Return the waypoints of `plan(via=...)`; those without a name are numbered."""
+    """Return the waypoints from `plan(via=...)`; plain positions and poses are named by their number."""
     kinds = "a position (3,) [m], a pinocchio.SE3, a homogeneous matrix (4, 4) or an opt.Waypoint"
     if isinstance(via, str) or not isinstance(via, Sequence | np.ndarray):
         remedy = f"must be a sequence of waypoints, each {kinds}; a single one is via=[waypoint]"
@@ -188,10 +189,10 @@ def _waypoints(via: Sequence[Any]) -> list[Waypoint]:
 
 
 def lacking(problem: Problem, method: str) -> str:
-    """Return a text of the features of a problem that a method does not support; empty if there are none."""
+    """Return a message of the features of a problem that a method does not support; empty without any."""
     limits = problem.limits if method == "paper" else ()
     steps_along = method != "paper" and isinstance(problem.goal, Path)
-    asked = {
+    features = {
         "moving goals": method != "horizon" and problem.goal.moves and not steps_along,
         'timing="fastest"': steps_along and method != "horizon" and problem.goal.timing == "fastest",
         "locked joints": method != "horizon" and problem.locked,
@@ -201,7 +202,7 @@ def lacking(problem: Problem, method: str) -> str:
         "waypoints, second goals or base limits": not all(limit.of_paper for limit in limits),
         "moving obstacles": any(obstacle.moves for limit in limits for obstacle in limit.obstacles),
     }
-    return " and ".join(f"does not support {what}" for what, there in asked.items() if there)
+    return " and ".join(f"does not support {feature}" for feature, used in features.items() if used)
 
 
 @numerical_errors("the plan")
@@ -212,7 +213,7 @@ def plan_problem(
     options: SearchOptions | None = None,
     progress: Progress | None = None,
 ) -> Trajectory:
-    """Plan a problem by any method of `plan`; `opt.solve` is that of "horizon", with options.
+    """Plan a problem by a method of `plan`; with "horizon" it is `opt.solve`.
 
     The method "step" uses the terms' `Term.step_objective`, except along an `opt.Path`; other step-by-step
     methods ignore terms. An unsupported feature raises `InvalidValue`.
@@ -228,7 +229,7 @@ def plan_problem(
             return still
     if method == "horizon":
         return solve(problem, options, progress)
-    refused(problem)  # an overlap with an obstacle raises; a rollout may leave a start that is too near
+    refused(problem)  # raises for an overlap with an obstacle, but not for a start nearer than the clearance
     if isinstance(problem.goal, Path):
         return plan_path_stepwise(problem, method, progress)
     plan = plan_stepwise(problem, method, progress)
@@ -251,27 +252,32 @@ def plan_many(
     progress: Callable[[float], None] | None = None,
     **options: Any,
 ) -> list[Trajectory]:
-    """Plan many motions, bit for bit as by `plan`, in the order of the arguments.
+    """Plan N motions in several processes, and return the plans in the order of the arguments.
+
+    `q0`, `target` and `duration` each have one value for all motions, or one for each motion. The other
+    arguments are those of `plan`, and so are the plans, bit for bit.
 
     Parameters
     ----------
     q0 : array_like, shape (nq,) or (N, nq)
+        The configurations at the start.
     target : array_like, shape (3,) or (N, 3), or pinocchio.SE3, or sequence of both kinds
+        The targets.
     duration : float or array_like, shape (N,)
-        The durations [s]. Each of these arguments has one value for all motions, or one for each. Others are
-        those of `plan`.
+        The durations [s].
     jobs : int, optional
         The number of processes; 1 is this process only. Default: the number of cores. With several processes
-        a script must make the call below `if __name__ == "__main__":`, because they import it.
+        a script must make the call below `if __name__ == "__main__":`, because each process imports the
+        script.
     progress : callable, optional
-        A function that is called with the share of the motions planned, 0 to 1.
+        A function that is called with the share of planned motions, 0 to 1.
 
     Raises
     ------
     InvalidValue
-        Sequences of different lengths, or a number of jobs below one.
+        If sequences have different lengths, or the number of jobs is below one.
     UnknownOption
-        A misspelt argument.
+        If an argument is misspelt.
     TasksFailed
         If planning fails for some motions; the error has their reasons, and the plans of the others.
 
@@ -304,14 +310,14 @@ def _rows(name: str, value: Any) -> list[Any] | None:
         return None if value.ndim == 2 else list(value)
     if isinstance(value, Sequence) and any(isinstance(item, pin.SE3) for item in value):
         return list(value)
-    one = 0 if name == "duration" else 1
+    single = 0 if name == "duration" else 1
     try:
         dimensions = np.ndim(value)
     except ValueError:  # rows of different lengths: planning checks each
         return list(value)
-    if dimensions == one and np.size(value):
+    if dimensions == single and np.size(value):
         return None
-    if dimensions not in (1, one + 1):
+    if dimensions not in (1, single + 1):
         raise InvalidValue(name, value, "must be one value for all motions, or a sequence with one for each")
     return list(value if isinstance(value, Sequence) else np.asarray(value))
 
@@ -319,8 +325,8 @@ def _rows(name: str, value: Any) -> list[Any] | None:
 def replannable(problem: Problem, plan: Trajectory | None = None) -> Problem:
     """Return the problem for re-planning in a closed loop.
 
-    It has the paper's box on alpha, as single steps always do. Waypoints without a time get the time at which
-    `plan` passes them, because the loop cannot measure which ones it has passed.
+    The paper's box on alpha is added, because single steps always have it. A waypoint without a time gets the
+    time at which `plan` is nearest to it, because the loop cannot measure which waypoints were passed.
     """
     limits = list(problem.limits)
     if not any(isinstance(limit, AlphaBox) for limit in limits):

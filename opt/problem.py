@@ -55,15 +55,15 @@ def default_terms(
     kappa : float
         Sharpness of the paper's C~, see `opt.Coupling`. By default C~ is close to max(0, cos(theta_a)).
     effort : float, optional
-        Weight on joint travel, see `opt.Effort`; for "horizon".
+        Weight of joint rates, see `opt.Effort`; for the method "horizon".
     base : float
-        Weight on the base's rotation, see `opt.BaseTurn`; for "horizon".
+        Weight of the base's rotation, see `opt.BaseTurn`; for the method "horizon".
     coupled : bool
-        True if the paper's cost is a term, see `Goal.coupled`.
+        True to include the paper's cost, see `Goal.coupled`.
     """
     cost = (Coupling(kappa),) if coupled else ()
-    spared = (BaseTurn(base),) if at_least_zero("base", base) != 0.0 else ()
-    return (*cost, Smooth(), Effort() if effort is None else Effort(at_least_zero("effort", effort)), *spared)
+    turn = (BaseTurn(base),) if at_least_zero("base", base) != 0.0 else ()
+    return (*cost, Smooth(), Effort() if effort is None else Effort(at_least_zero("effort", effort)), *turn)
 
 
 def default_limits(
@@ -72,27 +72,30 @@ def default_limits(
     obstacles: Sequence[Obstacle] = (),
     base: Limit | None = None,
 ) -> tuple[Limit, ...]:
-    """Return the default limits of a problem: joint limits, torque limits and a clearance."""
+    """Return the limits of joints, torques and clearance, and `base` if it is a limit."""
     if not (base is None or isinstance(base, Limit)):
         raise InvalidValue("base_limits", base, "must be an opt.BaseLimits or None")
-    kept = (JointLimits(), TorqueLimits(), Clearance(clearance, collision, obstacles=obstacles))
-    return kept if base is None else (*kept, base)
+    limits = (JointLimits(), TorqueLimits(), Clearance(clearance, collision, obstacles=obstacles))
+    return limits if base is None else (*limits, base)
 
 
 def free_momentum(momentum: FloatArray, mode: str) -> FloatArray:
-    """Return the part of a total momentum (6,) that a problem accepts in a mode: less if the base is held."""
+    """Return the part of a total momentum (6,) that a problem accepts in a mode.
+
+    It is the linear part if the base's position is free, and the angular part if the whole base is free.
+    """
     free = MODES[mode]
     return np.asarray(momentum * np.repeat([float(0 in free), float(len(free) == 6)], 3))
 
 
 def step_limits(limits: Sequence[Limit], mode: str = "floating") -> tuple[Limit, ...]:
-    """Return the limits of single steps, with the box on alpha, and wheel limits if wheels hold the base."""
+    """Return limits with those of single steps: the box on alpha, and limits of wheels that hold the base."""
     return _with_others(limits, AlphaBox(), *([WheelLimits()] if mode == "rotation-floating" else []))
 
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """A planning problem: robot, start, goal and duration; terms, limits, and given quantities.
+    """A planning problem: robot, start, goal, duration, terms and limits.
 
     Attributes
     ----------
@@ -101,12 +104,12 @@ class Problem:
         Configuration at the start, within the joint limits.
     goal : array_like, shape (3,), pinocchio.SE3, callable, or Goal
         The desired pose of the end effector at the deadline, inertial axes: a position [m], a pose, a
-        function of time [s] that returns either, or an `opt.Position`, `opt.Pose`, `opt.Moving`, `opt.Meet`.
+        function of time [s] that returns either, or a goal such as `opt.Pose`, `opt.Path` or `opt.Meet`.
     duration : float
-        Time to the deadline [s]; the paper states none. Its cases are planned here with 1.5 to 3 times the
+        Time to the deadline [s]. The paper states none; here its cases are planned with 1.5 to 3 times the
         least time under the joint limits.
     dt : float
-        Step of the finished motion [s], rounded so that the duration is a whole number of steps.
+        Step of the finished motion [s]; it is rounded so that the duration is a whole number of steps.
     terms : sequence of Term, optional
         The cost terms. Default: the paper's cost with kappa 10 (unless the goal determines the direction,
         `Goal.coupled`), accelerations, and joint travel.
@@ -122,29 +125,30 @@ class Problem:
         Names of joints that cannot move, in the plan and in re-planning.
     mode : str
         The part of the base's motion that is held: none ("floating"), the attitude by wheels
-        ("rotation-floating"), the attitude by thrusters ("rotation-flying"), the position of its centre of
-        mass ("translation-flying"), or both ("flying").
+        ("rotation-floating"), the attitude by thrusters ("rotation-flying"), the position of the base's
+        centre of mass ("translation-flying"), or both ("flying").
     wheel_momentum : array_like, shape (w,), optional
-        Momenta of the wheels at the start, against the base [N m s], if they hold the attitude. Default:
-        zero.
+        Momenta of the wheels at the start, relative to the base [N m s], if wheels hold the attitude.
+        Default: zero.
     base_start : array_like, shape (7,), optional
         Root pose (position, quaternion) relative to which base rotation and displacement are measured.
         Default: that of q0.
     time_offset : float
-        The start of the motion in the times of limits and moving obstacles [s]; set by re-planning.
+        The time of the motion's start for limits and moving obstacles [s]; set by re-planning.
     extra_margins : dict of str to float
         Additional margins of limits by their names, each in the limit's own unit; set by a search, because
         penalties are soft.
     goal_limits : sequence of Limit
-        Those of `limits` that come from the goal (`Goal.limits`). If the goal is replaced, they are replaced
-        by those of the new goal.
+        The limits among `limits` that the goal adds (`Goal.limits`). If `dataclasses.replace` sets another
+        goal, its limits take their place.
 
     Raises
     ------
     InvalidValue
-        A wrong shape, a number out of range, an unknown joint, a start outside the joint limits.
+        If a shape is wrong, a number is out of range, a joint is unknown, or the start is outside the joint
+        limits.
     PartError
-        If an own part fails, or its formula returns something other than variables.
+        If a user's own term or limit fails, or its formula returns no variables.
     """
 
     sms: SpaceManipulator
@@ -170,7 +174,7 @@ class Problem:
         put("q0", frozen(sms.checked_configuration("q0", self.q0)))
         duration, dt = positive("duration", self.duration, "s"), positive("dt", self.dt, "s")
         if not 1.0 <= duration / dt <= 1e6:  # a million steps take some 400 MB for seven joints
-            remedy = f"must be at least one step of {dt:g} s, and at most 1000000; for more take a longer dt"
+            remedy = f"must be at least one step of {dt:g} s and at most 1000000; for more use a longer dt"
             raise InvalidValue("duration", duration, remedy)
         put("duration", duration)
         put("dt", duration / round(duration / dt))
@@ -179,13 +183,13 @@ class Problem:
         terms = default_terms(coupled=self.goal.coupled) if self.terms is None else self.terms
         put("terms", checked_parts("terms", terms, Term))
         limits = checked_parts("limits", default_limits() if self.limits is None else self.limits, Limit)
-        # After `replace` the limits from the goal are computed again.
-        given_limits = [limit for limit in limits if not any(limit is made for made in self.goal_limits)]
+        # After `dataclasses.replace` the limits of the goal are computed again.
+        own_limits = [limit for limit in limits if not any(limit is made for made in self.goal_limits)]
         of_goal = self.goal.limits(duration)
-        limits = (*given_limits, *of_goal)
+        limits = (*own_limits, *of_goal)
         limits = limits if self.wheels is None else _with_others(limits, WheelLimits())
         put("limits", tuple(prepared(limit, sms) for limit in checked_parts("limits", limits, Limit)))
-        put("goal_limits", self.limits[len(given_limits) :][: len(of_goal)])
+        put("goal_limits", self.limits[len(own_limits) :][: len(of_goal)])
         put("time_offset", at_least_zero("time_offset", self.time_offset, "s"))
         for name, margin in self.extra_margins.items():
             at_least_zero(f"extra_margins['{name}']", margin)
@@ -197,17 +201,17 @@ class Problem:
         momentum = self.asked_momentum if self.momentum is None else vector("momentum", self.momentum, 6)
         momentum = None if momentum is None or not momentum.any() else momentum
         if momentum is not None and (momentum != free_momentum(momentum, self.mode)).any():
-            kept = "linear momentum only" if 0 in MODES[self.mode] else "none"
-            remedy = f"must be {kept} in mode '{self.mode}': the base is held"
+            zero = "have no angular part" if 0 in MODES[self.mode] else "be zero"
+            remedy = f"must {zero} in mode '{self.mode}', which holds the base"
             raise InvalidValue("momentum", momentum, remedy)
         put("momentum", None if momentum is None else frozen(momentum))
-        wheels, given = len(self.wheels or ()), self.wheel_momentum
-        if given is None or np.size(given) == 0:
-            given = np.zeros(wheels)
+        wheels, spin_momenta = len(self.wheels or ()), self.wheel_momentum
+        if spin_momenta is None or np.size(spin_momenta) == 0:
+            spin_momenta = np.zeros(wheels)
         elif not wheels:
             remedy = "must be left out: in this mode no wheels hold the attitude"
-            raise InvalidValue("wheel_momentum", given, remedy)
-        put("wheel_momentum", frozen(vector("wheel_momentum", given, wheels, "N m s")))
+            raise InvalidValue("wheel_momentum", spin_momenta, remedy)
+        put("wheel_momentum", frozen(vector("wheel_momentum", spin_momenta, wheels, "N m s")))
         if self.base_start is not None:
             put("base_start", frozen(vector("base_start", self.base_start, 7)))
         for bounds in (limit.joint_bounds for limit in self.limits if limit.joint_bounds is not None):
@@ -242,17 +246,17 @@ class Problem:
 
     @property
     def kappa(self) -> float:
-        """The sharpness of the paper's C~ for measures of motions: that of a term, else 10."""
+        """The sharpness of the paper's C~ for measures of motions: that of a term if one has it, else 10."""
         return next((term.kappa for term in self.terms if term.kappa is not None), Coupling.kappa)
 
     @cached_property
     def cost_terms(self) -> tuple[Term, ...]:
-        """The terms by which motions are compared (`Term.measures_cost`)."""
+        """The terms whose cost a search compares (`Term.measures_cost`)."""
         return tuple(term for term in self.terms if term.measures_cost)
 
     @cached_property
     def place(self) -> Place:
-        """The goal's place at the deadline."""
+        """The desired pose at the deadline."""
         place: Place = self.goal.place(self.duration)
         return place
 
@@ -263,7 +267,7 @@ class Problem:
 
     @cached_property
     def stack(self) -> ArmStack:
-        """The robot, prepared for stacks of configurations."""
+        """The robot's kinematics and dynamics for stacks of configurations."""
         return self.sms.arm_stack(self.mode)
 
     @property
@@ -278,14 +282,14 @@ class Problem:
 
     @cached_property
     def wheel_total(self) -> FloatArray:
-        """The momenta (w,) that the wheels that hold the attitude have with the joints at rest [N m s]."""
+        """The momenta (w,) of the wheels that hold the attitude, with the joints at rest [N m s]."""
         if self.wheels is None:
             return np.zeros(0)
-        taken = wheel_shares(self.wheels) @ held_momentum(self.arm0)[..., 0] @ self.joint_rates
-        return np.asarray(self.wheel_momentum + taken)
+        of_arm = wheel_shares(self.wheels) @ held_momentum(self.arm0)[..., 0] @ self.joint_rates
+        return np.asarray(self.wheel_momentum + of_arm)
 
     def motion(self, rates: FloatArray, dt: float | None = None) -> Rollouts:
-        """Return the motion of joint rates (N + 1, n) at nodes `dt` [s] apart, with the middles between."""
+        """Return the motion with joint rates (N + 1, n) at nodes `dt` [s] apart, with their midpoints."""
         rates = matrix("rates", rates, None, self.sms.n)
         if len(rates) < 2:
             raise InvalidValue("rates", rates, "must have two rows at least")
@@ -320,7 +324,7 @@ class Problem:
 
     @property
     def asked_momentum(self) -> FloatArray | None:
-        """The total momentum (6,) that the goal requires; None: any."""
+        """The total momentum (6,) that the goal requires; None if any is admissible."""
         client = self.goal.at_rest_with
         return None if client is None else rest_momentum(client, self.com0)
 
@@ -336,7 +340,7 @@ class Problem:
 
     @cached_property
     def at_all_times(self) -> dict[str, Any]:
-        """The fields of `Rollouts` that the problem determines for all goals and times."""
+        """The fields of `Rollouts` that are the same for all goals and times."""
         root = pin.XYZQUATToSE3(self.q0[:7] if self.base_start is None else self.base_start)
         return {
             "base_start": root.act(self.stack.base_com),
@@ -350,18 +354,18 @@ class Problem:
 
     @cached_property
     def mean_speed(self) -> float:
-        """The mean speed of a straight line to the target, of at least 2 cm [m/s], as the scale of speeds."""
+        """The mean speed along a straight line to the target, at least 2 cm long [m/s]; a scale of speeds."""
         place = self.place.at(self.q0)  # a place on the base at its start pose
         return max(float(np.linalg.norm(place.position - self.tip0)), 0.02) / self.duration
 
 
 def given(problem: Problem, goal: Goal, times: FloatArray) -> dict[str, Any]:
-    """Return the fields of rollouts at times (K,) that a problem and its goal, or `goal`, determine."""
-    wanted = goal.places(times)
-    target = np.zeros((3, len(times))) + wanted.position
-    return {**problem.at_all_times, "target": target, "target_on": wanted.on}
+    """Return the fields of `Rollouts` at times (K,) that depend on a problem and on a goal."""
+    places = goal.places(times)
+    target = np.zeros((3, len(times))) + places.position
+    return {**problem.at_all_times, "target": target, "target_on": places.on}
 
 
 def _with_others(limits: Sequence[Limit], *others: Limit) -> tuple[Limit, ...]:
-    """Return the limits, and those of `others` with other names."""
+    """Return the limits, and those of `others` whose name none of them has."""
     return (*limits, *(other for other in others if other.name not in [limit.name for limit in limits]))

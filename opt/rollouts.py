@@ -1,10 +1,10 @@
-"""Rollouts of a robot from joint rates, and their mechanics.
+"""Rollouts of a robot from joint rates, and their kinematics and dynamics.
 
-`ffsms_pin/kernel/slopes.hpp` and `entropy.hpp` have the formulas of entropy, forces, momentum and their
-slopes. Wheels that hold the base's attitude share a momentum by the pseudo-inverse, as
-`ffsms_pin.control.WheelAllocation` does. There is no external moment, so with D the angular momentum per
-joint rate (`held_momentum`), A the axes (3, w) and h_0 the wheels' momenta with the joints at rest, h = h_0 -
-A^+ D u.
+The formulas of entropy, forces, momentum and their slopes (derivatives) are in
+`ffsms_pin/kernel/slopes.hpp` and `entropy.hpp`. Wheels that hold the base's attitude share a momentum by the
+pseudo-inverse, as in `ffsms_pin.control.WheelAllocation`. Without an external moment the wheels' momenta are
+h = h_0 - A^+ D u, with h_0 (w,) those at rest joints, the wheels' axes A (3, w), the angular momentum per
+joint rate D (3, n) (`held_momentum`) and the joint rates u (n,).
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ def entropy_and_gradient(
 ) -> tuple[FloatArray, FloatArray]:
     """Return H_norm (...) of stacked C_bm (6, n, ...), and its gradient (6, n, ...).
 
-    `free_rows` are the rows of C_bm that are not identically zero; without any the entropy is zero.
+    `free_rows` are the rows of C_bm that are not identically zero. If there are none, the entropy is zero.
     """
     rows, shape = list(free_rows), coupling.shape[1:]
     if shape[0] == 1 or not rows:
@@ -54,10 +54,10 @@ def entropy_and_gradient(
 def velocity_slopes(
     stack: ArmStack, arm: ArmValues, rates: FloatArray, angular_drift: FloatArray | None = None
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the slopes (3, n, ...) of the base's spin and the tip's velocity by the joint positions.
+    """Return slopes (3, n, ...) of the base's angular velocity and the tip's velocity by joint positions.
 
-    They are in base axes. The base moves by joint rates (n, ...) and by `angular_drift` (3, ...), the angular
-    velocity from an angular momentum that is constant in base axes.
+    Both velocities are in base axes and follow from the joint rates (n, ...) and from `angular_drift`
+    (3, ...), the base's angular velocity from an angular momentum that is constant in base axes.
     """
     positions, rates = np.broadcast_arrays(arm.positions, rates)
     own = () if angular_drift is None else (angular_drift,)
@@ -66,7 +66,7 @@ def velocity_slopes(
 
 
 def coupling_slopes(stack: ArmStack, arm: ArmValues, by_coupling: FloatArray) -> FloatArray:
-    """Convert slopes (..., 6, n, S, K) by the coupling to slopes (..., n, S, K) by the joint positions."""
+    """Convert slopes (..., 6, n, S, K) by C_bm to slopes (..., n, S, K) by joint positions."""
     several = by_coupling.reshape(-1, *arm.coupling.shape)
     slopes = [kernel.coupling_slopes(stack.tree, arm.positions, slope) for slope in several]
     return np.reshape(slopes, (*by_coupling.shape[: -arm.coupling.ndim], *arm.positions.shape))
@@ -79,10 +79,11 @@ def forces(
     accelerations: FloatArray,
     angular_drift: FloatArray | None = None,
 ) -> FloatArray:
-    """Return joint torques H_q u' + C_q (n, ...) [N m, or N] above the base's constraint wrench (6, ...).
+    """Return joint torques H_q u' + C_q (n, ...) [N m, or N], and below them the base's wrench (6, ...).
 
-    The base reacts as the mode of the stack permits. The constraint wrench is a force [N] and a moment about
-    the base's centre of mass [N m], base axes; for `angular_drift` see `Rollouts`.
+    u' are the accelerations. The base reacts as the mode of the stack permits, and the wrench constrains the
+    rest of its motion: a force [N], and a moment about the base's centre of mass [N m], base axes. For
+    `angular_drift` see `Rollouts`.
     """
     own = np.zeros((3, *joints.shape[1:])) if angular_drift is None else angular_drift
     values = kernel.dynamics(stack.tree, joints, rates, accelerations, own).reshape(-1, *joints.shape[1:])
@@ -100,7 +101,7 @@ def force_slopes(
 ) -> dict[str, FloatArray]:
     """Return the slopes (n + 6, n, ...) of `forces` by name, with a fixed angular drift.
 
-    Forces are quadratic in the rates and linear in the accelerations, so differences by both are exact.
+    Forces are quadratic in rates and linear in accelerations, so finite differences by both are exact.
     """
     n, step = stack.n, 1e-6  # [rad]
     still = np.zeros((n, *joints.shape))  # the second axis is the joint
@@ -119,8 +120,9 @@ def force_slopes(
 def momentum_force_slopes(m: Rollouts) -> dict[str, FloatArray]:
     """Return the slopes (n + 6, ., S, K) of `forces` through the angular drift, by name.
 
-    The angular drift is J R^T L, with the inverse inertia J, the base's attitude R and the angular momentum
-    L, a function of joint positions and attitude. Forces are quadratic in it, so differences are exact.
+    The angular drift J R^T L, with the inverse inertia J, the base's attitude R and the angular momentum L,
+    depends on joint positions and attitude. Forces are quadratic in the drift, so finite differences by it
+    are exact.
     """
     if m.angular_momentum is None:
         return {}
@@ -139,15 +141,15 @@ def momentum_force_slopes(m: Rollouts) -> dict[str, FloatArray]:
 
 
 def wheel_shares(wheels: ReactionWheels | None) -> FloatArray:
-    """Return A^+ (w, 3), the allocation of a momentum or torque in root axes to the wheels, if any."""
+    """Return A^+ (w, 3), the allocation of a momentum or torque in root axes to wheels; w = 0 without any."""
     return np.zeros((0, 3)) if wheels is None else np.linalg.pinv(wheels.axes.T)
 
 
 def held_momentum(arm: ArmValues) -> FloatArray:
-    """Return D (3, n, ...), the angular momentum by joint rates about the system's centre of mass, base axes.
+    """Return D (3, n, ...), the angular momentum per joint rate about the system's centre of mass, base axes.
 
-    The base's attitude is held, its position free or held, because a uniform translation has no angular
-    momentum about the system's centre of mass.
+    The base's attitude is held. Its position may be free or held, because a uniform translation has no
+    angular momentum about the system's centre of mass.
     """
     return arm.angular - cross(arm.com[:, None], arm.linear)
 
@@ -157,7 +159,7 @@ def wheel_total(
 ) -> FloatArray:
     """Return the momenta h_0 (w,) of wheels with all else at rest, from the present momenta (w,) [N m s].
 
-    The momentum of arm and rotating base at a measured state q (nq,), v (6 + n,) is added to the wheels.
+    The angular momentum of arm and rotating base in the state q (nq,), v (6 + n,) is added to the wheels.
     """
     angular = pin.computeCentroidalMomentum(sms.model, sms.model.createData(), q, v).angular
     in_root_axes = pin.Quaternion(q[3:7]).toRotationMatrix().T @ angular
@@ -165,14 +167,14 @@ def wheel_total(
 
 
 _OF_INSTANTS = ("times", "weights", "limit_weights", "com", "target")
-ARRIVAL_SHARE = 0.9  # share of the time from which const8 requires arrival
+ARRIVAL_SHARE = 0.9  # share of the duration after which the paper's const8 requires arrival
 
 
 class Smoothing(NamedTuple):
-    """The smoothing of the cost during a search; zeros: none.
+    """The smoothing of the paper's cost during a search; none if both values are zero.
 
-    The direction of motion has a reduced weight below the share `fade_speed` of the mean speed, the direction
-    to the target within `fade_distance` [m] of it.
+    The residual fades out at speeds below the share `fade_speed` of the mean speed, and within
+    `fade_distance` [m] of the target.
     """
 
     fade_speed: float = 0.0
@@ -183,11 +185,14 @@ EXACT = Smoothing()
 
 
 class Paired(NamedTuple):
-    """The N steps of one motion; the paper pairs the position at a step's start with the rates at its end."""
+    """The paper's measures of the N steps of one motion.
+
+    They combine the configuration at a step's start with the joint rates at its end.
+    """
 
     cosine: FloatArray  # (N,) cos(theta_a)
     entropy: FloatArray  # (N,) H_norm
-    alpha: FloatArray  # (N, n) joint rates by the right singular vectors of C_bm [rad/s]
+    alpha: FloatArray  # (N, n) joint rates in the basis V of the right singular vectors of C_bm [rad/s]
 
     def cost(self, kappa: float) -> FloatArray:
         """Return the paper's summand of J (N,)."""
@@ -196,7 +201,10 @@ class Paired(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Rollouts:
-    """A stack of S motions at K instants, inertial axes [m, rad, s]; components and joints come first."""
+    """A stack of S motions at K instants, inertial axes [m, rad, s].
+
+    Axes of components and joints come before those of motions and instants.
+    """
 
     of_rollouts: ClassVar[tuple[str, ...]] = (
         "joints",
@@ -207,7 +215,7 @@ class Rollouts:
     )
 
     stack: ArmStack  # the robot
-    times: FloatArray  # (K,) the deadline last
+    times: FloatArray  # (K,) the last is the deadline
     weights: FloatArray  # (K,) quadrature weights of the instants
     limit_weights: FloatArray  # (K,) the same for limits, which are evaluated at more instants
     last_tenth: Indices  # indices of the instants in the last tenth of the time
@@ -221,14 +229,16 @@ class Rollouts:
     base_start: FloatArray  # (3,) position of the base's centre of mass at the start
     rotation_start: FloatArray  # (3, 3) attitude of the base at the start
     target: FloatArray  # (3, K) the goal's position, in the axes `target_on`
-    mean_speed: float  # scale of speeds: the mean speed of a straight line to the target
+    mean_speed: float  # scale of speeds: the mean speed along a straight line to the target
     smoothing: Smoothing = EXACT
-    delay: float = 0.0  # [s] the paper pairs the rates at a step's end with a position this much earlier
+    # [s] cos(theta_a) combines rates with a position that is earlier by this time, as in the paper's steps
+    delay: float = 0.0
     wheels: ReactionWheels | None = None  # the wheels, if they hold the attitude
-    wheel_total: FloatArray = field(default_factory=lambda: np.zeros(0))  # (w,) [N m s], joints at rest
+    # (w,) the wheels' momenta with the joints at rest [N m s]
+    wheel_total: FloatArray = field(default_factory=lambda: np.zeros(0))
     thrusters: Thrusters | None = None  # the thrusters, if they hold attitude or position
     target_on: str = "inertial"  # or "base": the axes of the base link, with which the target moves
-    time_offset: float = 0.0  # [s] the motion's start in the times of limits and moving obstacles
+    time_offset: float = 0.0  # [s] the time of the motion's start for limits and moving obstacles
     evaluated: ArmValues | None = None  # the arm at the joint positions, if evaluated
 
     @property
@@ -326,7 +336,10 @@ class Rollouts:
         return forces(self.stack, self.joints, self.rates, self.accelerations, self.angular_drift)
 
     def at(self, motion: Indices | None, instants: Indices | slice) -> Rollouts:
-        """Return V instants of motions as one motion of V instants, or a span of instants of all motions."""
+        """Return V pairs of motion and instant, by their indices, as one motion with V instants.
+
+        If `motion` is None, return these instants of all motions.
+        """
 
         def pick(values: FloatArray) -> FloatArray:
             if motion is None:
@@ -345,7 +358,7 @@ class Rollouts:
 
     @cached_property
     def paired(self) -> Paired:
-        """The steps of one motion at its nodes and the middles between."""
+        """The paper's measures of the steps of one motion that has its nodes and their midpoints."""
         arm, rates = self.arm, self.rates[:, 0, 2::2]
         displacement = self.to_target[:, 0, :-1:2]
         velocity = apply_rates(arm.jstar[..., 0, :-1:2], rates)
@@ -394,11 +407,11 @@ def rolled_out(
     dt: float,
     momentum: FloatArray | None = None,
 ) -> Rollouts:
-    """Roll out one motion at its N + 1 nodes, even instants, and the N middles between, odd instants.
+    """Roll out one motion; even instants are its N + 1 nodes, odd instants the N midpoints.
 
-    The motion starts at `q0` (nq,), with joint rates (N + 1, n) at nodes `dt` [s] apart, linear between them
-    [rad/s], and the total momentum (6,) [linear; angular], inertial axes, about the system's centre of mass.
-    The target is NaN; see `dataclasses.replace`.
+    The motion starts at `q0` (nq,). Its joint rates (N + 1, n) [rad/s] at nodes `dt` [s] apart are linear
+    between nodes. The total momentum (6,) is [linear; angular], inertial axes, about the system's centre of
+    mass. The target is NaN until `dataclasses.replace` sets it.
     """
     steps, n = len(rates) - 1, sms.n
     count = 2 * steps + 1
@@ -421,7 +434,7 @@ def rolled_out(
     if total[3:].any():
         state = np.concatenate([rotation0.ravel(), q0[:3], start, rates[0]])
         turned = kernel.roll_out(stack.tree, state, accelerations[:, :-1], total, 0.5 * dt)[:9]
-    else:  # the angular velocity is known
+    else:  # the base's angular velocity follows from the joint rates alone
         turned = kernel.attitudes(rotation0, apply_rates(arm.spin, u), dt)
     R = turned.reshape(3, 3, -1)
     own = apply(arm.inverse, np.einsum("yxk,y->xk", R, total[3:]))

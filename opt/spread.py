@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from ffsms_pin.opt.trajectory import Trajectory
 
 _SMALL = 1e-5  # step of finite differences, as a share of a body's parameter scale
-_NONE = 1e-14  # share of the largest variance below which a direction counts as certain
+_NONE = 1e-14  # share of the largest variance below which a variance is taken as zero
 
 
 def end_spread(plan: Trajectory, covariance: FloatArray, sms: SpaceManipulator | None) -> FloatArray:

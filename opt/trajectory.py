@@ -54,6 +54,7 @@ class Trajectory:
     Attributes
     ----------
     t, q, v : ndarray, shape (N + 1,), (N + 1, nq) and (N + 1, 6 + n)
+        Times of the nodes [s]; Pinocchio's configurations and velocities there.
     joint_positions, joint_accelerations : ndarray, shape (N + 1, n) and (N, n)
         Joint positions [rad], continuous in time also for continuous joints; accelerations [rad/s^2].
     tau : ndarray, shape (N + 1, n)
@@ -61,29 +62,31 @@ class Trajectory:
         without friction. Row k has the torques right after node k, where the acceleration jumps; the last row
         has those at the end of the last step.
     alpha : ndarray, shape (N, n)
-        Joint rates at the step's end in the basis V of the step's start.
+        Joint rates at the step's end in the basis V, the right singular vectors of C_bm at its start [rad/s].
     cos_theta, entropy, cost : ndarray, shape (N,)
         The paper's measures at the step's start, for the rates at its end; `cost` is the summand of the
         paper's J.
     end_effector, target, target_rotation : ndarray, shape (N + 1, 3), (3,) and (3, 3)
-        Positions [m]; the desired attitude, NaN if any is admissible.
+        Positions of the end effector, and desired position at the deadline [m]; desired attitude, NaN if any
+        attitude is admissible. Inertial axes.
     position_error, orientation_error : ndarray, shape (N + 1,)
         Distance of the end effector from the target [m], and angle from the desired attitude [rad], zero if
-        any is admissible.
+        any attitude is admissible.
     path_error, path_angle_error : ndarray, shape (N + 1,)
         The largest distance from the path [m] and angle from its attitude [rad] within half a step of each
         node, evaluated at ten times the resolution; NaN if the goal is no `opt.Path`.
     kappa, reach, orientation_reach : float
         The sharpness of C~; the paper's r_th [m]; the corresponding angle [rad].
     note : str
-        The error and its reason if the end is not within the tolerance or the target not reached; it is then
-        never empty.
+        The errors and their reasons. It is never empty if the plan is not `reached` or not
+        `within_tolerance`.
     shortest_duration : float
-        A sufficient duration [s] if the plan failed because of too little time and one is known; else 0.
+        A sufficient duration [s], if the plan failed for lack of time and the search computed a duration;
+        else 0.
     contact_velocity, momentum : ndarray, shape (6,)
         Velocity [m/s] and angular velocity [rad/s] of the end effector at the deadline, relative to the
-        goal's place, at rest if it has no velocity; total momentum [linear; angular] about
-        the system's centre of mass. Inertial axes.
+        desired ones, zero by default; total momentum [linear; angular] about the system's centre of mass
+        [kg m/s; kg m^2/s]. Inertial axes.
     clear, within_tolerance, met : bool
         `clear` is true if all limits are satisfied, at nodes and between them. `within_tolerance` is true if
         the end is within the goal's own tolerance of position, attitude, and required velocities (`reached`
@@ -92,13 +95,13 @@ class Trajectory:
         The weighted integral of each term over time; the instants [s] at which each active limit is active;
         the violation of each violated limit, in its own unit.
     wheel_momentum : ndarray, shape (N + 1, w)
-        Predicted spin momenta of the robot's wheels against the base [N m s]; zero for wheels at rest.
+        Predicted spin momenta of the robot's wheels relative to the base [N m s].
     wheel_energy, propellant : float
         Predicted integral of the sum of |motor torque x wheel speed| [J], without regeneration; and the
         propellant of thrusters that hold attitude or position [kg].
     torque_share : ndarray, shape (N + 1, n)
-        Joint torques as shares of the joints' limits, the larger of both sides of a node; zero without a
-        limit.
+        Absolute joint torques divided by the joints' limits; at a node, where accelerations jump, the larger
+        of both values. Zero without a limit.
     mode : str
         The part of the base's motion that is held, see `opt.Problem`.
     base_com : ndarray, shape (3,)
@@ -234,15 +237,16 @@ class Trajectory:
         """
         count = len(self.t)
         if isinstance(k, bool) or not isinstance(k, (int, np.integer)) or not -count <= k < count:
-            raise InvalidValue("k", k, f"must be a node of the motion, from 0 to {count - 1}")
+            raise InvalidValue("k", k, f"must be a node of the motion, from 0 to {count - 1}, or below zero")
         pose = pin.XYZQUATToSE3(self.q[k, :7])
         pose.translation = pose.act(self.base_com)
         return pose
 
     def spread(self, covariance: FloatArray, sms: SpaceManipulator | None = None) -> FloatArray:
-        """Return the covariance (3, 3) [m^2] of the end effector's last position under the planned joints.
+        """Return the covariance (3, 3) [m^2] of the end effector's last position for uncertain inertias.
 
-        It is of first order in the inertial parameters, which determine the base's reaction.
+        The joints move as planned. The covariance is a first-order propagation of that of the inertial
+        parameters, which determine the base's reaction.
 
         Parameters
         ----------
@@ -296,7 +300,7 @@ class Trajectory:
 
 
 def _kept() -> dict[str, str]:
-    """Return the fields that are saved, with the names of their types."""
+    """Return the names of the fields that are saved, with the names of their types."""
     return {f.name: str(f.type).partition("[")[0] for f in fields(Trajectory) if f.name != "problem"}
 
 
@@ -312,8 +316,8 @@ def measure(problem: Problem, rates: FloatArray, note: str = "") -> Trajectory:
         torque_share = (
             np.abs([motion.forces[:-6, 0, nodes], motion.before.forces[:-6, 0]]).max(axis=0).T / most
         )
-    still = np.zeros((len(sms.wheels or ()), len(motion.times)))  # wheels that hold nothing are at rest
-    momenta = still if motion.wheels is None else Variables(motion).wheels.value[:, 0]
+    at_rest = np.zeros((len(sms.wheels or ()), len(motion.times)))  # wheels that do not hold the attitude
+    momenta = at_rest if motion.wheels is None else Variables(motion).wheels.value[:, 0]
     shares = {term.name: share_of(term, motion) for term in problem.terms}
     path = path_errors(problem, rates) if isinstance(goal, Path) else None
     broken = {name: violation.amount for name, violation in violations if violation.amount > 0.0}

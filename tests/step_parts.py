@@ -14,7 +14,7 @@ from ffsms_pin.opt.evaluation import Rows, Violation
 from ffsms_pin.opt.limits.alpha_box import AlphaBox
 from ffsms_pin.opt.limits.limit import Limit
 from ffsms_pin.opt.step.state import StepState, rate_bounds, roll_out_steps
-from ffsms_pin.opt.step.stepper import Stepper, StepWeights, WantedMotion, step_qp
+from ffsms_pin.opt.step.stepper import DesiredMotion, Stepper, StepWeights, step_qp
 from ffsms_pin.robot.base_motion import roll_out
 
 TARGET = np.array([0.45, 0.75, 0.0])
@@ -98,7 +98,7 @@ class StepRows(StepLimit):
 
 def wanted_motion(
     step: StepState, target: FloatArray, cosine: float, side: FloatArray, rotation: FloatArray | None = None
-) -> WantedMotion:
+) -> DesiredMotion:
     """Of a programme without limits."""
     return step_qp(step, target, cosine, side, rotation, StepWeights(), [])[0]
 

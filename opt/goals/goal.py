@@ -1,7 +1,7 @@
-"""Goals of the end effector: fixed goals, moving goals, and modified goals; and their places.
+"""Goals of the end effector: fixed goals, moving goals, and goals derived from others; and their places.
 
-A place is the desired pose of a frame of the robot at one time. `Place` has all that depends on its free
-axes: the error of a position is a displacement, that of a pose a displacement and a rotation.
+A place is the desired pose, or position only, of a frame of the robot at one time. Its error is a
+displacement, and a rotation if the place has an attitude.
 """
 
 from __future__ import annotations
@@ -27,14 +27,15 @@ from ffsms_pin.system.batch.stacks import diagonal, dot
 if TYPE_CHECKING:
     from ffsms_pin.opt.limits.limit import Limit
 
-_TINY = 1e-12  # below this length a vector has no direction
-_OPPOSITE = 1e-8  # [rad] an axis within this angle of the opposite direction has no unique rotation
+_TINY = 1e-12  # a vector shorter than this has no direction
+_OPPOSITE = 1e-8  # [rad] within this angle of the opposite direction the rotation of an axis is not unique
 
 
 class PoseError(NamedTuple):
-    """The pose error of frames: displacement (3, S, K) [m] and rotation (3, S, K) [rad] in the place's axes.
+    """The pose error of a frame: displacement (3, S, K) [m] and rotation (3, S, K) [rad] in the place's axes.
 
-    The rotation is a rotation vector to the nearest admissible attitude. None: any attitude is admissible.
+    The displacement leads to the desired position, the rotation vector to the nearest admissible attitude.
+    `rotation` is None if any attitude is admissible.
     """
 
     displacement: Variable
@@ -61,21 +62,21 @@ class PoseError(NamedTuple):
         return np.sqrt(dot(self.vector, self.vector))
 
     def words(self) -> str:
-        """Return a text of the largest distance, and the largest angle if the attitude is constrained."""
+        """Describe the largest distance, and the largest angle if the attitude is constrained."""
         angle = "" if self.rotation is None else f", turned by {np.degrees(self.angle.max()):.2f} deg,"
         return f"{1e3 * self.distance.max():.1f} mm{angle}"
 
 
 @dataclass(frozen=True, eq=False)
 class Place:
-    """The desired pose of a frame of the robot at one time, or at each of K times (arrays then end in K)."""
+    """The desired pose of a frame of the robot at one time, or at K times with K as the last axis."""
 
     position: FloatArray  # (3,) [m]
     rotation: FloatArray | None = None  # (3, 3); None: any attitude
-    velocity: FloatArray | None = None  # (3,) [m/s]; None: any
-    angular_velocity: FloatArray | None = None  # (3,) [rad/s]; None: any
+    velocity: FloatArray | None = None  # (3,) [m/s]; None: not constrained
+    angular_velocity: FloatArray | None = None  # (3,) [rad/s]; None: not constrained
     free_axis: FloatArray | None = None  # (3,) unit vector in the frame's axes; rotation about it is free
-    on: str = INERTIAL  # the axes of the place, or BASE: those of the base link, with which the place moves
+    on: str = INERTIAL  # the axes of the place; BASE: those of the base link, with which the place moves
 
     @property
     def moves_with_base(self) -> bool:
@@ -84,7 +85,7 @@ class Place:
 
     @property
     def plain(self) -> bool:
-        """True if single steps can aim at the place, which then has inertial axes and no free axis."""
+        """True if the place has inertial axes and no free axis, so that single steps support it."""
         return self.on == INERTIAL and self.free_axis is None
 
     @property
@@ -94,42 +95,45 @@ class Place:
 
     @property
     def twist(self) -> FloatArray:
-        """The desired velocity and angular velocity (6,); zero where any is admissible."""
+        """The desired velocity and angular velocity (6,) [m/s; rad/s]; zero if the place has none."""
         parts = (self.velocity, self.angular_velocity)
         return np.concatenate([np.zeros(3) if part is None else part for part in parts])
 
     @property
     def attitude(self) -> FloatArray:
-        """The desired attitude (3, 3); NaN if any is admissible."""
+        """The desired attitude (3, 3); NaN if any attitude is admissible."""
         return np.full((3, 3), np.nan) if self.rotation is None else self.rotation
 
     def moving(self, behind: Place, ahead: Place, time: float) -> Place:
-        """Return the place with the velocities of a motion between two places in a time [s]."""
+        """Return the place with the mean velocities of a motion from `behind` to `ahead` in `time` [s]."""
         spin = None
         if behind.rotation is not None and ahead.rotation is not None:
             spin = pin.log3(ahead.rotation @ behind.rotation.T) / time
         return replace(self, velocity=(ahead.position - behind.position) / time, angular_velocity=spin)
 
     def pose_error(self, frame: FrameVariable) -> PoseError:
-        """Return the pose error of frames (3, S, K) in the place's axes (`Variables.frame(name, on)`)."""
+        """Return the pose error of a frame (3, S, K) in the place's axes, see `Variables.frame`."""
         displacement: Variable = np.subtract(self.position.reshape(3, 1, -1), frame)  # type: ignore[assignment]
         if self.rotation is None:
             return PoseError(displacement)
         if self.free_axis is None:
             return PoseError(displacement, -frame.rotation_vector_from(self.rotation))
-        wanted = np.einsum("xy...,y->x...", self.rotation, self.free_axis).reshape(3, 1, -1)
+        desired = np.einsum("xy...,y->x...", self.rotation, self.free_axis).reshape(3, 1, -1)
         now = frame.axis(self.free_axis)
-        across, cosine = now.cross(wanted), now.dot(wanted)
+        across, cosine = now.cross(desired), now.dot(desired)
         # A rotation by pi may be about any perpendicular axis.
         opposite = (across.norm().value < _OPPOSITE) & (cosine.value < 0.0)
-        aside = np.cross(wanted, np.eye(3)[:, np.abs(wanted).argmin(axis=0)], axis=0)
+        aside = np.cross(desired, np.eye(3)[:, np.abs(desired).argmin(axis=0)], axis=0)
         across = across * np.where(opposite, 0.0, 1.0) + np.where(opposite, aside, 0.0)
         sine = across.norm(_TINY)
         angle = np.arctan2(sine * np.where(opposite, 0.0, 1.0), cosine)
         return PoseError(displacement, across * (angle / sine))
 
     def counting(self, columns: FloatArray) -> FloatArray:
-        """Return angular velocities (3, n, K) without the part about the free axis; zero without attitude."""
+        """Return angular velocities (3, ...) without their component along the free axis.
+
+        If the place has no attitude, the result is empty (0, ...).
+        """
         if self.rotation is None:
             return columns[:0]
         if self.free_axis is None:
@@ -139,11 +143,11 @@ class Place:
         return columns - about
 
     def seen(self, pose: Any, q: FloatArray) -> FrameVariable:
-        """Return a frame's pose (pinocchio.SE3, inertial axes) in the place's axes, at a q (nq,)."""
+        """Return a pose (pinocchio.SE3, inertial axes) as a frame in the place's axes, at q (nq,)."""
         return frame_at(pin.XYZQUATToSE3(q[:7]).actInv(pose) if self.moves_with_base else pose)
 
     def error(self, pose: Any, q: FloatArray) -> tuple[float, float]:
-        """Return the distance [m] and the angle [rad] of a pose to the place."""
+        """Return distance [m] and angle [rad] from a pose (pinocchio.SE3) to the place, at q (nq,)."""
         errors = self.pose_error(self.seen(pose, q))
         return float(errors.distance[0, 0]), float(errors.angle[0, 0])
 
@@ -155,16 +159,22 @@ class Place:
         return replace(self.transformed(base.translation, base.rotation), on=INERTIAL)
 
     def transformed(self, shift: FloatArray, turn: FloatArray) -> Place:
-        """Return the place transformed by a rotation (3, 3) and a displacement (3,): x -> turn x + shift."""
+        """Return the place transformed by x -> turn x + shift, with turn (3, 3) and shift (3,)."""
         return replace(self.moved(shift, turn), position=shift + turn @ self.position)
 
     def moved(self, shift: FloatArray, turn: FloatArray) -> Place:
-        """Return the place displaced by `shift` and rotated by `turn`: (3,), (3, 3), or K of them."""
+        """Return the place with its position displaced by `shift` (3,) and its attitude rotated by `turn`.
+
+        `turn` is a rotation (3, 3). Both arrays may have K as their last axis.
+        """
         rotation = None if self.rotation is None else np.einsum("xy...,yz...->xz...", turn, self.rotation)
         return replace(self, position=(self.position.T + shift.T).T, rotation=rotation)
 
     def aim(self, sms: SpaceManipulator, q: FloatArray) -> Place:
-        """Return a plain place for a step: the present place, with the arm's rotation about a free axis."""
+        """Return a plain place for a step, see `plain`.
+
+        If there is a free axis, the rotation about it is that of the end effector at q (nq,).
+        """
         here = self.at(q)
         if here.free_axis is None:
             return here
@@ -173,7 +183,10 @@ class Place:
         return replace(here, rotation=pin.exp3(turn) @ pose.rotation, free_axis=None)
 
     def base_attitude(self, seen: FloatArray) -> FloatArray:
-        """Return the base's attitude (3, 3, ...) with the frame, `seen` (3, 3, ...) from it, at the place."""
+        """Return the base's attitude (3, 3, ...) if the frame is at the place.
+
+        `seen` (3, 3, ...) is the frame's attitude relative to the base.
+        """
         assert self.rotation is not None
         return np.asarray(np.einsum("xy,zy...->xz...", self.rotation, seen))
 
@@ -191,7 +204,7 @@ def frame_at(pose: Any) -> FrameVariable:
 
 
 def stacked_places(places: list[Place]) -> Place:
-    """Stack places of one kind, without velocities."""
+    """Stack places, all positions or all poses, without velocities."""
     turns = [place.rotation for place in places if place.rotation is not None]
     return replace(
         places[0],
@@ -203,13 +216,13 @@ def stacked_places(places: list[Place]) -> Place:
 
 
 def deadzone(x: Variable, allowed: float, firm: bool = False) -> Variable:
-    """Return vectors shortened by the tolerance, zero within it.
+    """Return vectors shortened by `allowed`; shorter vectors become zero.
 
-    With `firm` the slopes are those of the full vectors. The gradient of the square is the same, but a step
-    with these slopes also penalises changes of vectors across themselves and within the tolerance. With its
-    own slopes such changes are free, and most long steps fail by them.
+    With `firm` the slopes are those of the full vectors. The gradient of the square is the same, but then a
+    Gauss-Newton step also penalises changes perpendicular to a vector, and changes of vectors shorter than
+    `allowed`. Without `firm` such changes have no cost in a step, and most long steps fail because of them.
     """
-    length = np.maximum(np.sqrt(dot(x.value, x.value)), 1e-12)  # a shorter one has no direction
+    length = np.maximum(np.sqrt(dot(x.value, x.value)), 1e-12)  # a shorter vector has no direction
     share, unit = np.maximum(1.0 - allowed / length, 0.0), x.value / length
     if firm:
         return Variable(share * x.value, lambda: x.slopes, x.where)
@@ -217,7 +230,7 @@ def deadzone(x: Variable, allowed: float, firm: bool = False) -> Variable:
         return Variable(np.zeros_like(x.value), {}, x.where)
 
     def slopes() -> dict[str, FloatArray]:
-        # Along the vector the slope is 1, across it is the remaining share of the length.
+        # The derivative is 1 along the vector, and the remaining share of the length perpendicular to it.
         matrix = (np.where(share > 0.0, 1.0, 0.0) - share) * unit[:, None] * unit
         diagonal(matrix)[...] += share
         return {name: np.einsum("xy...,yz...->xz...", matrix, slope) for name, slope in x.slopes.items()}
@@ -226,38 +239,40 @@ def deadzone(x: Variable, allowed: float, firm: bool = False) -> Variable:
 
 
 REACH = 0.02  # [m] the paper's r_th
-ORIENTATION_REACH = 0.02  # [rad] about a degree, r_th at an arm of one metre; not from the paper
+ORIENTATION_REACH = 0.02  # [rad] about a degree, r_th for an arm of one metre; not from the paper
 TOLERANCE = 1e-3  # [m, rad, m/s, rad/s] at the deadline, a twentieth of r_th; not from the paper
 _REACHES = ("tolerance", "reach", "orientation_reach")
 _PLACES = "a position (3,) [m], a pinocchio.SE3 or a homogeneous matrix (4, 4)"
-GOALS = f"{_PLACES}, a function of time [s] that gives one, or a goal such as opt.Pose"
+GOALS = f"{_PLACES}, a function of time [s] that returns one of these, or a goal such as opt.Pose"
 
 
 class Goal(ABC):
-    """The desired pose of the end effector, within `tolerance` at the deadline, near it in the last tenth.
+    """The desired pose of the end effector at the deadline.
+
+    The pose must be within `tolerance` at the deadline, and within the reaches in the last tenth of the time.
 
     Attributes
     ----------
     tolerance : float
-        Tolerance at the deadline, of the position [m], and of attitude and velocities if they are constrained
-        [rad, m/s, rad/s].
+        Tolerance at the deadline for the position [m], and for attitude and velocities if they are
+        constrained [rad, m/s, rad/s].
     reach : float
         Tolerance of the position in the last tenth of the time, the paper's r_th [m].
     orientation_reach : float
         Tolerance of the attitude in the last tenth of the time [rad].
     moves : bool
-        True if the place depends on the time.
+        True if the place depends on time.
     exact : bool
-        True if a plan reaches the goal only within the tolerance at the deadline, velocities included.
+        True if a plan has `reached` only within the tolerance at the deadline, velocities included.
     coupled : bool
-        True if the paper's cost is a term by default. It favours motions at an angle to the direct one, so it
-        does not suit goals that are approached along a line.
+        True if the paper's cost is a term by default. This cost favours motions at an angle to the
+        displacement, so it does not suit goals that are approached along a line.
     at_rest_with : Client, capture.ClientEstimate or None
-        A body with which the robot should be at rest after the capture. A problem without a momentum has the
-        one for that; a plan with another momentum has a note.
+        A body with which the robot should be at rest after the capture. This determines the default momentum
+        of a problem; with another momentum the plan has a note.
     coast : float or None
         Time after the deadline for which the joints keep their rates before they brake [s]. The plan leaves
-        the distance for both before the position limits. None: no distance is left.
+        enough distance to the position limits for coasting and braking. None: no distance is left.
     """
 
     tolerance: float = TOLERANCE
@@ -271,10 +286,10 @@ class Goal(ABC):
 
     @abstractmethod
     def place(self, t: float) -> Place:
-        """Return the place at a time; its velocities matter at the deadline only."""
+        """Return the place at a time [s]; its velocities are used at the deadline only."""
 
     def places(self, times: FloatArray) -> Place:
-        """Return the places at times (K,) [s] as a stack without velocities; one place if it is fixed."""
+        """Return the places at times (K,) [s] as a stack without velocities; K = 1 if the goal is fixed."""
         if not self.moves:
             return self._standing
         return stacked_places([self.place(t) for t in times.tolist()])
@@ -284,20 +299,20 @@ class Goal(ABC):
         return stacked_places([self.place(0.0)])
 
     def for_motion(self, sms: SpaceManipulator, q0: FloatArray, duration: float) -> Goal:
-        """Return the goal for a motion from q0 (nq,) that lasts `duration` [s]. Default: itself."""
+        """Return the goal for a motion from q0 (nq,) that lasts `duration` [s]. Default: the goal itself."""
         return self
 
     def approach(self, duration: float) -> list[tuple[float, Place]]:
-        """Return times [s] and places on the approach before a deadline, for initial guesses of a search."""
+        """Return times [s] and places on the approach to the goal, for initial guesses of a search."""
         return []
 
     def limits(self, duration: float) -> tuple[Limit, ...]:
-        """Return the limits of the goal for a motion to a deadline [s]; a problem adds them."""
+        """Return the limits that a problem with this goal and duration [s] adds."""
         return ()
 
 
 class Fixed(Goal):
-    """A fixed goal in its axes `on`."""
+    """A goal that is fixed in inertial axes or on the base (`on`)."""
 
     on: str
     _place: Place
@@ -322,11 +337,11 @@ class Position(Fixed):
     Attributes
     ----------
     position : array_like, shape (3,)
-        [m]
+        The desired position [m].
     velocity : array_like, shape (3,), optional
-        Desired velocity at the deadline, inertial axes [m/s]. Default: the arm comes to rest.
+        The desired velocity at the deadline, inertial axes [m/s]. Default: the arm comes to rest.
     on : {"inertial", "base"}
-        The axes of the place: inertial axes, or those of the base link's frame, with which the goal then
+        The axes of the position. With "base" they are those of the base link's frame, with which the goal
         moves.
     """
 
@@ -350,11 +365,12 @@ class Pose(Fixed):
     Attributes
     ----------
     pose : pinocchio.SE3 or array_like, shape (4, 4)
+        The desired pose.
     twist : array_like, shape (6,), optional
-        Desired velocity and angular velocity at the deadline, inertial axes [m/s; rad/s]. Default: the arm
-        comes to rest.
+        The desired velocity and angular velocity at the deadline, inertial axes [m/s; rad/s]. Default: the
+        arm comes to rest.
     free_axis : array_like, shape (3,), optional
-        Axis of the end-effector frame, in its own axes, about which its rotation is free, as for a
+        The axis, in the axes of the end-effector frame, about which rotation is free, for example of a
         rotationally symmetric tool. Its length is ignored. Default: none.
     """
 
@@ -382,13 +398,13 @@ class Pose(Fixed):
 
 @dataclass(frozen=True, eq=False)
 class Moving(Goal):
-    """A moving goal that the end effector meets at the deadline, with its velocity; see `Goal`.
+    """A moving goal that the end effector meets at the deadline with the goal's velocity; see `Goal`.
 
     Attributes
     ----------
     path : callable
-        A smooth function from a time [s] to a position (3,) [m], a pinocchio.SE3 or a homogeneous matrix (4,
-        4), inertial axes.
+        A smooth function of time [s] that returns a position (3,) [m], a pinocchio.SE3 or a homogeneous
+        matrix (4, 4), inertial axes.
     """
 
     path: Callable[[float], Any]
@@ -405,13 +421,13 @@ class Moving(Goal):
         self.place(0.0)
 
     def place(self, t: float) -> Place:
-        """Return the path's place, with its velocities."""
-        h = 1e-3  # [s] step of differences, with a relative error of the velocity of 1e-7
+        """Return the place at a time [s], with its velocities."""
+        h = 1e-3  # [s] step of differences, for a relative error of the velocity of 1e-7
         behind, here, ahead = (as_goal(self.path(time)).place(time) for time in (t - h, t, t + h))
         return here.moving(behind, ahead, 2.0 * h)
 
     def places(self, times: FloatArray) -> Place:
-        """Return the path's places at times (K,) [s]."""
+        """Return the places at times (K,) [s]."""
         poses = [checks.from_homogeneous("path", self.path(t)) for t in times.tolist()]
         turned = isinstance(poses[0], pin.SE3)
         position = np.stack([x.translation if turned else np.asarray(x, dtype=float) for x in poses], axis=-1)
@@ -422,10 +438,10 @@ class Moving(Goal):
 
 @dataclass(frozen=True, eq=False)
 class Changed(Goal):
-    """A goal that solvers derive from another goal, by transforming it or shifting it by `time_offset` [s].
+    """A goal that solvers derive from another goal, `goal`.
 
-    `change` maps a place of the other goal, or a stack of places, to the place of this goal. Fields that are
-    not given have the values of the other goal.
+    Its place at time t is that of the other goal at t + `time_offset` [s], mapped by `change`, which also
+    accepts a stack of places. Tolerance and reaches default to those of the other goal.
     """
 
     goal: Goal
@@ -441,15 +457,15 @@ class Changed(Goal):
             object.__setattr__(self, name, getattr(self.goal, name))
 
     def place(self, t: float) -> Place:
-        """Return the transformed place of the other goal at t + `time_offset` [s]."""
+        """Return the place at a time [s], derived from that of the other goal."""
         return self._changed(self.goal.place(t + self.time_offset))
 
     def places(self, times: FloatArray) -> Place:
-        """Return the transformed places of the other goal at `times` + `time_offset` [s]."""
+        """Return the places at times (K,) [s], derived from those of the other goal."""
         return self._changed(self.goal.places(times + self.time_offset))
 
     def approach(self, duration: float) -> list[tuple[float, Place]]:
-        """Return the remaining approach of the other goal."""
+        """Return the part of the other goal's approach that is still ahead."""
         ahead = [
             (t - self.time_offset, place) for t, place in self.goal.approach(duration + self.time_offset)
         ]
@@ -460,9 +476,9 @@ class Changed(Goal):
 
 
 def as_goal(value: Any, name: str = "goal", kinds: str = GOALS) -> Goal:
-    """Return the goal of a plain value: a position (3,), a pose, or a function of time.
+    """Return the goal for a value: a position (3,), a pose, a function of time, or a goal.
 
-    Errors have the value's `name`, and `kinds` as the text of its admissible types.
+    Error messages use the value's `name`, and `kinds` as the description of its admissible types.
     """
     if isinstance(value, Goal):
         return value
@@ -473,7 +489,7 @@ def as_goal(value: Any, name: str = "goal", kinds: str = GOALS) -> Goal:
 
 
 def _still(value: Any, name: str, kinds: str) -> Goal:
-    """Return the goal at a plain place."""
+    """Return the fixed goal for a position (3,) or a pose."""
     value = checks.from_homogeneous(name, value)
     if isinstance(value, pin.SE3):
         vector(f"{name}.translation", value.translation, 3, "m")
@@ -484,7 +500,7 @@ def _still(value: Any, name: str, kinds: str) -> Goal:
     except ValueError:  # rows of different lengths
         fits = False
     if isinstance(value, FreeBody):
-        remedy = "is a body and not a place on it; give opt.Meet(client, grasp), the grasp frame in its axes"
+        remedy = "is a body and not a pose; use opt.Meet(client, grasp) with the grasp's pose on the body"
         raise InvalidValue(name, value, remedy)
     if not fits:
         raise InvalidValue(name, value, f"must be {kinds}")
@@ -492,6 +508,6 @@ def _still(value: Any, name: str, kinds: str) -> Goal:
 
 
 def check_reaches(goal: Goal) -> None:
-    """Raise `InvalidValue` unless the tolerance and the reaches of a goal are above zero."""
+    """Raise `InvalidValue` if the tolerance or a reach of a goal is not above zero."""
     for name in _REACHES:
         checks.positive(f"goal.{name}", getattr(goal, name))

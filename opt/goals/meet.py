@@ -19,7 +19,7 @@ from ffsms_pin.opt.goals.pose_constraints import Corridor
 from ffsms_pin.opt.limits.limit import Limit
 from ffsms_pin.options import Angle, NotNegative, Positive, Unit, Vector3
 
-_MOUTH = 0.75  # share of the time at which initial guesses of a search are at the corridor's mouth
+_MOUTH = 0.75  # share of the time at which initial guesses of a search enter the corridor
 
 _HALF_ANGLE = math.radians(20.0)
 
@@ -28,43 +28,43 @@ _HALF_ANGLE = math.radians(20.0)
 class Meet(Goal):
     """A grasp frame on a client that the end effector meets at the deadline, without relative velocity.
 
-    Within `standoff` of the grasp the end effector stays in a corridor, a cone on the grasp's axis with its
-    tip at the grasp, fixed to the client. A problem with this goal has the limit "corridor" (`opt.Corridor`).
+    Within `standoff` of the grasp the end effector stays in a corridor: a cone that is fixed to the client,
+    with its tip at the grasp. A problem with this goal has the limit "corridor" (`opt.Corridor`).
 
     Raises
     ------
     InvalidValue
-        A value out of range or of a wrong shape.
+        If a value is out of range or has a wrong shape.
     """
 
     client: FreeBody
     """A `Client` or a `capture.ClientEstimate`."""
     grasp: Any = None
-    """The pose of the grasp frame (pinocchio.SE3) in the client's body axes, from its centre of mass.
+    """The pose of the grasp frame (pinocchio.SE3) relative to the client's body frame at its centre of mass.
     Default: the body frame."""
     standoff: Annotated[NotNegative, Unit("m")] = 0.15
-    """The length of the corridor of approach; zero: no corridor. The default is the depth in which a
-    gripper's fingers are beside the grasp."""
+    """The length of the corridor; zero: no corridor. The default is the depth over which a gripper's fingers
+    are beside the grasp."""
     half_angle: Annotated[Positive, Angle("rad", "0.349")] = _HALF_ANGLE
-    """The half angle of the corridor, below a right angle. By default the corridor is 55 mm wide to each side
-    at the standoff, about the opening of a gripper."""
+    """The half angle of the corridor, below a right angle. With the default the corridor extends 55 mm to
+    each side at the default standoff, about the opening of a gripper."""
     axis: Annotated[Vector3, Unit()] = (0.0, 0.0, 1.0)
     """The direction of approach, in grasp axes; its length is ignored. Default: z, which points away from the
     flange in most tool frames."""
     tolerance: Annotated[Positive, Unit("m, rad, m/s, rad/s")] = TOLERANCE
-    """The tolerance at the contact, see `Goal`; a plan outside it has not `reached`."""
+    """The tolerance at the contact, see `Goal`; a plan with a larger error has not `reached`."""
     reach: Annotated[Positive, Unit("m")] = REACH
     """The position tolerance in the last tenth of the time."""
     orientation_reach: Annotated[Positive, Angle("rad")] = 0.2
     """The attitude tolerance in the last tenth of the time; larger than for other goals, because a rotating
     grasp may be out of reach then."""
     rest_after: Annotated[bool, Unit()] = False
-    """True if the servicer has the momentum before the capture with which both bodies are at rest after it
-    (`ffsms_pin.client.rest_momentum`). It is the default `momentum` of a problem with this goal."""
-    coast: float | None = None  # type: ignore[misc]  # a class attribute elsewhere
-    """The time [s] after the contact for which the joints keep their rates before they brake, as while a grip
-    becomes rigid. The plan leaves the distance for that and for braking before the position limits. Default:
-    no distance is left."""
+    """True if robot and client should be at rest after the capture. This determines the default `momentum` of
+    a problem with this goal (`ffsms_pin.client.rest_momentum`)."""
+    coast: float | None = None  # type: ignore[misc]  # a class attribute in the base class
+    """The time [s] after the contact for which the joints keep their rates before they brake, for example
+    while a grip becomes rigid. The plan leaves enough distance to the position limits for coasting and
+    braking. Default: no distance is left."""
     moves: ClassVar[bool] = True  # also for a client at rest
     exact: ClassVar[bool] = True  # a contact requires exact position and velocity
 
@@ -90,7 +90,7 @@ class Meet(Goal):
         )
 
     def place(self, t: float) -> Place:
-        """Return the grasp frame and its velocities."""
+        """Return the grasp frame at a time [s], with its velocities."""
         grasp, twist = carried(self.client.pose(t), self.client.twist(t), self.grasp)
         return Place(grasp.translation, grasp.rotation, twist[:3], twist[3:])
 
@@ -101,9 +101,11 @@ class Meet(Goal):
         return Place(grasps, np.moveaxis(attitudes @ self.grasp.rotation, 0, -1))
 
     def approach(self, duration: float) -> list[tuple[float, Place]]:
-        """Return places from the corridor's mouth along its axis, with decreasing speed, if there is one."""
-        places, late = [], 0.6  # share of the last tenth after which the displacement is zero
-        if 2.0 * (1.0 - late) ** 2 * self.standoff <= self.reach:  # that is within the reach
+        """Return times [s] and places on the corridor's axis, at decreasing speed; none without corridor."""
+        # The approach ends when the last tenth of the time begins, after the share 0.6. If an approach that
+        # ends at the deadline stays within half of the reach in the last tenth, it is used.
+        places, late = [], 0.6
+        if 2.0 * (1.0 - late) ** 2 * self.standoff <= self.reach:
             late = 1.0
         for share in (0.0, 0.2, 0.4, 0.6, 0.8) if self.standoff > 0.0 else ():
             t = (_MOUTH + (1.0 - _MOUTH) * share) * duration
@@ -113,6 +115,6 @@ class Meet(Goal):
         return places
 
     def limits(self, duration: float) -> tuple[Limit, ...]:
-        """Return the corridor, where there is one."""
+        """Return the corridor if the standoff is above zero."""
         cone = (self.standoff, self.half_angle, self.axis, self.tolerance)
         return (Corridor(self, duration, *cone, (1.0 - _MOUTH) * duration),) if self.standoff else ()

@@ -1,1 +1,1 @@
-"""The paper's step: one quadratic programme in alpha on ProxQP."""
+"""The paper's step: a quadratic program in alpha, solved by ProxQP."""

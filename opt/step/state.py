@@ -31,19 +31,20 @@ Progress: TypeAlias = Callable[[float], None]  # called with the completed share
 class StepState:
     """A configuration q (nq,) with joint rates (n,) [rad/s], and its kinematics.
 
-    `dt` is the step, `time_left` the time from its start to the deadline, `time` that from the motion's start
-    [s], and `time_offset` that start in the times of limits and moving obstacles. `momentum` (6,) is the
-    total momentum, inertial axes, about the system's centre of mass; None: zero. `base_start` (7,) is the
-    root pose relative to which base rotation and displacement are measured; None: the present pose. `mode` is
-    the part of the base's motion that is held; `wheel_total` (w,) are the momenta that wheels that hold its
-    attitude have with the joints at rest [N m s].
+    `dt` is the step's length, `time_left` the time from the step's start to the deadline, and `time` the time
+    from the motion's start to the step's start [s]. `time_offset` is the time of the motion's start for
+    limits and moving obstacles [s]. `momentum` (6,) is the total momentum, inertial axes, about the system's
+    centre of mass; None: zero. `base_start` (7,) is the root pose relative to which base rotation and
+    displacement are measured; None: the present pose. `mode` is the part of the base's motion that is held.
+    `wheel_total` (w,) are the momenta of the wheels that hold the base's attitude, with the joints at rest
+    [N m s].
 
     Derived quantities are `reaction` (6, n), the root's velocity per joint rate, root axes; `J_star` and
     `J_arm` (6, n), the end effector's Jacobians with a reacting and a fixed base, inertial axes; `V` (n, n)
-    and `entropy` of the mode's C_bm; `tip` (3,) and `tip_rotation` (3, 3), inertial axes; `com` (3,), the
-    centre of mass of the system, or of the base if its position is held, root axes [m]; `drift`, `tip_drift`
-    (6,), the velocities of root and end effector by the momentum with the joints at rest; and `bounds` on the
-    joint rates at the step's end (`rate_bounds`).
+    and `entropy` of the mode's C_bm; the end effector's position `tip` (3,) [m] and attitude `tip_rotation`
+    (3, 3), inertial axes; `com` (3,), the centre of mass of the system, or of the base if its position is
+    held, root axes [m]; `drift` and `tip_drift` (6,), the velocities of root and end effector due to the
+    momentum, with the joints at rest; and `bounds` on the joint rates at the step's end (`rate_bounds`).
     """
 
     def __init__(
@@ -93,9 +94,10 @@ def rate_bounds(
 ) -> tuple[FloatArray, FloatArray]:
     """Return the least and greatest joint rates w (n,) [rad/s] at the end of a step of constant acceleration.
 
-    They keep the limits during the step, and the distance to brake afterwards at full acceleration a: with d
-    the distance to the upper limit, dt (rate + w) / 2 + w^2 / (2 a) <= d. If that is infeasible, the
-    acceleration limit has priority over the others: if w = 0 is too large, rate^2 dt / (2 (rate - w)) <= d.
+    They keep the limits during the step, and leave the distance to brake afterwards with the largest
+    acceleration a. With the distance d to the upper limit, w satisfies dt (rate + w) / 2 + w^2 / (2 a) <= d.
+    If even w = 0 is too fast for that, w < 0 satisfies rate^2 dt / (2 (rate - w)) <= d. The acceleration
+    limit has priority over the others.
     """
     least, greatest = kernel.rate_bounds(limits.table, joints, rates, dt)
     return least, greatest
@@ -117,15 +119,13 @@ def _scaled(W: FloatArray) -> FloatArray:
     return W / mean if mean > 0.0 else W
 
 
-# The references of a step, with W (n, n) in the penalty rates^T W rates of redundant motion; None: the
-# identity. The cone of zero paper cost, or straight to the target: resolved motion rate control
-# through J* (Umetani and Yoshida 1989); least base rotation, redundancy in the reaction null space (Yoshida
-# 2001); least kinetic energy, the H_q-weighted inverse of J*.
+# The methods of single steps, each with W (n, n) of its penalty rates^T W rates of redundant motion; None is
+# the identity. "step" moves on the cone of zero paper cost, the others move straight to the target.
 REFERENCES: dict[str, Callable[[StepState], FloatArray] | None] = {
     "step": None,
-    "resolved-rate": None,
-    "least-disturbance": _spared_turn,
-    "minimum-effort": _spared_energy,
+    "resolved-rate": None,  # resolved motion rate control through J* (Umetani and Yoshida 1989)
+    "least-disturbance": _spared_turn,  # least base rotation (reaction null space, Yoshida 2001)
+    "minimum-effort": _spared_energy,  # least kinetic energy, the H_q-weighted inverse of J*
 }
 
 
@@ -141,7 +141,7 @@ def roll_out_steps(
     rotation: FloatArray | None = None,
     progress: Progress | None = None,
 ) -> tuple[FloatArray, str]:
-    """Plan step by step to a target (3,) [m] and an attitude (3, 3); call `reset` before a new motion.
+    """Plan step by step to a target (3,) [m] and an attitude (3, 3), with a stepper that has been reset.
 
     Return the joint rates (N + 1, n) at the nodes [rad/s], and a note on steps that failed.
     """
@@ -162,7 +162,7 @@ def roll_out_steps(
 
 
 def braked_note(braked: int, steps: int) -> str:
-    """Return a message of the number of failed steps; empty if there are none."""
+    """Return a message with the number of failed steps; empty if there are none."""
     return f"the arm braked in {braked} of {steps} steps whose QP was not solved" if braked else ""
 
 
@@ -179,9 +179,9 @@ def sides_across(displacement: FloatArray, J: FloatArray) -> list[FloatArray]:
 
 
 def braking(step: StepState) -> FloatArray:
-    """Return the rates (n,) [rad/s] at the step's end of an arm that brakes as fast as its joints can.
+    """Return the rates (n,) [rad/s] at the end of a step in which the arm brakes as fast as its joints can.
 
-    All joints brake in the same time, so reactions on the base that cancel continue to cancel.
+    All joints brake in the same time, so that reactions on the base that cancel continue to cancel.
     """
     return np.asarray(step.rates * max(0.0, 1.0 - step.dt / max(_stop(step, step.rates), 1e-12)))
 
@@ -189,12 +189,12 @@ def braking(step: StepState) -> FloatArray:
 def stoppable(limits: Sequence[Limit], step: StepState, rates: FloatArray, slower: FloatArray) -> FloatArray:
     """Return the joint rates (n,) for the step's end after which the arm can still stop within the limits.
 
-    If stopping after this step would violate a limit, they are interpolated to the braking rates `slower`
-    (n,), which were safe one step ago.
+    If stopping after this step would violate a limit, the rates are interpolated towards the braking rates
+    `slower` (n,), after which the arm could stop in the last step.
     """
     if not _broken(limits, step, rates).any():
         return rates
-    most = _broken(limits, step, slower)  # a violated limit must permit the return
+    most = _broken(limits, step, slower)  # braking may violate a limit that is violated already
     for share in (0.5, 0.25, 0.1):
         between = slower + share * (rates - slower)
         if (_broken(limits, step, between) <= most).all():

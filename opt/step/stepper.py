@@ -1,8 +1,9 @@
-"""Single steps of the paper's method, each a quadratic programme for ProxQP, or braking.
+"""Single steps of the paper's method: a quadratic program (QP) for ProxQP, or braking if it is not solved.
 
-Variables x = (alpha (n), s, slack): the paper's scaling factors, the end-effector speed along the desired
-direction, and the relaxation of soft limits. Minimise 1/2 x^T H x + g^T x subject to l <= C x <= u and lower
-<= x <= upper. Terms and limits are functions of the joint rates u = V alpha, and are transformed here.
+The variables are x = (alpha (n), s, slack): the paper's scaling factors, the end-effector speed along the
+desired direction, and the relaxation of soft limits. The QP minimises 1/2 x^T H x + g^T x subject to
+l <= C x <= u and lower <= x <= upper. Terms and limits are functions of the joint rates V alpha; their
+objectives and rows are converted to alpha here.
 
 Reference: A. Bambade, S. El-Kazdadi, A. Taylor, J. Carpentier, "ProxQP: yet another quadratic programming
 solver for robotics and beyond", Robotics: Science and Systems 2022.
@@ -37,26 +38,29 @@ from ffsms_pin.threads import OneThread
 
 @dataclass(frozen=True)
 class StepWeights:
-    """The weights of the step's objective, which rank its parts; limits are rows and have no weights.
+    """The weights of a step's objective, in the order of their priority; limits are rows without weights.
+
+    J*_v and J*_w are the linear and angular rows of the end effector's Jacobian, and V alpha the joint rates.
 
     Attributes
     ----------
     direction : float
-        The weight of |J*_v V alpha - s e|^2 [1/(m/s)^2], to keep the direction of zero paper cost.
+        The weight of |J*_v V alpha - s e|^2 [1/(m/s)^2], with the speed s along the unit vector e of zero
+        paper cost.
     speed : float
-        The weight of (s - s_ref)^2 [1/(m/s)^2]; at limits or singularities the speed is reduced and the
-        direction kept.
+        The weight of (s - s_ref)^2 [1/(m/s)^2], with the reference speed s_ref. It is small, so that limits
+        and singularities reduce the speed and do not change the direction.
     orientation : float
-        The weight of |J*_w V alpha - omega_ref|^2 [1/(rad/s)^2], small, so that rotation does not bend the
-        path.
+        The weight of |J*_w V alpha - omega_ref|^2 [1/(rad/s)^2], with the desired angular velocity omega_ref.
+        It is small, so that rotation does not bend the path.
     effort : float
-        The weight of |alpha|^2 [1/(rad/s)^2], for the least redundant motion. It slows the arrival by a
-        thousandth.
+        The weight of |alpha|^2 [1/(rad/s)^2], against redundant motion. It slows the arrival by a thousandth.
     change : float
-        The weight of |V alpha - rates|^2 [1/(rad/s)^2], against jumps of redundant motion between steps.
+        The weight of |V alpha - rates|^2 [1/(rad/s)^2], with the rates at the step's start, against jumps of
+        redundant motion between steps.
     clearance : float
-        The weight of the slack of soft rows [1/(m/s)] and of its square [1/(m/s)^2], some fifty times the
-        gain of any other part, so that a row is relaxed only if it is infeasible.
+        The weight of the slack of soft rows [1/(m/s)] and of its square [1/(m/s)^2]. It is about fifty times
+        what any other part can gain, so that a row is relaxed only if it is infeasible.
     """
 
     direction: float = 1.0
@@ -68,20 +72,21 @@ class StepWeights:
 
     @cached_property
     def table(self) -> FloatArray:
-        """The weights (6,) in order."""
+        """The weights (6,) in the order of the fields."""
         return np.array(astuple(self))
 
 
 class StepProblem(NamedTuple):
-    """The matrices of one step, for inspection, tests, or other solvers.
+    """The QP of one step in x = (alpha, s, slack), for inspection, tests, or other solvers.
 
     Attributes
     ----------
     H, g : ndarray, shape (n + 2, n + 2), (n + 2,)
+        The objective 1/2 x^T H x + g^T x.
     C, l, u : ndarray, shape (m, n + 2), (m,), (m,)
-        The rows of all limits; a soft row with two sides becomes two rows.
+        The rows l <= C x <= u of all limits; a soft row with two sides becomes two rows.
     lower, upper : ndarray, shape (n + 2,)
-        Bounds on x: s >= 0 and slack >= 0.
+        Bounds on x, which are s >= 0 and slack >= 0.
     """
 
     H: FloatArray
@@ -104,9 +109,9 @@ class StepProblem(NamedTuple):
 
 
 class StepQP(NamedTuple):
-    """The QP in the form of the solver: bounds are rows (m, n + 2) after the others, low <= A x <= up.
+    """The QP in the solver's form, with rows low <= A x <= up, A (m, n + 2), of which the last are bounds.
 
-    ProxQP supports bounds, but no warm start of their multipliers.
+    Bounds are rows, because ProxQP has no warm start for the multipliers of its bounds.
     """
 
     H: FloatArray
@@ -116,19 +121,19 @@ class StepQP(NamedTuple):
     up: FloatArray
 
     def problem(self) -> StepProblem:
-        """Return the QP with bounds apart from rows."""
+        """Return the QP with bounds separate from rows."""
         lower, upper = np.full(len(self.g), -UNBOUNDED), np.full(len(self.g), UNBOUNDED)
         lower[-2:] = 0.0
         return StepProblem(self.H, self.g, self.A[:-2], self.low[:-2], self.up[:-2], lower, upper)
 
 
-class WantedMotion(NamedTuple):
+class DesiredMotion(NamedTuple):
     """The desired motion of the end effector at the end of a step, inertial axes.
 
-    `towards`, `direction` and `side` (3,) are unit vectors to the target, along the motion (the e of
-    docs/planner.md), and perpendicular to the displacement on the side of the cone, for the next step. The
-    first two are zero on arrival. `angular_velocity` (3,) leads to the desired attitude, if any [rad/s];
-    `speed` is s_ref.
+    `towards` (3,) is the unit vector to the target, `direction` (3,) that of the desired velocity (the e of
+    docs/planner.md); both are zero at the target. `side` (3,) is the unit vector perpendicular to `towards`
+    on the side of the desired velocity, for the next step. `angular_velocity` (3,) [rad/s] leads to the
+    desired attitude and is zero without one. `speed` [m/s] is s_ref.
     """
 
     towards: FloatArray
@@ -146,46 +151,47 @@ def step_qp(
     rotation: FloatArray | None,
     weights: StepWeights,
     rows: Sequence[Rows],
-) -> tuple[WantedMotion, StepQP]:
-    """Return the motion to a target (3,) [m] and an attitude (3, 3), at the angle acos(cosine), and its QP.
+) -> tuple[DesiredMotion, StepQP]:
+    """Return the desired motion to a target (3,) [m] and an attitude `rotation` (3, 3), and the step's QP.
 
-    The perpendicular part of `side` (3,) is the side of the motion; if zero, it is that of the end effector's
-    velocity. A row lower <= G u <= upper becomes lower <= G V alpha <= upper. Each side of a soft row becomes
-    a row, G V alpha + give slack >= lower or G V alpha - give slack <= upper. The last rows are s and slack
-    >= 0.
+    The velocity is at the angle acos(`cosine`) to the displacement towards the target. The component of
+    `side` (3,) perpendicular to this displacement selects the side of the cone; if that component is zero,
+    the end effector's present velocity selects the side. A row lower <= G u <= upper becomes
+    lower <= G V alpha <= upper. A soft row becomes two rows, G V alpha + softness slack >= lower and
+    G V alpha - softness slack <= upper. The last two rows are s >= 0 and slack >= 0.
     """
     kinematics = step.J_star, step.V, step.rates, step.tip_drift, step.sms.limits.acceleration
     when = cosine, step.time_left, step.dt
     motion, goal, stacked = kernel.step_programme(
         target - step.tip, rotation, step.tip_rotation, *kinematics, side, *when, weights.table, rows
     )
-    wanted = WantedMotion(motion[:3], motion[3:6], motion[6:9], motion[9:12], float(motion[12]))
-    return wanted, StepQP(goal[:-1], goal[-1], *stacked)
+    desired = DesiredMotion(motion[:3], motion[3:6], motion[6:9], motion[9:12], float(motion[12]))
+    return desired, StepQP(goal[:-1], goal[-1], *stacked)
 
 
-# The least curvature of the objective, that of redundant motion, is 1e-5, so a gradient within 1e-11
-# determines it to 1e-6 rad/s. With a larger tolerance the active rows are undetermined in a few steps of a
-# thousand.
+# The least curvature of the objective is 1e-5, that of redundant motion. A gradient within 1e-11 thus
+# determines this motion to 1e-6 rad/s. With a larger tolerance the active rows are undetermined in a few of a
+# thousand steps.
 _TOLERANCE = 1e-11
 
 
 def new_solver(variables: int, rows: int) -> Any:
-    """Return ProxQP's dense solver for QPs of one size, bounds among the rows, with the step's settings."""
+    """Return ProxQP's dense solver for QPs with this number of variables and of rows, bounds included."""
     dense = proxqp.dense
     qp = dense.QP(variables, 0, rows, dense_backend=dense.DenseBackend.PrimalDualLDLT)
     settings = qp.settings
     settings.eps_abs, settings.eps_rel = _TOLERANCE, 0.0
-    # Far below that curvature, because each iteration multiplies the error by about
+    # Far below the least curvature (`_TOLERANCE`), because each iteration multiplies the error by about
     # regularisation / curvature.
     settings.default_rho = 1e-8
-    # A few iterations are usual. A QP that reaches this number has failed, and has taken milliseconds.
+    # Most QPs need a few iterations. If this number is reached, the QP is not solved.
     settings.max_iter = settings.max_iter_in = 40
     settings.initial_guess = proxqp.InitialGuess.WARM_START
     return qp
 
 
 class StepSolution(NamedTuple):
-    """The solution x (n + 2,) of a programme, and multipliers z (m,), above zero at a row's upper side.
+    """The solution x (n + 2,) of a QP, and its multipliers z (m,), above zero at a row's upper side.
 
     `solved` is true if the solver reached its tolerance.
     """
@@ -196,7 +202,7 @@ class StepSolution(NamedTuple):
 
 
 class StepSolver:
-    """A warm-started solver of QPs, with a ProxQP solver for each size; a copy has no warm start."""
+    """A warm-started solver of QPs, with a ProxQP solver for each size; a copy begins without them."""
 
     def __init__(self) -> None:
         self._solvers: dict[tuple[int, int], Any] = {}
@@ -206,12 +212,12 @@ class StepSolver:
         return StepSolver, ()
 
     def solve(self, p: StepQP, start: tuple[FloatArray, FloatArray] | None = None) -> StepSolution:
-        """Solve a QP, warm-started with the solution (x, z) of a similar one, or cold if that fails.
+        """Solve a QP, warm-started with the solution (x, z) of a similar QP, or without if that fails.
 
-        The last digits of ProxQP's result depend on the alignment of its memory, which shows over a rollout
-        of a thousand steps. So the equality-constrained problem of its active rows is solved again. The
-        solution is used if it satisfies all rows and its multipliers have the right signs, because it is then
-        that of the QP.
+        The last digits of ProxQP's result depend on the alignment of its memory, and the differences grow
+        over a rollout of a thousand steps. Therefore the equality-constrained problem of the active rows is
+        solved again. If its solution satisfies all rows and its multipliers have the right signs, it solves
+        the QP, and is returned.
         """
         size = p.A.shape
         if start is not None and (len(start[1]), len(start[0])) != size:
@@ -232,8 +238,8 @@ class StepSolver:
         x, z = np.array(results.x), np.array(results.z)
         solved = solved and math.isfinite(x.dot(x))  # finite if all of x is finite
         if not solved:
-            del self._solvers[size]  # its state is useless for the next programme
-        # After a warm start ProxQP may return multipliers of inactive rows as solved.
+            del self._solvers[size]  # its state is useless for the next QP
+        # After a warm start ProxQP may report success with multipliers of inactive rows.
         return StepSolution(x, z, solved) if start is None else self.solve(p)
 
 
@@ -263,19 +269,21 @@ class Step:
 
 
 class Stepper:
-    """The paper's step as a quadratic programme in alpha on ProxQP.
+    """The paper's step as a quadratic program (QP) in alpha, solved by ProxQP.
 
     The paper's cost is zero if the velocity of the end effector is on a cone about the direction to the
-    target. The step selects the direction e of that cone on the present side, and computes alpha and the
-    speed s with J*_v V alpha = s e as nearly as the limits allow (docs/planner.md). If that fails, the arm
-    brakes within its limits.
+    target. The step selects the direction e of that cone on the side of the last step, and computes alpha and
+    the speed s with J*_v V alpha = s e as nearly as the limits allow (docs/planner.md). If the QP is not
+    solved, the arm brakes within its limits.
 
-    `limits` give rows of the programme, `terms` may add to its objective (`Term.step_objective`); `reference`
-    is one of `REFERENCES`; for `momentum`, `mode` and `wheel_total` see `StepState`. A stepper stores the
-    last step, and is for one thread; `like()` makes another. `side` (3,) is the side of the cone of the last
-    step, zero before the first; `base_start` (7,) the root pose relative to which base rotation and
-    displacement are measured, None: that at the next step; `deadline` that of the motion, in the time of
-    moving obstacles [s], None: their time begins with the next step. `dt` may be changed between steps.
+    `limits` are rows of the QP, and `terms` may add to its objective (`Term.step_objective`). `reference` is
+    a key of `REFERENCES`. For `momentum`, `mode`, `wheel_total` and `time_offset` see `StepState`. `dt` may
+    be changed between steps.
+
+    A stepper stores the last step, and is for one thread; `like()` returns another. `side` (3,) is the side
+    of the cone of the last step, zero before the first step. `base_start` (7,) is the root pose relative to
+    which base rotation and displacement are measured; None: the pose at the next step. `deadline` is the time
+    from the motion's start to its deadline [s]; None: the motion starts with the next step.
     """
 
     def __init__(
@@ -320,14 +328,14 @@ class Stepper:
         limits: Sequence[Limit] | None = None,
         terms: Sequence[Term] | None = None,
     ) -> Stepper:
-        """Return a stepper for a problem, with other limits or terms if they are given."""
+        """Return a stepper for a problem; `limits` and `terms` replace those of the problem."""
         limits = problem.limits if limits is None else checked_parts("limits", limits, Limit)
         terms = problem.terms if terms is None else checked_parts("terms", terms, Term)
         settings = problem.momentum, problem.mode, problem.wheel_total, problem.time_offset
         return Stepper(problem.sms, problem.dt, problem.kappa, limits, terms, weights, reference, *settings)
 
     def like(self, sms: SpaceManipulator | None = None) -> Stepper:
-        """Return a new stepper with the same settings, or for another robot if one is given."""
+        """Return a new stepper with the same settings, for `sms` if it is not None."""
         parts = self.kappa, self._given, self.terms, self.weights, self.reference
         settings = self.momentum, self.mode, self.wheel_total, self.time_offset
         return Stepper(sms or self.sms, self.dt, *parts, *settings)
@@ -338,23 +346,23 @@ class Stepper:
         base_start: FloatArray | None = None,
         deadline: float | None = None,
     ) -> None:
-        """Clear the last step; `side` is the side of the cone, zero: that of the end effector's velocity."""
+        """Clear the last step, and set the side of the cone; if it is zero, the velocity selects the side."""
         self.side, self.base_start, self.deadline = np.array(side, dtype=np.float64), base_start, deadline
-        # The last solution: rates at its end, because V rotates from step to step; s and slack; multipliers.
+        # The last solution: joint rates instead of alpha, because V rotates between steps; s and slack; z.
         self._last: tuple[FloatArray, FloatArray, FloatArray] | None = None
 
     @numerical_errors("the step of the planner")
     def step(self, q: ArrayLike, joint_rates: ArrayLike, target: Any, time_left: float) -> Step:
-        """Return the next joint rates, from q (nq,) and the rates (n,) at the step's start [rad/s].
+        """Return the next step from a configuration q (nq,) and joint rates (n,) [rad/s].
 
-        `target` is a position (3,) of the end effector, a pinocchio.SE3, or a fixed goal, inertial axes;
-        `time_left` the time to the deadline [s].
+        `target` is a position (3,) of the end effector, a pinocchio.SE3, or a fixed goal, inertial axes.
+        `time_left` is the time to the deadline [s].
         """
         return self.advance(*self._checked(q, joint_rates, target, time_left))
 
     @numerical_errors("the step of the planner")
     def build(self, q: ArrayLike, joint_rates: ArrayLike, target: Any, time_left: float) -> StepProblem:
-        """Return the quadratic programme of a step without solving it; for arguments see `step`."""
+        """Return the QP of a step without solving it; for arguments see `step`."""
         with self._alone:
             return self._build(*self._checked(q, joint_rates, target, time_left))[2].problem()
 
@@ -367,21 +375,21 @@ class Stepper:
         rotation: FloatArray | None = None,
         prefer: FloatArray | None = None,
     ) -> Step:
-        """Take a step with checked arguments; `rotation` (3, 3) is the desired attitude, if any.
+        """Take a step with checked arguments; `rotation` (3, 3) is the desired attitude, None: any.
 
-        With `prefer` (n,) the step is as near to these joint rates as the limits allow, instead of to the
+        If `prefer` (n,) is not None, the step approximates these joint rates, and not the motion to the
         target.
         """
         with self._alone:
-            step, wanted, programme = self._build(q, rates, target, time_left, rotation, prefer)
+            step, desired, qp = self._build(q, rates, target, time_left, rotation, prefer)
             n, V = self.sms.n, step.V
-            self.side, self.base_start = wanted.side, step.base_start
+            self.side, self.base_start = desired.side, step.base_start
             self.deadline = step.time + step.time_left
             start = None
             if self._last is not None:  # warm start: the last solution in the basis of this step
                 last, more, z = self._last
                 start = np.concatenate([last.dot(V), more]), z
-            solution, slack = self._solver.solve(programme, start), 0.0
+            solution, slack = self._solver.solve(qp, start), 0.0
             if solution.solved:
                 chosen, slack = (
                     self._within(step.bounds, V.dot(solution.x[:n])),
@@ -394,7 +402,7 @@ class Stepper:
             else:
                 chosen, self._last = self._within(step.bounds, braking(step)), None
             velocity = step.J_star.dot(chosen) + step.tip_drift
-            cos_theta = cosine(velocity.tolist()[:3], wanted.towards.tolist())
+            cos_theta = cosine(velocity.tolist()[:3], desired.towards.tolist())
             cost = step_cost(cos_theta, step.entropy, self.kappa)
             return Step(chosen.dot(V), chosen, cos_theta, step.entropy, cost, solution.solved, slack)
 
@@ -409,7 +417,7 @@ class Stepper:
             return q, rates, vector("target", target, 3, "m"), time_left, None
         goal = as_goal(target, "target")
         if goal.moves:
-            raise InvalidValue("target", target, "must be fixed for a step: give its present place")
+            raise InvalidValue("target", target, "must be fixed in a step; pass its present pose")
         place = goal.place(time_left).aim(self.sms, q)
         return q, rates, place.position, time_left, place.rotation
 
@@ -421,31 +429,32 @@ class Stepper:
         time_left: float,
         rotation: FloatArray | None = None,
         prefer: FloatArray | None = None,
-    ) -> tuple[StepState, WantedMotion, StepQP]:
+    ) -> tuple[StepState, DesiredMotion, StepQP]:
+        """Return the state, the desired motion and the QP of a step; for arguments see `advance`."""
         time = 0.0 if self.deadline is None else max(0.0, self.deadline - time_left)
         settings = self.momentum, self.base_start, time, self.mode, self.wheel_total, self.time_offset
         step, weights = StepState(self.sms, q, rates, self.dt, time_left, *settings), self.weights
         ideal = ideal_cosine(step.entropy, self.kappa) if self.reference == "step" else 1.0
         rows = [rows for limit in self.limits if (rows := rows_of(limit, step)) is not None]
-        wanted, programme = step_qp(step, target, ideal, self.side, rotation, weights, rows)
-        H, g, n, V = programme.H, programme.g, self.sms.n, step.V
+        desired, qp = step_qp(step, target, ideal, self.side, rotation, weights, rows)
+        H, g, n, V = qp.H, qp.g, self.sms.n, step.V
         if prefer is not None:
             H[:], g[:] = np.eye(n + 2), 0.0
             H[n + 1, n + 1] = g[n + 1] = weights.clearance
             g[:n] = -prefer.dot(V)
-            return step, wanted, programme
+            return step, desired, qp
         shares = [share for term in self.terms if (share := objective_of(term, step)) is not None]
-        price = REFERENCES[self.reference]
-        if price is not None:  # instead of the identity
-            shares.append((weights.effort * (price(step) - np.eye(n)), np.zeros(n)))
+        penalty = REFERENCES[self.reference]
+        if penalty is not None:  # instead of the identity, which `step_qp` has used
+            shares.append((weights.effort * (penalty(step) - np.eye(n)), np.zeros(n)))
         for W, w in shares:
             H[:n, :n] += V.T.dot(W).dot(V)
             g[:n] -= w.dot(V)
-        return step, wanted, programme
+        return step, desired, qp
 
-    def bounded(self, angles: FloatArray, joint_rates: FloatArray, wanted: FloatArray) -> FloatArray:
+    def bounded(self, angles: FloatArray, joint_rates: FloatArray, desired: FloatArray) -> FloatArray:
         """Return desired rates (n,) at a step's end, clipped to the joints' bounds if a limit has them."""
-        return self._within(rate_bounds(angles, joint_rates, self.sms.limits, self.dt), wanted)
+        return self._within(rate_bounds(angles, joint_rates, self.sms.limits, self.dt), desired)
 
     def _within(self, bounds: tuple[FloatArray, FloatArray], rates: FloatArray) -> FloatArray:
         """Return the rates (n,) clipped to bounds if a limit requires them."""

@@ -1,7 +1,7 @@
 """Motions by single steps, for searches and for the methods of `plan`.
 
-A greedy rollout of the QP step has zero cost unless a limit is active. In the paper's method each step
-minimises the cost over alpha directly, as a nonlinear programme.
+A rollout of steps by QP has zero cost unless a limit is active. In the paper's method each step minimises the
+cost over alpha as a nonlinear program.
 """
 
 from __future__ import annotations
@@ -27,22 +27,23 @@ from ffsms_pin.opt.trajectory import Trajectory, measure
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.robot.base_motion import advance
 
-# Effort of the references and of re-planned motions: ten times the step's default penalty of redundant
-# motion, and still small enough for an arm to leave a singular start.
+# The weights of classical methods and of re-planned motions. Their effort is ten times the default, and still
+# small enough for an arm to leave a singular start.
 REFERENCE_WEIGHTS = StepWeights(effort=1e-5)
 
 
 def sides_of(problem: Problem) -> list[FloatArray]:
-    """Return the sides of the cone from the start; zero if the arm can only move straight."""
+    """Return the sides of the cone at the start, unit vectors (3,); a zero vector if it has no sides."""
     J = problem.rotation0 @ problem.arm0.jstar[..., 0]
     place = problem.place.aim(problem.sms, problem.q0)
     return sides_across(place.position - problem.tip0, J) or [np.zeros(3)]
 
 
 def cheap_rollouts(problem: Problem, budget: float, sides: Sequence[FloatArray]) -> Iterator[FloatArray]:
-    """Return joint rates (N + 1, n) of rollouts on sides, with final rest and a cost below a budget [s].
+    """Yield joint rates (N + 1, n) of rollouts on sides of the cone, at rest at the end.
 
-    A rollout is aborted if it exceeds the budget, a QP is not solved, or it will not arrive in time.
+    A rollout is left out if its cost exceeds the budget [s], if a QP is not solved, or if it will not arrive
+    in time.
     """
     place, sms, dt, steps = problem.place, problem.sms, problem.dt, problem.steps
     stepper, mode = Stepper.of(problem), problem.mode
@@ -50,7 +51,7 @@ def cheap_rollouts(problem: Problem, budget: float, sides: Sequence[FloatArray])
         stepper.reset(side)
         q, cost, k, nodes, rates = problem.q0, 0.0, 0, [0], [problem.joint_rates]
         while k < steps:
-            stride = max(1, (steps - k) // 60)  # slow changes far from the deadline
+            stride = max(1, (steps - k) // 60)  # far from the deadline the motion changes slowly
             stepper.dt = stride * dt
             # The paper pairs rates with the position one step before.
             before, _ = advance(sms, q, rates[-1], np.zeros(sms.n), stepper.dt - dt, problem.momentum, mode)
@@ -73,7 +74,7 @@ def cheap_rollouts(problem: Problem, budget: float, sides: Sequence[FloatArray])
 
 
 def plan_stepwise(problem: Problem, method: str, progress: Progress | None = None) -> Trajectory:
-    """Plan by single steps with a method of `plan`; for "step" return the best side of the cone."""
+    """Plan by single steps with a method of `plan`; for "step" return the best plan of all sides."""
     sms, limits = problem.sms, step_limits(problem.limits)
     if method == "paper":
         paper = PaperStepper(sms, problem.dt, problem.kappa, limits, problem.mode, problem.wheel_total)
@@ -92,7 +93,7 @@ def plan_stepwise(problem: Problem, method: str, progress: Progress | None = Non
     for side in sides:
         stepper.reset(side)
         plans.append(_done(problem, stepper, report))
-    # Plans that arrive are ordered by cost, before the others by error.
+    # Plans that reach the target come first, ordered by cost; the others are ordered by error.
     return min(
         plans,
         key=lambda plan: (not plan.reached, plan.cost_integral if plan.reached else plan.position_error[-1]),
@@ -100,7 +101,7 @@ def plan_stepwise(problem: Problem, method: str, progress: Progress | None = Non
 
 
 def _done(problem: Problem, stepper: Stepper | PaperStepper, progress: Progress | None) -> Trajectory:
-    """Return the finished motion of a stepper's steps to the problem's goal."""
+    """Return the finished motion to the problem's goal by the steps of a stepper."""
     place, start = problem.place, (problem.q0, problem.joint_rates)
     rates, note = roll_out_steps(stepper, *start, place.position, problem.duration, place.rotation, progress)
     return measure(problem, rates, note)
@@ -124,11 +125,11 @@ class PaperStepper:
     """The paper's step: minimise (C~ - (1 - H_norm))^2 over alpha, under const1 to const8 (Eq. optimal_cost).
 
     The paper states no solver and no step-by-step form of const8. Here sequential least-squares programming
-    (scipy's SLSQP) starts from the last rates, and const8 becomes a row: the speed towards the target is at
-    least that of the schedule. The minimum is a cone of rates, on which the solver stops at an arbitrary
-    point. Neighbouring steps may differ, so the rates chatter, as in the paper's figures. The joint limits
-    and |alpha_i| <= 1 always hold, as printed; the rows of other limits are hard. For arguments see
-    `Stepper`.
+    (SciPy's SLSQP) starts from the last rates. const8 becomes a row that bounds the speed towards the target
+    from below by a schedule. The minimum is attained on a cone of velocities, on which the solver stops at an
+    arbitrary point. This point may differ between neighbouring steps, so the rates chatter, as in the paper's
+    figures. The joint limits and |alpha_i| <= 1 always hold, as printed; the rows of other limits are hard.
+    For arguments see `Stepper`.
     """
 
     sms: SpaceManipulator
@@ -168,12 +169,12 @@ class PaperStepper:
         closing = towards @ J_v
         G, least = self._rows(step)
         slowest, fastest = _closing_speeds(closing, lower, upper, (G, least) if step.wheels else None)
-        asked = kernel.reference_speed(distance, float(closing @ rates), time_left, self.dt)
+        scheduled = kernel.reference_speed(distance, float(closing @ rates), time_left, self.dt)
         # A bound at the fastest feasible approach would leave no freedom to minimise the cost.
-        asked = min(asked, slowest + 0.9 * (fastest - slowest))
+        scheduled = min(scheduled, slowest + 0.9 * (fastest - slowest))
         rows = np.vstack([np.eye(self.sms.n), -np.eye(self.sms.n), G, closing]) @ V
-        least = np.concatenate([lower, -upper, least, [asked]])
-        # The last rates, or the fastest approach if those are zero.
+        least = np.concatenate([lower, -upper, least, [scheduled]])
+        # The solver starts from the last rates if they are not zero, and from the fastest approach.
         approach = np.where(closing > 0.0, upper, lower)
         starts = [approach] if not rates.any() else [np.clip(rates, lower, upper), approach]
         for start in starts:
@@ -225,9 +226,9 @@ class PaperStepper:
 def _closing_speeds(
     closing: FloatArray, lower: FloatArray, upper: FloatArray, rows: tuple[FloatArray, FloatArray] | None
 ) -> tuple[float, float]:
-    """Return least and greatest speed towards the target with joint rates within bounds and G u >= least.
+    """Return the least and greatest speed towards the target with joint rates within bounds.
 
-    Without rows (None) it is the sum of the extremes of each joint.
+    If `rows` are the pair (G, least), joint rates u also satisfy G u >= least.
     """
     speeds = [float(pick(closing * lower, closing * upper).sum()) for pick in (np.minimum, np.maximum)]
     if rows is not None:

@@ -164,7 +164,7 @@ def test_what_does_not_go_together() -> None:
         opt.Problem(sms, start(sms), TARGET, mode="held")
     with pytest.raises(InvalidValue, match="no wheels hold"):
         opt.Problem(sms, start(sms), TARGET, wheel_momentum=np.ones(4))
-    with pytest.raises(InvalidValue, match="linear momentum only"):
+    with pytest.raises(InvalidValue, match="must have no angular part"):
         opt.Problem(sms, start(sms), TARGET, mode="rotation-floating", momentum=np.ones(6))
     with pytest.raises(InvalidValue, match="wheel_total"):
         opt.StepPlanner(sms, mode="rotation-floating", wheel_momentum=np.ones(3))
