@@ -15,40 +15,43 @@ from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.robot.base_motion import roll_out
 from ffsms_pin.system.dynamics import floating_torque
 
-_STEP = 0.02  # [s]
+_STEP = 0.02  # [s] time step of a braking
 _SLOWER = 1.25  # factor on the duration if a torque is too large
-_LONGEST = 60.0  # [s]
-_BACK = 0.0, 0.05, 0.15  # [m] beyond the required clearance, for the overshoot of braking
-_LEAST = 0.5  # [s] least duration, so that slow joints have no jump of the torque either
+_LONGEST = 60.0  # [s] longest duration of a braking
+_BACK = 0.0, 0.05, 0.15  # [m] additional clearances of final postures, because the joints overshoot them
+_LEAST = 0.5  # [s] shortest duration; in less time even slow joints would stop with a jump of the torque
 
 
 @dataclass(frozen=True, eq=False)
 class Braking:
     """A motion in which all joints come to rest; the base follows from the momentum equation.
 
-    The rates fall as 1 - 3 s^2 + 2 s^3 with s from 0 to 1, so neither end has a jump of the acceleration. All
-    joints come to rest together, except joints that would pass a position limit, which stop before it. It is
-    a reference for a closed loop (`simulate`). After its end the joints rest.
+    The joint rates fall as 1 - 3 s^2 + 2 s^3, where s goes from 0 to 1, so the acceleration does not jump at
+    either end. Joints that would pass a position limit stop early; all others come to rest together. The
+    motion is a reference for `simulate`. After its end the joints rest.
 
     Attributes
     ----------
     robot : SpaceManipulator
+        The robot that brakes, with a grasped client as part of its last link.
     t : ndarray, shape (N + 1,)
-        Times since the capture [s].
+        Times since the start of the motion [s].
     q : ndarray, shape (N + 1, nq)
+        Configurations.
     joint_rates : ndarray, shape (N + 1, n)
         Joint rates, linear between the nodes [rad/s].
     momentum : ndarray, shape (6,)
-        Total [linear; angular], inertial axes, about the common centre of mass.
+        Total momentum [linear; angular] [kg m/s; kg m^2/s], inertial axes, about the common centre of mass.
     torque_share : float
         The largest required joint torque, as a share of its limit.
     note : str
-        The violated joint limits and clearance; empty if there are none.
+        The violated limits, with values; empty if all are satisfied.
     clearance : float
-        The least distance between the client and the servicer's other bodies, and between these [m]; infinite
-        if no clearance was required.
+        The least distance [m] from the grasped client to the servicer's other bodies and to obstacles, or
+        between two bodies of the servicer that are nearer than required. Infinite if no clearance is
+        required.
     nearest : str
-        The pair of bodies with the least distance.
+        The pair of bodies at that distance.
     """
 
     robot: SpaceManipulator
@@ -68,11 +71,11 @@ class Braking:
 
     @property
     def target(self) -> FloatArray:
-        """The end effector's position when the joints come to rest (3,) [m]; it may drift on."""
+        """The end effector's position (3,) [m] when the joints come to rest; the base may drift on."""
         return np.array(self.robot.at(self.q[-1]).end_effector_pose.translation)
 
     def sample(self, t: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return joint positions, rates and accelerations, each (n,), at t [s]; at rest after the braking."""
+        """Return joint positions, rates and accelerations, each (n,), at t [s]; the rates end at zero."""
         layout, times = self.robot.layout, self.t
         nothing = np.zeros(self.robot.n)
         if t >= times[-1]:
@@ -91,37 +94,39 @@ def brake(
     coast: float = 0.0,
     room: HeldClient | None = None,
 ) -> Braking:
-    """Return the fastest braking of this form that the joints' accelerations and torques allow.
+    """Return the fastest `Braking` within the limits of joint accelerations and torques.
 
-    If the client would come too near to the servicer, other final positions are tried in this order: near the
-    end of that motion, the positions at the capture, and positions further from the servicer. The first
-    motion without violation of the clearance is returned. If there is none with `share`, the full torques may
-    be used.
+    If the grasped client would come too near to another body, motions to other final postures are tried: to a
+    posture near the end of the fastest braking, then to postures near that at the capture, with increasing
+    clearance. The first motion that keeps the required clearance is returned. If `share` of the torque limits
+    permits none, the same motions are tried with the full torques.
 
     Parameters
     ----------
     after : AfterCapture
+        The robot, with its state and momentum at the start of the motion.
     torque_limit : array_like, optional
-        One number or (n,) [N m]. Default: the robot's.
+        The torque limits [N m], one number or (n,). Default: the robot's.
     share : float
         The share of the torque limits that the motion may use; the rest is for the controller's corrections.
     coast : float
-        Time for which the joints keep their rates before they brake [s].
+        The time for which the joints keep their rates before they brake [s].
     room : HeldClient, optional
         The grasped client, which keeps a clearance to the servicer. Default: no clearance is required.
 
     Returns
     -------
     Braking
-        The motion takes at least 0.5 s. If no braking within 60 s keeps the torque limits, because a fast
-        rotation also loads joints at rest, it is the motion with the least torque share, with a `note`. If no
-        motion keeps the clearance, it is the one with the largest least distance, with a `note`.
+        A motion of at least 0.5 s. If no motion within 60 s satisfies the torque limits, because a fast
+        rotation also loads joints at rest, the motion with the smallest torque share is returned. If no
+        motion keeps the clearance, the motion with the largest clearance is returned. In both cases `note`
+        has the violation.
     """
     robot = after.robot
     limits = robot.limits
     limit = limits.torque if torque_limit is None else torque_limit
     torques = checks.one_each("torque_limit", limit, robot.n, "N m", largest=np.inf)
-    # The rates fall fastest half-way, by 6 s (1 - s) = 1.5 times the mean.
+    # The largest deceleration, half-way through the motion, is 1.5 times the mean.
     least = max(_LEAST, float((1.5 * np.abs(after.v[6:]) / limits.acceleration).max()))
 
     def fastest(end: FloatArray | None, most: float) -> Braking:
@@ -143,21 +148,21 @@ def brake(
         return plain
     first, last = (robot.layout.positions(q) for q in (after.q, plain.q[-1]))
     ends = [room.away(last, 0.0), *(room.away(first, more) for more in _BACK)]
-    ways, whole = [plain], max(share, 1.0)
+    motions, whole = [plain], max(share, 1.0)
     for end, most in [*((end, share) for end in ends), *((end, whole) for end in (None, *ends))]:
-        ways.append(fastest(end, most))
-        if ways[-1].clearance >= room.clearance and ways[-1].torque_share <= most:
-            return ways[-1]
-    return max(ways, key=lambda braking: (braking.torque_share <= whole, braking.clearance))
+        motions.append(fastest(end, most))
+        if motions[-1].clearance >= room.clearance and motions[-1].torque_share <= most:
+            return motions[-1]
+    return max(motions, key=lambda braking: (braking.torque_share <= whole, braking.clearance))
 
 
 def move_and_rest(
     after: AfterCapture, end: FloatArray, torque_limit: FloatArray, share: float = 0.5
 ) -> Braking | None:
-    """Return a motion of the joints to rest at positions `end` (n,) within rates, accelerations and torques.
+    """Return a motion of the joints to rest at the positions `end` (n,), within the joint limits.
 
-    The motion uses half of the rates and accelerations, and `share` of the torques. None is returned if it
-    would take more than two minutes.
+    The travel to `end` may use half of the rate and acceleration limits; the whole motion may use `share` of
+    `torque_limit` (n,) [N m]. Return None if the motion would take more than two minutes.
     """
     limits, start = after.robot.limits, after.robot.layout.positions(after.q)
     travel = np.abs(end - start) + 1e-9
@@ -178,17 +183,17 @@ def move_and_rest(
 def _braking(
     after: AfterCapture, duration: float, torques: FloatArray, coast: float, end: FloatArray | None
 ) -> Braking:
-    """Return a braking of a duration [s], to joint positions `end` (n,) if they are given."""
+    """Return a motion that brakes in `duration` [s], after `coast` [s], to `end` (n,) unless it is None."""
     robot, whole, start = after.robot, coast + duration, after.v[6:]
     steps = max(2, round(whole / _STEP))
     t, joints, limits = np.linspace(0.0, whole, steps + 1), robot.layout.positions(after.q), robot.limits
-    room = np.where(start > 0.0, limits.upper - joints, joints - limits.lower)
+    slack = np.where(start > 0.0, limits.upper - joints, joints - limits.lower)
     speeds = np.maximum(np.abs(start), checks.SMALLEST_POSITIVE)
     least = 1.5 * speeds / limits.acceleration
     # A joint that would pass its limit brakes before the others.
-    coasts = np.clip(room / speeds - 0.55 * least, 0.0, coast)
-    # It moves on by half its stopping time times its rate; samples in between add a little.
-    stops = np.maximum(np.minimum(duration, 1.95 * (room / speeds - coasts)), least)
+    coasts = np.clip(slack / speeds - 0.55 * least, 0.0, coast)
+    # It moves on by half its stopping time times its rate; 1.95 instead of 2 allows for the time steps.
+    stops = np.maximum(np.minimum(duration, 1.95 * (slack / speeds - coasts)), least)
     s = np.clip((t[:, None] - coasts) / stops, 0.0, 1.0)
     rates = (1.0 - s**2 * (3.0 - 2.0 * s)) * start
     if end is not None:
@@ -215,14 +220,14 @@ def _within_limits(braking: Braking) -> bool:
 
 
 def _noted(braking: Braking, share: float, room: HeldClient | None) -> Braking:
-    """Return the braking with its least clearance and a note of the limits that it violates."""
+    """Return the braking with its clearance and a note of the violated limits."""
     robot, notes = braking.robot, []
     if room is not None:
         clearance, nearest = room.least(braking.q)
         braking = replace(braking, clearance=clearance, nearest=nearest)
         if clearance < room.clearance:
-            near, asked = 1e3 * clearance, 1e3 * room.clearance
-            notes.append(f"braking, {nearest} come within {near:.3g} mm, {asked:.3g} mm are required")
+            near, required = 1e3 * clearance, 1e3 * room.clearance
+            notes.append(f"in braking, {nearest} come within {near:.3g} mm, {required:.3g} mm are required")
     if braking.torque_share > share:
         notes.append(
             f"braking needs {100.0 * braking.torque_share:.3g} % of a joint's torque limit, "
@@ -231,5 +236,8 @@ def _noted(braking: Braking, share: float, room: HeldClient | None) -> Braking:
     beyond = robot.limits.violation(robot.layout.positions(braking.q[-1]))
     if beyond.any():
         i = int(np.argmax(beyond))
-        notes.append(f"joint '{robot.joint_names[i]}' comes to rest {beyond[i]:.3g} beyond its limit")
+        unit = "rad" if robot.layout.turns[i] else "m"
+        notes.append(
+            f"joint '{robot.joint_names[i]}' comes to rest {beyond[i]:.3g} {unit} beyond its position limit"
+        )
     return replace(braking, note="; ".join(notes))

@@ -27,13 +27,13 @@ class Camera:
     """
 
     position_noise: Annotated[Positive, Unit("m")] = 0.002
-    """One standard deviation of the client's position, each axis."""
+    """The standard deviation of the client's measured position, per axis."""
     attitude_noise: Annotated[Positive, Angle("rad")] = 0.005
-    """One standard deviation of its attitude, each axis."""
+    """The standard deviation of the client's measured attitude, per axis."""
     velocity_noise: Annotated[Positive, Unit("m/s")] = 0.002
-    """One standard deviation of its velocity, each axis."""
+    """The standard deviation of the client's measured velocity, per axis."""
     rate_noise: Annotated[Positive, Angle("rad/s")] = 0.002
-    """One standard deviation of its angular velocity, each axis."""
+    """The standard deviation of the client's measured angular velocity, per axis."""
     latency: Annotated[NotNegative, Unit("s")] = 0.1
     """The age of a measurement when it arrives."""
     period: Annotated[Positive, Unit("s")] = 0.1
@@ -41,14 +41,14 @@ class Camera:
     seed: Annotated[Whole, Unit()] = 0
     """The seed of the noise."""
     outliers: Annotated[Share, Unit()] = 0.0
-    """The share of outliers, whose noise is `outlier_size` times as large, as when markers are confused."""
+    """The share of measurements that are outliers, for example because markers are confused."""
     outlier_size: Annotated[Positive, Unit()] = 100.0
-    """The factor on the noise of an outlier. With the default noise an outlier has a standard deviation of
-    0.2 m and 0.5 rad."""
+    """The factor on the noise of an outlier. The standard deviations of an outlier are 0.2 m and 0.5 rad by
+    default."""
     dropouts: Annotated[Share, Unit()] = 0.0
     """The share of the measurements that never arrive."""
     hidden: Annotated[Spans, Unit("s", "never")] = ()
-    """Pairs of times between which nothing is measured, such as during occlusion by the arm or glare."""
+    """Pairs of times between which no measurement is made, for example because the arm hides the client."""
 
     def __post_init__(self) -> None:
         for name in ("position_noise", "attitude_noise", "velocity_noise", "rate_noise", "outlier_size"):
@@ -62,16 +62,16 @@ class Camera:
         for pair in self.hidden:
             begin, end = checks.vector("client sensor hidden", pair, 2, "s")
             if end <= begin:
-                raise InvalidValue("client sensor hidden", pair, "must be pairs of a begin and a later end")
+                raise InvalidValue("client sensor hidden", pair, "must be a begin [s] and a later end [s]")
 
     @property
     def deviations(self) -> FloatArray:
-        """The standard deviations of position, velocity, attitude and angular velocity (12,)."""
+        """The standard deviations (12,) of position, velocity, attitude and angular velocity."""
         noise = self.position_noise, self.velocity_noise, self.attitude_noise, self.rate_noise
         return np.repeat(noise, 3)
 
     def sees(self, t: float, rng: np.random.Generator) -> bool:
-        """Return whether a measurement of time t [s] arrives, because it is neither hidden nor lost."""
+        """Return whether a measurement made at t [s] arrives; some are hidden, others drop out randomly."""
         hidden = any(begin <= t <= end for begin, end in self.hidden)
         return not (hidden or (self.dropouts and rng.random() < self.dropouts))
 
@@ -79,9 +79,10 @@ class Camera:
 def measured(
     client: Client, t: float, sensor: Camera, rng: np.random.Generator, believed: Client | None = None
 ) -> Client:
-    """Return the client as measured at a time t [s], the time zero of the returned client.
+    """Return a client with the pose and twist that a camera measures at t [s], noise included.
 
-    Its mass and inertia are not measured. They are those of `believed`; by default the true ones.
+    The returned client has its time zero at t. Mass and inertia are not measured: they are those of
+    `believed`, by default the true ones.
     """
     noise = sensor.deviations * rng.normal(size=12)
     if sensor.outliers and rng.random() < sensor.outliers:

@@ -1,4 +1,4 @@
-"""Distances between a servicer's bodies and those of a client: measured, predicted and recorded."""
+"""Distances between the bodies of a servicer and those of a client."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ from ffsms_pin.opt.flown import LeastClearance
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.system.batch.stacks import rotations
 
-FAR = 1.0  # [m] larger distances are lower bounds
+FAR = 1.0  # [m] beyond this distance only a lower bound is computed
 _CHUNK = 2000  # configurations in one evaluation
 
 
 class LeastDistance(NamedTuple):
-    """The least distance [m] at each of K configurations (K,), and the pair of bodies (K,)."""
+    """The least distance (K,) [m] at each of K configurations, and the index (K,) of its pair of bodies."""
 
     distance: FloatArray
     pair: np.ndarray[Any, np.dtype[np.intp]]
@@ -33,20 +33,20 @@ class LeastDistance(NamedTuple):
 class ClientDistances:
     """Distances between a servicer's bodies and those of a client.
 
-    Distances from a gripper's shapes to a nozzle or ring that they touch in the grasp count only with
-    `guides`, because contact forces act there. If the client is grasped, no shape of the gripper counts.
+    Distances from the gripper to the nozzle or ring around the grasp are included only with `guides`, because
+    contact forces act between them. If the client is grasped, the distances of the gripper are left out.
 
     Parameters
     ----------
     sms : SpaceManipulator
     obstacles : sequence of Obstacle
-        The obstacles on the client; their poses are in its axes.
+        The obstacles; those on the client are used, with poses in the client's axes.
     clearance : float
         The required distance [m].
     collision : str
-        See `opt.Clearance`.
+        The collision geometry, see `opt.Clearance`.
     guides : bool
-        True if distances from the gripper to the guide count.
+        True to include distances from the gripper to a nozzle or ring around the grasp.
     """
 
     def __init__(
@@ -74,10 +74,11 @@ class ClientDistances:
     def distances(
         self, q: FloatArray, positions: FloatArray, attitudes: FloatArray, near: float = FAR
     ) -> FloatArray:
-        """Return the distances of all pairs (m, K) at configurations (K, nq) and poses of the client.
+        """Return the distances (m, K) [m] of m pairs of bodies at K configurations (K, nq) and client poses.
 
-        Distances beyond `near` [m] are lower bounds. Poses are positions (K, 3) and attitudes (K, 3, 3). The
-        distance to a guide is relative to its distance in the grasp, where contact is permitted.
+        The poses are `positions` (K, 3) [m] and `attitudes` (K, 3, 3). Distances beyond `near` [m] are lower
+        bounds. From a distance to a nozzle or ring, a negative distance in the grasp pose is subtracted,
+        because contact is permitted there.
         """
         values = [
             self._stack.values(self._poses(*some), near)
@@ -93,7 +94,7 @@ class ClientDistances:
         held: bool = False,
         near: float = FAR,
     ) -> LeastDistance:
-        """Return the least distance at each configuration; `held` is true if the client is grasped."""
+        """Return the least distances at K configurations (K, nq); `held` is true if the client is grasped."""
         values = self.distances(q, positions, attitudes, near)
         if held:
             values[~self._others] = np.inf
@@ -101,12 +102,12 @@ class ClientDistances:
         return LeastDistance(values[pair, np.arange(len(pair))], pair)
 
     def around(self) -> ClientDistances:
-        """Return the distances to the client's bounding ball, centred at its centre of mass."""
+        """Return a `ClientDistances` for the bounding ball about the client's centre of mass."""
         ball = Obstacle(coal.Sphere(self.radius), on=self._client, name="client")
         return ClientDistances(self._sms, [ball], self.clearance, self._stack.mode)
 
     def at(self, q: FloatArray, pose: Any, held: bool = False) -> tuple[float, str]:
-        """Return the least distance [m] and its pair at a configuration (nq,) and a pose of the client."""
+        """Return the least distance [m] and its pair, at q (nq,) and a client pose (pinocchio.SE3)."""
         nearest = self.nearest(q[None], pose.translation[None], pose.rotation[None], held)
         return float(nearest.distance[0]), self.names[int(nearest.pair[0])]
 
@@ -120,7 +121,10 @@ class ClientDistances:
     def flown(
         self, t: FloatArray, q: FloatArray, client_pose: FloatArray, latched: float = np.inf
     ) -> LeastClearance | None:
-        """Return the least distance in a recording, with the client grasped from the time `latched` on."""
+        """Return the least distance in a recording; the client is grasped from the time `latched` [s] on.
+
+        Return None if there is no pair of bodies.
+        """
         if not self.names:
             return None
         places, attitudes = client_pose[:, :3], np.moveaxis(rotations(client_pose[:, 3:].T), -1, 0)
@@ -136,8 +140,8 @@ class ClientDistances:
         if not np.isfinite(near.distance[i]):
             return None
         point = self._point(pair, q[k], places[k], attitudes[k])
-        wanted = self.clearance + float(self._stack.margins[pair])
-        return LeastClearance(float(near.distance[i]), self.names[pair], float(t[k]), wanted, point)
+        required = self.clearance + float(self._stack.margins[pair])
+        return LeastClearance(float(near.distance[i]), self.names[pair], float(t[k]), required, point)
 
     def _poses(self, q: FloatArray, positions: FloatArray, attitudes: FloatArray) -> Poses:
         self._client.positions, self._client.attitudes = positions, attitudes
@@ -165,7 +169,7 @@ class _Rows:
         return pin.SE3(self.attitudes[int(t)], self.positions[int(t)])
 
     def poses(self, times: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return places and attitudes of rows."""
+        """Return the positions (K, 3) and attitudes (K, 3, 3) of rows."""
         rows = np.asarray(times).astype(np.intp)
         return self.positions[rows], self.attitudes[rows]
 

@@ -1,4 +1,4 @@
-"""Identification of a client's mass and inertia from measurements after the catch."""
+"""Identification of a client's mass and inertia from measurements after the latch."""
 
 from __future__ import annotations
 
@@ -20,26 +20,28 @@ from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.simulation import Sensors
 
 _PERIOD = 0.01  # [s] between two samples
-_SWINGS = 0.25, 0.12, 0.06  # [rad or m] swings of each joint to either side in the identification motion
+_SWINGS = 0.25, 0.12, 0.06  # [rad or m] amplitudes of the identification motion, tried in this order
 
 
 @dataclass(frozen=True, eq=False)
 class IdentifiedClient:
-    """Mass, centre of mass and inertia of a client, as identified after the catch.
+    """The mass, centre of mass and inertia of a client, as identified after the latch.
 
     Attributes
     ----------
     mass, mass_deviation : float
-        [kg]
+        The mass and its standard deviation [kg].
     com, com_deviation : ndarray, shape (3,)
-        The centre of mass relative to the assumed one, in the client's axes [m].
+        The displacement of the centre of mass from the assumed one, and its standard deviation, in the
+        client's axes [m].
     inertia, inertia_deviation : ndarray, shape (3, 3)
-        The inertia about the centre of mass, in the client's axes [kg m^2].
+        The inertia about the centre of mass, and its standard deviation, in the client's axes [kg m^2].
     believed : Client
+        The client with the assumed mass and inertia.
     duration : float
         The time span of the measurements [s].
     note : str
-        The unobservable parameters, and signs of a wrong model. If nothing could be identified, it is the
+        The unobservable parameters, and signs of a wrong model. If the identification failed, `note` has the
         reason, and all numbers are NaN.
     """
 
@@ -59,13 +61,13 @@ class IdentifiedClient:
 
     def numbers(self, true: Client) -> dict[str, Any]:
         """Return the assumed, identified and true mass, centre of mass and inertia for a summary."""
-        found = np.isfinite(self.mass)
+        identified = np.isfinite(self.mass)
         return {
             "believed": _numbers(self.believed.mass, np.zeros(3), self.believed.inertia),
-            "learnt": _numbers(self.mass, self.com, self.inertia) if found else None,
-            "mass_deviation_kg": self.mass_deviation if found else None,
-            "com_deviation_m": self.com_deviation.tolist() if found else None,
-            "inertia_deviation_kg_m2": self.inertia_deviation.tolist() if found else None,
+            "learnt": _numbers(self.mass, self.com, self.inertia) if identified else None,
+            "mass_deviation_kg": self.mass_deviation if identified else None,
+            "com_deviation_m": self.com_deviation.tolist() if identified else None,
+            "inertia_deviation_kg_m2": self.inertia_deviation.tolist() if identified else None,
             "true": _numbers(true.mass, np.zeros(3), true.inertia),
             "measured_s": self.duration,
             "note": self.note,
@@ -77,7 +79,7 @@ def _numbers(mass: float, com: FloatArray, inertia: FloatArray) -> dict[str, Any
 
 
 class ClientIdentification:
-    """The measurements of servicer and latched client, and the identification from them.
+    """An identification of a latched client from measurements of the servicer's motion.
 
     Parameters
     ----------
@@ -88,7 +90,7 @@ class ClientIdentification:
     client : Client
         The assumed client, with its time zero at the latch.
     share : float
-        The relative standard deviation of the servicer's masses, which sets the scale of the results.
+        The relative standard deviation of the servicer's masses, which adds to that of the results.
     """
 
     def __init__(self, sms: SpaceManipulator, q: FloatArray, client: Client, share: float) -> None:
@@ -107,14 +109,14 @@ class ClientIdentification:
         return self._link_pose(q) * self._placement
 
     def add(self, t: float, q: FloatArray, v: FloatArray, wheels: FloatArray | None) -> None:
-        """Add a measured state at t [s] if the last one is at least 0.01 s old."""
+        """Store a measured state at t [s], if it is at least 0.01 s later than the last stored state."""
         if not self._rows or t > self._rows[-1][0] + _PERIOD - 1e-9:
             self._rows.append((t, q.copy(), v.copy(), wheels))
 
     def identified(self, sensors: Sensors | None, pushed: bool) -> IdentifiedClient:
         """Return the client as identified from the measurements so far.
 
-        `pushed` is true if an external force changed the momentum.
+        `pushed` is true if an external force changed the momentum; the client is then not identified.
         """
         believed = self._placement.act(pin.Inertia(self._client.mass, np.zeros(3), self._client.inertia))
         duration = self._rows[-1][0] - self._rows[0][0] if self._rows else 0.0
@@ -123,7 +125,7 @@ class ClientIdentification:
             if pushed:
                 return self._of(nothing, nothing, duration, "thrusters or disturbances changed the momentum")
             t, q, v, wheels = zip(*self._rows, strict=True) if self._rows else ((), (), (), ())
-            found = identify(
+            result = identify(
                 self._sms,
                 recording=(t, q, v),
                 unknown=[PAYLOAD],
@@ -133,7 +135,7 @@ class ClientIdentification:
             )
         except FfsmsError as error:
             return self._of(nothing, nothing, duration, f"not identified: {error}")
-        parameters, covariance = found[PAYLOAD].parameters, found[PAYLOAD].covariance
+        parameters, covariance = result[PAYLOAD].parameters, result[PAYLOAD].covariance
         covariance = covariance + self._share**2 * np.outer(parameters, parameters)
         values, J = self._values(parameters), np.empty((10, 10))
         for i, size in enumerate(np.sqrt(np.diag(covariance))):
@@ -141,10 +143,10 @@ class ClientIdentification:
             step[i] = 1e-6 * size
             J[:, i] = (self._values(parameters + step) - self._values(parameters - step)) / (2.0 * step[i])
         deviations = np.sqrt(np.diag(J @ covariance @ J.T))
-        return self._of(values, deviations, duration, found.note)
+        return self._of(values, deviations, duration, result.note)
 
     def _values(self, parameters: FloatArray) -> FloatArray:
-        """Return mass, centre of mass and inertia about it (10,), in the client's axes."""
+        """Return mass, centre of mass and central inertia (10,) from `parameters` (10,), client's axes."""
         body = self._placement.actInv(pin.Inertia.FromDynamicParameters(parameters))
         return np.concatenate([[body.mass], body.lever, body.inertia[np.triu_indices(3)]])
 
@@ -172,16 +174,17 @@ def teaching_motion(
     room: HeldClient | None,
     locked: Sequence[str] = (),
 ) -> tuple[Trajectory | None, str]:
-    """Return a motion of small swings that identifies the grasped client, or the reason for none.
+    """Return a motion of small swings for the identification of the grasped client; or None and the reason.
 
-    It ends where it begins. If the client would come too near to the servicer, smaller swings are tried.
+    The motion ends where it begins. If the client would come too near to the servicer, smaller swings are
+    tried.
 
     Parameters
     ----------
     joined : AfterCapture
         The assumed servicer and client, with the joints at rest.
     duration : float
-        [s]
+        The duration of the motion [s].
     share : float
         The share of the torque limits that the motion may use.
     room : HeldClient, optional
@@ -215,5 +218,7 @@ def teaching_motion(
         clearance, pair = (np.inf, "") if room is None else room.least(motion.q)
         if room is None or clearance >= room.clearance:
             return motion, ""
-        reason = f"{pair} would come within {1e3 * clearance:.3g} mm"
+        reason = (
+            f"{pair} would come within {1e3 * clearance:.3g} mm, {1e3 * room.clearance:.3g} mm are required"
+        )
     return None, reason

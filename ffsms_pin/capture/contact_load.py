@@ -1,14 +1,16 @@
-"""Prediction of the contact load when a grip closes, from the known or estimated client.
+"""Prediction of the contact load when a grip closes on a known or estimated client.
 
-A contact wrench w at the grasp accelerates both bodies. The end effector's mobility is that of free joints, J
-M^-1 J^T = J_b H_b^-1 J_b^T + J* H_q^-1 J*^T, the client's that of a free body. With W their sum (its inverse
-is the reduced mass), x the grasp relative to the end effector [displacement; rotation], K and C the grip,
+A contact wrench w at the grasp accelerates both bodies. W is the sum of their mobilities at the grasp, the
+inverse of their reduced mass. The mobility of the end effector with free joints is J_b H_b^-1 J_b^T + J*
+H_q^-1 J*^T; the client is a free body. With the pose x of the grasp relative to the end effector
+[displacement; rotation], and the stiffness K and the damping C of the grip,
 
     x'' = -W (K x + C x'),    w = K x + C x'.
 
-The joints' law is far slower than a grip, but fast compared with the lasting load: a rotating client has to
-be led round, with x'' = a - W (K x + C x') from rest. Here a is the relative acceleration with the client
-free and the joints keeping their rates, and W that of locked joints. The two loads are added.
+A second load accelerates a rotating client, so that it follows the arm: x'' = a - W (K x + C x'), from rest.
+Here a is the relative acceleration if the client is free and the joints keep their rates. The joints are
+locked in this W, because the control law is fast compared with this load; it is slow compared with the first
+load. The two loads are added.
 """
 
 from __future__ import annotations
@@ -29,13 +31,13 @@ from ffsms_pin.robot.base_motion import advance
 
 __all__ = ["ContactLoad", "contact_load"]
 
-_INSTANTS = 500  # instants of a contact at which the load is evaluated
-DEVIATIONS = 3.0  # standard deviations that are included, here and in the envelope
+_INSTANTS = 500  # number of instants of a contact at which the load is evaluated
+DEVIATIONS = 3.0  # number of standard deviations in the largest predicted load and in limits of uncertainty
 
 
 @dataclass(frozen=True)
 class ContactLoad:
-    """The largest force [N] and torque [N m] in a grip.
+    """The predicted largest force [N] and torque [N m] in a grip.
 
     `force` and `torque` are root mean squares over the uncertainty, `most_force` and `most_torque` the values
     at three standard deviations.
@@ -47,7 +49,7 @@ class ContactLoad:
     most_torque: float
 
     def beside(self, name: str, force: float | None, torque: float | None) -> dict[str, Any]:
-        """Return entries of a summary that compare the prediction with the largest loads [N], [N m]."""
+        """Return entries of a summary that compare the prediction with the simulated largest loads."""
         numbers: dict[str, Any] = {}
         for what, unit, largest, likely, most in (
             ("force", "N", force, self.force, self.most_force),
@@ -60,10 +62,10 @@ class ContactLoad:
 
 
 def _mobilities(sms: SpaceManipulator, q: FloatArray, meet: Meet, t: float) -> tuple[FloatArray, FloatArray]:
-    """Return the inverse reduced masses (6, 6) at the grasp, inertial axes: joints free, and joints held.
+    """Return the sums (6, 6) of both bodies' mobilities at the grasp, with free and with locked joints.
 
-    The units are [m/s^2; rad/s^2] over [N; N m] at the grasp, at a time t [s]. The joints of q (nq,) are free
-    in the first, held in the second. Their inverse is the reduced mass.
+    They map a contact wrench [N; N m] to the relative acceleration [m/s^2; rad/s^2], inertial axes, at a
+    configuration q (nq,) and a time t [s].
     """
     state, client = sms.at(q), meet.client
     base = state.J_b @ np.linalg.solve(state.H_b, state.J_b.T)
@@ -71,11 +73,11 @@ def _mobilities(sms: SpaceManipulator, q: FloatArray, meet: Meet, t: float) -> t
     pose = client.pose(t)
     about_centre = np.eye(6)
     about_centre[3:, :3] = pin.skew(pose.rotation @ meet.grasp.translation)
-    answer = np.zeros((6, 6))
-    answer[:3, :3] = np.eye(3) / client.mass
-    answer[3:, 3:] = pose.rotation @ np.linalg.solve(client.inertia, pose.rotation.T)
-    held = base + about_centre.T @ answer @ about_centre
-    return arm + held, held
+    mobility = np.zeros((6, 6))
+    mobility[:3, :3] = np.eye(3) / client.mass
+    mobility[3:, 3:] = pose.rotation @ np.linalg.solve(client.inertia, pose.rotation.T)
+    locked = base + about_centre.T @ mobility @ about_centre
+    return arm + locked, locked
 
 
 def contact_load(
@@ -90,39 +92,39 @@ def contact_load(
 ) -> ContactLoad:
     """Predict the load of a grip that closes at a time t [s] and is rigid after `time` [s].
 
-    `q` (nq,) and `v` (6 + n,) are the servicer's planned or measured state at t; `meet` has the client or its
-    estimate with its uncertainty. With `arrives` the end effector is assumed to reach the estimated grasp, so
-    only the estimation error remains.
+    `q` (nq,) and `v` (6 + n,) are the servicer's planned or measured state at t; `meet` has the client, or an
+    estimate with its uncertainty. If `arrives`, the end effector is assumed to reach the estimated grasp, so
+    that only the error of the estimate remains.
     """
     from scipy.linalg import expm  # slow to load
 
     others = meet.client.spread() if isinstance(meet.client, ClientEstimate) else []
-    known = [carried(client.pose(t), client.twist(t), meet.grasp) for client in (meet.client, *others)]
-    starts = np.array([apart(sms, q, v, *grasp) for grasp in known])
+    grasps = [carried(client.pose(t), client.twist(t), meet.grasp) for client in (meet.client, *others)]
+    starts = np.array([apart(sms, q, v, *grasp) for grasp in grasps])
     still = np.zeros(sms.n)
     coasted, _ = advance(sms, q, v[6:], still, time, sms.at(q, v).momentum)
     grasp = carried(meet.client.pose(t + time), meet.client.twist(t + time), meet.grasp)
     offset = apart(sms, coasted, np.zeros(sms.nv), *grasp)[:6] - starts[0, :6] - time * starts[0, 6:]
-    led = 2.0 / time**2 * offset
+    drift = 2.0 / time**2 * offset
     starts[1:] -= starts[0]
     starts[0] *= not arrives
     K = np.repeat([grip.stiffness, grip.turn_stiffness], 3)
     C = np.repeat([grip.damping, grip.turn_damping], 3)
-    felt, free, held = np.hstack([np.diag(K), np.diag(C)]), *_mobilities(sms, q, meet, t)
+    gains, free, locked = np.hstack([np.diag(K), np.diag(C)]), *_mobilities(sms, q, meet, t)
 
-    def borne(W: FloatArray, x: FloatArray, pull: FloatArray) -> FloatArray:
-        """Return loads (instants, 6, m) for initial states x (12, m) and constant accelerations (6, m)."""
+    def grip_loads(W: FloatArray, x: FloatArray, pull: FloatArray) -> FloatArray:
+        """Return loads (instants, 6, m) for initial states x (12, m) and accelerations `pull` (6, m)."""
         A = np.block(
-            [[np.zeros((6, 6)), np.eye(6), np.zeros((6, 6))], [-W @ felt, np.eye(6)], [np.zeros((6, 18))]]
+            [[np.zeros((6, 6)), np.eye(6), np.zeros((6, 6))], [-W @ gains, np.eye(6)], [np.zeros((6, 18))]]
         )
         step, x, loads = expm(A * (time / _INSTANTS)), np.vstack([x, pull]), []
         for _ in range(_INSTANTS + 1):
-            loads.append(felt @ x[:12])
+            loads.append(gains @ x[:12])
             x = step @ x
         return np.array(loads)
 
-    loads = borne(free, starts.T, np.zeros((6, len(starts))))
-    loads[..., :1] += borne(held, np.zeros((12, 1)), led[:, None])
+    loads = grip_loads(free, starts.T, np.zeros((6, len(starts))))
+    loads[..., :1] += grip_loads(locked, np.zeros((12, 1)), drift[:, None])
     sizes = np.linalg.norm(loads.reshape(len(loads), 2, 3, -1), axis=2)
     mean, deviation = sizes[..., 0], np.linalg.norm(sizes[..., 1:], axis=2)  # (instants, 2) each
     likely, most = np.hypot(mean, deviation).max(axis=0), (mean + DEVIATIONS * deviation).max(axis=0)
@@ -130,7 +132,10 @@ def contact_load(
 
 
 def apart(sms: SpaceManipulator, q: FloatArray, v: FloatArray, grasp: Any, twist: FloatArray) -> FloatArray:
-    """Return displacement, rotation vector and relative twist (12,) from end effector to grasp."""
+    """Return displacement, rotation vector and relative twist (12,) from end effector to grasp.
+
+    `grasp` is a pose (pinocchio.SE3) and `twist` (6,) its twist; all are in inertial axes.
+    """
     state = sms.at(q, v)
     pose = state.end_effector_pose
     offset, turn = grasp.translation - pose.translation, pin.log3(grasp.rotation @ pose.rotation.T)

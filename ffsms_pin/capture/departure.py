@@ -1,7 +1,8 @@
-"""The end of an aborted capture: a posture in which servicer and client keep clear of each other.
+"""The end of an aborted capture: a motion to rest, after which servicer and client keep clear of each other.
 
-Without thrusters both drift on with constant momenta. With its joints at rest the servicer is a free rigid
-body like the client, so the distance between them can be predicted while the estimates are accurate enough.
+Without thrusters, servicer and client drift with constant momenta. When its joints rest, the servicer is a
+free rigid body like the client. The distance between them can then be predicted, with the uncertainty of the
+client's estimate.
 """
 
 from __future__ import annotations
@@ -23,10 +24,10 @@ from ffsms_pin.geometry.bodies import clearance_stack
 from ffsms_pin.geometry.distances import Poses
 from ffsms_pin.system.batch.stacks import quaternions
 
-_STEP, _MOST = 0.02, 6000  # [m] displacement of both between two instants, and the largest number of instants
-_LARGEST_TURN = 2.0  # chord of half a turn for a body of unit size
+_STEP, _MOST = 0.02, 6000  # [m] relative displacement between two instants, and their largest number
+_LARGEST_TURN = 2.0  # chord of half a turn on a unit circle
 _ON_THE_WAY = 0.2  # [s] between two evaluated instants of a motion
-_DRAWN, _BEST = 24, 3  # random postures, and the best of them, to which a motion is tried
+_DRAWN, _BEST = 24, 3  # number of random postures, and of the best of these to which motions are tried
 _BLENDS = 1.0, 0.75, 0.5, 0.25  # shares of the displacement to a posture, tried in order
 
 
@@ -41,7 +42,7 @@ class ClosestApproach(NamedTuple):
     pair : str
         The two bodies that come closest.
     time : float
-        The time of the closest approach, from when the joints rest [s].
+        The time from the rest of the joints to the closest approach [s].
     span : float
         The time for which the motion is predicted [s].
     """
@@ -69,7 +70,7 @@ class ClosestApproach(NamedTuple):
 
 @dataclass(frozen=True)
 class Departure:
-    """The motion with which an arm comes to rest beside a client, and the approach of both afterwards."""
+    """A motion of the servicer's joints to rest, and the closest approach to the client afterwards."""
 
     motion: Braking
     approach: ClosestApproach
@@ -78,10 +79,11 @@ class Departure:
 def closest_approach(
     closeness: ClientDistances, rest: AfterCapture, client: FreeBody, t: float, span: float
 ) -> ClosestApproach:
-    """Predict the closest approach of a servicer whose joints rest and a client, from the client's time t on.
+    """Predict the closest approach of a client and a servicer with its joints at rest.
 
-    Three standard deviations of the client's position and attitude are subtracted from the distance. The
-    uncertainty of the attitude counts up to the ball about the centre of mass that contains the client.
+    The prediction covers `span` [s] from the client's time t [s] on. Three standard deviations of the
+    client's position and attitude are subtracted from the distance. The distance from the client's bounding
+    ball, which does not depend on the attitude, is a lower bound.
     """
     free = rest.at_rest()
     speed = float(np.linalg.norm(client.twist(t)[:3] - free.start_twist[:3]))
@@ -91,17 +93,17 @@ def closest_approach(
     times = np.linspace(0.0, span, steps + 1)
     q = _drifting(rest, free, times)
     places, attitudes = client.poses(t + times)
-    moved, turned = _doubt(client, t + times)
+    moved, turned = _uncertainty(client, t + times)
     chord = closeness.radius * np.minimum(turned, _LARGEST_TURN)
-    # Between two instants nothing moves by more than half a step from the nearer one.
+    # Between two instants the distance decreases by at most the displacement in half a time step.
     between = 0.5 * span / steps * (speed + spin * reach)
-    lost = moved + chord + between
-    near = closeness.nearest(q, places, attitudes, near=FAR + float(lost.max()))
-    distance, pair = near.distance - lost, near.pair
-    if distance.min() <= 0.0 and chord.max() > _STEP:  # the attitude changes the distance by less than that
+    reduction = moved + chord + between
+    near = closeness.nearest(q, places, attitudes, near=FAR + float(reduction.max()))
+    distance, pair = near.distance - reduction, near.pair
+    if distance.min() <= 0.0 and chord.max() > _STEP:  # a shorter chord hardly matters
         ball = closeness.around()
-        round_it = ball.nearest(q, places, attitudes, near=FAR).distance - moved - between
-        distance = np.maximum(distance, round_it)
+        from_ball = ball.nearest(q, places, attitudes, near=FAR).distance - moved - between
+        distance = np.maximum(distance, from_ball)
     k = int(distance.argmin())
     return ClosestApproach(float(distance[k]), closeness.names[int(pair[k])], float(times[k]), span)
 
@@ -120,27 +122,31 @@ def departure(
 ) -> Departure:
     """Return the first motion to rest after which servicer and client keep clear of each other.
 
-    The plain braking is tried first, then motions to postures (n,) and to intermediate postures. If no motion
-    keeps clear, the one with the largest least distance is returned.
+    The braking `plain` is tried first, then motions to `postures` and to intermediate postures. If there is
+    no such motion, the motion with the largest least distance is returned.
 
     Parameters
     ----------
     closeness : ClientDistances
+        The distances between servicer and client.
     alone : AfterCapture
-        The servicer now, without the client.
+        The servicer without the client, at the present time.
     plain : Braking
         The braking at the present posture.
     drifts : tuple of two bools
-        True if the base drifts and true if it turns by its momentum; false if a law holds it.
+        True if the base moves by its linear momentum, and true if it turns by its angular momentum; false if
+        a base law prevents this.
     postures : list of ndarray
-        Joint positions in which the arm may rest, beside random ones. If empty, the arm brakes where it is.
+        Joint positions (n,) at which the arm may rest, besides random ones. If the list is empty, only
+        `plain` is tried.
     client : Client or ClientEstimate
+        The client or its estimate.
     t : float
-        The client's time now [s].
+        The client's present time [s].
     span : float
-        The time for which both must keep clear [s].
+        The time for which servicer and client must keep clear of each other [s].
     torque_limit, share : ndarray, float
-        The largest torques (n,) [N m], and the share of them that the motion may use.
+        The torque limits (n,) [N m], and the share of them that the motion may use.
     """
     robot, n = alone.robot, alone.robot.n
     start, momentum = robot.layout.positions(alone.q), alone.momentum * np.repeat(drifts, 3)
@@ -193,7 +199,7 @@ def _motions(
 
 
 def _clear_on_the_way(closeness: ClientDistances, motion: Braking, client: FreeBody, t: float) -> bool:
-    """Return whether a motion keeps clear of client and robot, or comes no nearer than at its start."""
+    """Return whether the robot keeps clear of the client and of itself, or at least its initial clearance."""
     stride = max(1, round(_ON_THE_WAY / (motion.duration / (len(motion.t) - 1))))
     rows = np.unique([*range(0, len(motion.t), stride), len(motion.t) - 1])
     q = motion.q[rows]
@@ -209,7 +215,7 @@ def _clear_on_the_way(closeness: ClientDistances, motion: Braking, client: FreeB
 
 
 def _drifting(rest: AfterCapture, free: Client, times: FloatArray) -> FloatArray:
-    """Return configurations (K, nq) of a servicer that drifts with its joints at rest."""
+    """Return configurations (K, nq) at `times` (K,) of a servicer that drifts with its joints at rest."""
     places, attitudes = free.poses(times)
     root = free.start_pose.actInv(pin.XYZQUATToSE3(rest.q[:7]))
     q = np.tile(rest.q, (len(times), 1))
@@ -218,7 +224,7 @@ def _drifting(rest: AfterCapture, free: Client, times: FloatArray) -> FloatArray
     return q
 
 
-def _doubt(client: FreeBody, times: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _uncertainty(client: FreeBody, times: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return three standard deviations of a client's position (K,) [m] and attitude (K,) [rad]."""
     if not isinstance(client, ClientEstimate):
         return np.zeros(len(times)), np.zeros(len(times))

@@ -1,24 +1,24 @@
 """A Kalman filter of a client's pose, twist, inertia and mass, from noisy and late measurements.
 
-No force acts on a free body, so its initial state determines its motion. The estimated errors are those of
-position and velocity and, in body axes, of the attitude theta and the angular velocity w. With an inertia I,
-its error dI, and a = w' = I^-1 (I w x w) the errors of attitude and angular velocity evolve as
+The state of the filter has the errors of position and velocity and, in body axes, the errors theta of the
+attitude and dw of the angular velocity w. With the inertia I, its error dI, and the angular acceleration of a
+free body, a = w' = I^-1 (I w x w),
 
-    theta' = dw - w x theta,    dw' = I^-1 (I dw x w + I w x dw + dI w x w - dI a),
+    theta' = dw - w x theta,    dw' = I^-1 (I dw x w + I w x dw + dI w x w - dI a).
 
-and a Kalman filter of these numbers (Kalman 1960) processes every measurement at the time when it was made.
-The torque-free motion of the client predicts any later time from there, so latency only makes the estimate
-older.
+A Kalman filter (R. E. Kalman, "A new approach to linear filtering and prediction problems", Journal of Basic
+Engineering 82, 1960) processes each measurement at the time at which it was made. The torque-free motion
+predicts the client from that time on, so latency only makes the estimate older.
 
-The error of the assumed inertia has six parameters, the entries of a symmetric X: the second moments of mass
-S = tr(I)/2 - I become S^1/2 exp(X) S^1/2, which is physically consistent for every X (Lee, Wensing, Park,
-IEEE Transactions on Robotics 36, 2020). The tumbling motion determines the inertia's ratios. Its scale,
-tr(X), and the mass are unobservable in free motion and stay as uncertain as they were. The state has the
-velocity, not the momentum, because the velocity is measured for any inertia, and the momentum is no linear
-function of a poorly known inertia.
+The error of the assumed inertia has six parameters, the entries of a symmetric matrix X: the second moments
+of mass S = tr(I)/2 - I become S^1/2 exp(X) S^1/2, which is physically consistent for every X (Lee, Wensing,
+Park, IEEE Transactions on Robotics 36, 2020). The tumbling motion determines the ratios of the inertia. The
+scale of the inertia, tr(X), and the mass are unobservable in free motion, so their uncertainty stays. The
+state has velocities instead of momenta, because measured velocities do not depend on the inertia.
 
-A measurement is refused as an outlier if its innovation nu, of covariance S, has nu^T S^-1 nu above the 99.9
-% quantile. If refused measurements agree with each other, the estimate is wrong, and it restarts from them.
+A measurement is refused as an outlier if nu^T P_nu^-1 nu exceeds the 99.9 % quantile of its chi-squared
+distribution, with the innovation nu and its covariance P_nu. If several refused measurements agree with each
+other, the estimate is wrong, and it restarts from them.
 """
 
 from __future__ import annotations
@@ -36,13 +36,13 @@ from ffsms_pin.errors import InvalidValue
 from ffsms_pin.threads import one_blas_thread
 
 _MOST_UNLIKELY = 32.90949040736021  # the 99.9 % quantile of chi-squared with 12 degrees of freedom
-# The number of consecutive refused measurements that are compared; an estimate restarts from one with which
-# three agree.
+# The number of consecutive refused measurements that are compared, and the number of these that must agree
+# with an earlier one for a restart from the earlier one.
 _REFUSED, _AGREE = 5, 3
-# The state has twelve entries of the motion, five of the inertia's shape in an orthonormal basis of X without
-# the scale, and the logarithms of the scale and of the mass.
+# The state has twelve entries for the motion, five for the ratios of the inertia (X without its trace, in an
+# orthonormal basis), and the logarithms of the inertia's scale and of the mass.
 _SIZE, _FORM, _SCALE, _MASS = 19, slice(12, 17), 17, 18
-_OF_PUSHES = 0.1  # relative standard deviation of pushes, that of the masses that they are computed with
+_OF_PUSHES = 0.1  # relative standard deviation of pushes, because they are computed with uncertain masses
 _BASIS = np.array(
     [
         np.diag([1, -1, 0]),
@@ -57,13 +57,28 @@ _BASIS = _BASIS / np.linalg.norm(_BASIS, axis=(1, 2), keepdims=True)
 
 
 class ClientEstimate:
-    """An estimate of a client, for plans in place of a `Client`; measurements update it in a loop.
+    """An estimate of a client, which measurements update; plans accept it in place of a `Client`.
 
-    It begins with a first measurement, made at t [s], with its own time zero at t and the assumed mass and
-    inertia. `mass_deviation` is the relative standard deviation of the mass. `inertia_deviation` is that of
-    equal principal inertias; for a rod or a plate the deviation is up to 1.4 times as large. Zero means that
-    they are known. `refused` and `restarts` count refused measurements and restarts of the estimate;
-    `measured_at` is the time of the last accepted measurement [s].
+    Parameters
+    ----------
+    first : Client
+        The client as measured first, with the assumed mass and inertia and its time zero at the measurement.
+    t : float
+        The time of that measurement [s].
+    sensor : Camera
+        The camera whose measurements update the estimate.
+    mass_deviation : float
+        The relative standard deviation of the mass; zero for a known mass.
+    inertia_deviation : float
+        The relative standard deviation of the principal inertias if they are equal; for a rod or a plate it
+        is up to 1.4 times as large. Zero for a known inertia.
+
+    Attributes
+    ----------
+    refused, restarts : int
+        The numbers of refused measurements and of restarts of the estimate.
+    measured_at : float
+        The time of the last accepted measurement [s].
     """
 
     def __init__(
@@ -75,7 +90,7 @@ class ClientEstimate:
         inertia_deviation: float = 0.0,
     ) -> None:
         self.refused = self.restarts = 0
-        self._refused: list[tuple[Client, float]] = []  # the last ones, since the last accepted one
+        self._refused: list[tuple[Client, float]] = []  # the last ones, since the last accepted measurement
         self._body, self._since, self._sensor = first, t, sensor
         self._believed = first
         self._doubts = tuple(
@@ -110,21 +125,22 @@ class ClientEstimate:
         return self._body.inertia
 
     def pose(self, t: float) -> pin.SE3:
-        """Return the pose as `Client.pose`."""
+        """Return the estimated pose (pinocchio.SE3) at t [s], see `Client.pose`."""
         return self._body.pose(t - self._since)
 
     def poses(self, times: ArrayLike) -> tuple[FloatArray, FloatArray]:
-        """Return the poses as `Client.poses`."""
+        """Return the estimated poses at several times [s], see `Client.poses`."""
         return self._body.poses(np.asarray(times) - self._since)
 
     def twist(self, t: float) -> FloatArray:
-        """Return the twist as `Client.twist`."""
+        """Return the estimated twist (6,) at t [s], see `Client.twist`."""
         return self._body.twist(t - self._since)
 
     def deviation(self, t: float, lever: float = 0.0) -> tuple[float, float]:
-        """Return one standard deviation of a client point's position at t [s] and of the attitude [m, rad].
+        """Return the standard deviations of a point's position [m] and of the attitude [rad] at t [s].
 
-        The point is `lever` [m] from the centre of mass. Present errors and those of the rates are included.
+        The point on the client is `lever` [m] away from the centre of mass. The errors of the velocities
+        increase the deviations with the time since the last update.
         """
         slopes, dt = np.zeros((6, _SIZE)), t - self._since
         slopes[:3, :3] = slopes[3:, 6:9] = np.eye(3)
@@ -142,8 +158,9 @@ class ClientEstimate:
     ) -> None:
         """Add an impulse [N s] and an angular impulse [N m s] about the centre of mass, (3,) each, at t [s].
 
-        Both are in inertial axes. Each axis has a relative standard deviation of a tenth, with a common error
-        of all impulses since the last measurement, and additional standard deviations `noise` [N s], [N m s].
+        Both are in inertial axes. Per axis, the changes of velocity and angular velocity get a standard
+        deviation of a tenth of their magnitude; all impulses since the last accepted measurement share this
+        error. `noise` has additional standard deviations per axis [N s], [N m s].
         """
         if t > self._since:
             self._predict(t)
@@ -159,35 +176,35 @@ class ClientEstimate:
         self._P[9:12, 9:12] += shares[1] * np.eye(3) + noise[1] ** 2 * by_unit @ by_unit.T
 
     def client(self) -> Client:
-        """Return the estimated client, with the time of the estimate."""
+        """Return the estimated client, with the same time zero as the estimate."""
         return self._from_start(self._body)
 
     def spread(self) -> list[Client]:
-        """Return clients one standard deviation away in independent directions.
+        """Return clients that deviate by one standard deviation in independent directions of the state.
 
-        There are twelve for the motion, six more if the inertia is uncertain, and one if the mass is. The
-        deviation of a function of the client is the root of the sum of the squares of its changes.
+        There are twelve clients, six more if the inertia is uncertain, and one more if the mass is. The
+        standard deviation of a function of the client is the root of the sum of squares of its changes.
         """
         return [self._from_start(body) for body in self._spread_bodies()]
 
     def spread_poses(self, t: float) -> list[pin.SE3]:
-        """Return the poses at a time t [s] of the clients of `spread`, in half the computing time."""
+        """Return the poses (pinocchio.SE3) of the clients of `spread` at t [s], in half of its time."""
         return [body.pose(t - self._since) for body in self._spread_bodies()]
 
     def _spread_bodies(self) -> list[Client]:
-        """Return the bodies of `spread`, with the time of the last measurement as time zero."""
-        held = np.flatnonzero(np.diag(self._P))
-        sizes, axes = np.linalg.eigh(self._P[np.ix_(held, held)])
-        moves = np.zeros((_SIZE, len(held)))
-        moves[held] = axes * np.sqrt(np.maximum(sizes, 0.0))
+        """Return the clients of `spread`, with their time zero at the last update."""
+        uncertain = np.flatnonzero(np.diag(self._P))
+        sizes, axes = np.linalg.eigh(self._P[np.ix_(uncertain, uncertain)])
+        moves = np.zeros((_SIZE, len(uncertain)))
+        moves[uncertain] = axes * np.sqrt(np.maximum(sizes, 0.0))
         return [self._moved(x) for x in moves.T]
 
     def _from_start(self, body: Client) -> Client:
-        """Return a body at the last measurement as a client with the time of the estimate."""
+        """Return a client with time zero at the last update as a client with the estimate's time zero."""
         return other_motion(body, body.pose(-self._since), body.twist(-self._since))
 
     def _moved(self, x: FloatArray) -> Client:
-        """Return the body with its motion, inertia and mass changed by x (19,)."""
+        """Return the estimated client with motion, inertia and mass changed by a state error x (19,)."""
         body = self._body
         turned = body.start_pose.rotation @ pin.exp3(x[6:9])
         pose = pin.SE3(turned, body.start_pose.translation + x[:3])
@@ -202,20 +219,17 @@ class ClientEstimate:
 
     @property
     def momentum(self) -> FloatArray:
-        """The momentum as `Client.momentum`."""
+        """The estimated momentum (6,), see `Client.momentum`."""
         return self.client().momentum
 
     @property
     def start_pose(self) -> pin.SE3:
-        """The pose at time zero, see `Client`."""
+        """The estimated pose (pinocchio.SE3) at time zero, see `Client`."""
         return self.pose(0.0)
 
     @property
     def covariance(self) -> FloatArray:
-        """The covariance (12, 12) of position, velocity, attitude and angular momentum, inertial axes.
-
-        It is that at the last measurement.
-        """
+        """The covariance (12, 12) of position, velocity, attitude and angular momentum at the last update."""
         body, R, w = self._body, self._body.start_pose.rotation, _spin(self._body)
         slopes = np.eye(12, _SIZE)
         slopes[6:9, 6:9], slopes[9:, 6:9] = R, -R @ pin.skew(body.inertia @ w)
@@ -225,16 +239,21 @@ class ClientEstimate:
 
     @one_blas_thread()
     def observe(self, seen: Client, t: float) -> bool:
-        """Update the estimate by a measurement of time t [s]; return false if it is refused as an outlier.
+        """Update the estimate by a measurement made at t [s]; return False if it is refused as an outlier.
 
-        Raises `InvalidValue` if it was made before the last one, or is of another body than the first; see
-        `measured`.
+        Raises
+        ------
+        InvalidValue
+            t is before the last update, or the measured client has another mass or inertia than the first.
         """
         if t < self._since:
-            raise InvalidValue("t", t, f"must not be before the last measurement, at {self._since:g} s")
-        known = self._believed
-        if not (np.isclose(seen.mass, known.mass) and np.allclose(seen.inertia, known.inertia)):
-            message = f"must have mass and inertia of the estimated client, {known.mass:g} kg"
+            raise InvalidValue("t", t, f"must not be before the last update, at {self._since:g} s")
+        assumed = self._believed
+        if not (np.isclose(seen.mass, assumed.mass) and np.allclose(seen.inertia, assumed.inertia)):
+            message = (
+                f"must have the mass {assumed.mass:g} kg and the inertia of the first measurement: pass the "
+                "assumed client as `believed` to capture.measured"
+            )
             raise InvalidValue("seen", seen.mass, message)
         self._predict(t)
         innovation, H = self._innovation(seen)
@@ -253,7 +272,7 @@ class ClientEstimate:
         return True
 
     def _innovation(self, seen: Client) -> tuple[FloatArray, FloatArray]:
-        """Return the innovation (12,) of a measurement and its derivative (12, 19) by the state."""
+        """Return the innovation (12,) of a measurement, and the measurement matrix (12, 19)."""
         body, R = self._body, self._body.start_pose.rotation
         turn = pin.log3(R.T @ seen.start_pose.rotation)
         shift = seen.start_pose.translation - body.start_pose.translation
@@ -276,7 +295,7 @@ class ClientEstimate:
                 return
 
     def _predict(self, t: float) -> None:
-        """Propagate the estimate and its covariance to a time."""
+        """Propagate the estimate and its covariance to the time t [s]."""
         from scipy.linalg import expm
 
         body, dt, inertia = self._body, t - self._since, self._body.inertia
@@ -294,7 +313,7 @@ class ClientEstimate:
 
 
 def as_client(body: FreeBody) -> Client:
-    """Return a client unchanged, and an estimate as its estimated client."""
+    """Return a client unchanged, or the estimated client of an estimate."""
     if isinstance(body, ClientEstimate):
         return body.client()
     if not isinstance(body, Client):
@@ -308,17 +327,17 @@ def _spin(body: Client) -> FloatArray:
 
 
 def _root(inertia: FloatArray) -> FloatArray:
-    """Return the square root (3, 3) of the second moments of mass, body axes."""
+    """Return the square root (3, 3) of the second moments of mass from an inertia (3, 3), body axes."""
     sizes, axes = np.linalg.eigh(0.5 * np.trace(inertia) * np.eye(3) - inertia)
     return np.asarray(axes * np.sqrt(np.maximum(sizes, 0.0)) @ axes.T)
 
 
 def _of_moments(moments: FloatArray) -> FloatArray:
-    """Return the inertias (..., 3, 3) of second moments of mass."""
+    """Return the inertias (..., 3, 3) from second moments of mass (..., 3, 3)."""
     return np.asarray(np.trace(moments, axis1=-2, axis2=-1)[..., None, None] * np.eye(3) - moments)
 
 
 def _changes(body: Client, w: FloatArray) -> FloatArray:
-    """Return the derivative (3, 5) of I w by the inertia's shape."""
+    """Return the derivative (3, 5) of I w with respect to the ratios of the inertia I."""
     root = _root(body.inertia)
     return np.asarray((_of_moments(root @ _BASIS @ root) @ w).T)

@@ -1,4 +1,4 @@
-"""The outcome of a capture."""
+"""The result of a simulated capture."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from ffsms_pin.simulation import Tracking
 
 @dataclass(frozen=True, eq=False)
 class Flight:
-    """The flight of a capture, from the start to rest.
+    """A simulated capture, from the start to rest.
 
     Attributes
     ----------
     plan : Trajectory
         The first plan.
     captured : Captured
-        The recording of the capture with its measurements.
+        The recording of the capture, with its predictions.
     plant : SpaceManipulator
         The simulated servicer.
     note : str
@@ -48,7 +48,7 @@ class Flight:
 
     @property
     def latched(self) -> bool:
-        """The verdict on the catch: true if the client was latched."""
+        """The verdict: true if the client was latched."""
         return self.captured.caught
 
     @property
@@ -72,7 +72,7 @@ class Flight:
 
     @property
     def client(self) -> Client:
-        """The true client in free motion, with the shapes of a guide."""
+        """The true client in free motion, with the shapes of the nozzle or ring at the grasp."""
         return self.captured.client
 
     def obstacles(self, client: Any = None) -> list[Obstacle]:
@@ -87,15 +87,15 @@ class Flight:
 
     @property
     def identified(self) -> IdentifiedClient | None:
-        """The client as identified by the measurements after the catch; None if it was not latched."""
+        """The identified mass and inertia of the client; None if the client was not latched."""
         return self.captured.identified
 
     @property
     def prediction(self) -> Prediction:
-        """The last predicted motion after the capture: at the gripper's closing, else of the plan."""
+        """The motion after the capture, predicted when the gripper closed, or else from the plan."""
         return self.captured.expected or self.captured.planned
 
     @property
     def momentum_error(self) -> float:
-        """The largest error of the total momentum, as a share of the momentum of servicer or client."""
+        """The largest error of the total momentum, relative to the largest initial momentum."""
         return self.captured.momentum_error

@@ -1,4 +1,4 @@
-"""`fly`: a capture from the plan to rest, in one call."""
+"""The function `fly`, which plans and simulates a capture."""
 
 from __future__ import annotations
 
@@ -76,29 +76,31 @@ def fly(
     belief : Belief, optional
         The assumed mass and inertia of the client; requires a camera. Default: the true ones.
     grip : Grip, optional
-        A compliant grip. Default: the grip is rigid at once.
+        A compliant grip. Default: the grip is rigid when the gripper closes.
     guide : Nozzle or Ring, optional
         The contact surfaces at the grasp.
     envelope : Envelope, optional
-        Errors within which the gripper takes hold.
+        The errors within which the gripper can grasp the client. Default: `Envelope()`.
     control : Control or callable, optional
-        The laws, or a function from a robot to the law of its joints.
+        The laws of joints and base, or a function from a robot to the law of its joints. Default:
+        `Control()`.
     plant : SpaceManipulator, optional
         The simulated robot, with the same joints as `sms`. Default: `sms`.
     plant_q0 : array_like, shape (nq,), optional
         Configuration of the plant at the start. Default: `q0`.
     conditions : Conditions, optional
         Conditions of the simulation: sensors, friction, disturbances, guards, initial motion. The events may
-        be joint faults; `momentum` is that of the servicer, by default that of the plan.
+        be joint faults and captures of payloads; `momentum` is that of the servicer, by default that of the
+        plan.
     replan : Replan, opt.ReplanOptions or bool, optional
         Options of re-planning from the measured state. Default: re-planning if there is a camera. With a
         camera and False, the motion is planned once, from one measurement before the flight.
     planning : Planning, optional
-        Options of the plan: its step, terms, limits and obstacles.
+        Options of the plan: time step, terms, limits and obstacles. Default: `Planning()`.
     procedure : Procedure, optional
-        Attempts, retreat, limits of the go decision, braking.
+        Attempts, retreat, limits of the go decision, braking. Default: `Procedure()`.
     plan : Trajectory, optional
-        An existing plan to the client. Default: it is computed here.
+        An existing plan to the client. Default: the motion is planned first.
     progress : callable, optional
         A function that is called with the completed share of the flight, 0 to 1.
 
@@ -112,7 +114,7 @@ def fly(
     InvalidValue
         If the goal has no client, a shape is wrong, a number is out of range, or options are incompatible.
     SimulationDiverged
-        If the state is not finite.
+        If the state or a torque becomes infinite or NaN.
 
     Examples
     --------
@@ -165,16 +167,14 @@ def _control(control: Any) -> Control:
     if isinstance(control, Control):
         return control
     if not callable(control):
-        message = (
-            "must be a capture.Control, or a function of a robot: the law is made anew for servicer and \
-client, as control=lambda robot: ComputedTorque(robot, K_p=100.0, adaptive=False)"
-        )
+        message = "must be a capture.Control, or a function from a robot to the law of its joints, such as \
+control=lambda robot: ComputedTorque(robot, K_p=100.0, adaptive=False)"
         raise InvalidValue("control", control, message)
     return Control(control)
 
 
 def _replan(replan: Any, sees: bool) -> Replan | None:
-    """Return the options of re-planning; None if the plan is made once."""
+    """Return the options of re-planning; None if the motion is planned once."""
     if replan is None:
         replan = sees
     checks.instance("replan", replan, (opt.ReplanOptions, bool))
@@ -186,17 +186,17 @@ def _replan(replan: Any, sees: bool) -> Replan | None:
 def _check_conditions(meeting: Rendezvous, laws: Control, options: dict[str, Any]) -> None:
     """Raise `InvalidValue` for conditions that the simulation does not support, before planning."""
     plant, conditions = options["plant"], options["conditions"]
-    for event in checked_events(conditions.events, plant, np.inf):  # a flight ends when the joints rest
+    for event in checked_events(conditions.events, plant, np.inf):  # the duration is not fixed
         if isinstance(event, (Close, Open, Latch, End)):
-            message = "must be faults and payloads: the flight itself closes, opens and latches its gripper"
+            message = (
+                "must be joint faults or payloads; the capture itself closes, opens and latches its gripper"
+            )
             raise InvalidValue("conditions.events", event, message)
     options = {**options, "conditions": replace(conditions, events=())}
     _, options["base_controller"] = laws.laws(meeting.sms)
     mode = meeting.planning.mode
     if mode != "floating" and options["base_controller"] is None:
-        message = (
-            "needs a law that holds the base, as control=capture.Control(base=control.QuaternionFeedback)"
-        )
+        message = "requires a base law, such as control=capture.Control(base=control.QuaternionFeedback)"
         raise InvalidValue("planning.mode", mode, message)
     rest = Rest(meeting.duration, np.zeros(3), meeting.sms.joint_positions(meeting.q0))
     set_up(meeting.sms, rest, **options)
@@ -206,9 +206,9 @@ def _check_plan(meeting: Rendezvous, plan: Any) -> None:
     """Raise `InvalidValue` unless a plan leads from the start to the contact."""
     checks.instance("plan", plan, opt.Trajectory)
     if plan.q.shape[1] != meeting.sms.nq or not np.allclose(plan.q[0], meeting.q0, atol=1e-6):
-        raise InvalidValue("plan.q[0]", plan.q[0], "must be q0: make the plan from the start of the flight")
+        raise InvalidValue("plan.q[0]", plan.q[0], "must equal q0: plan from the configuration at the start")
     if abs(plan.duration - meeting.duration) > 1e-6:
-        message = f"must be the duration of the flight, {meeting.duration:g} s"
+        message = f"must equal the argument duration, {meeting.duration:g} s"
         raise InvalidValue("plan.duration", plan.duration, message)
 
 
@@ -240,5 +240,5 @@ def _check_start(handling: CaptureOptions, plant: SpaceManipulator, q0: FloatArr
         return
     distance, pair = touching.at(q0, client.pose(0.0))
     if distance < -TOUCH:
-        message = f"{pair} overlap by {-1e3 * distance:.3g} mm at the start; move the start or the client"
+        message = f"{pair} overlap by {-1e3 * distance:.3g} mm at the start; change q0 or the client's pose"
         raise InvalidValue("q0", q0, message)

@@ -17,15 +17,15 @@ from ffsms_pin.opt import Meet
 from ffsms_pin.options import Angle, Positive, Unit
 from ffsms_pin.robot import SpaceManipulator
 
-_AGE, _PERIODS = 2.0, 5.0  # [s] beyond the latency, and the number of sensor periods if these are longer
+_AGE, _PERIODS = 2.0, 5.0  # largest age beyond the latency: 2 s, or five sensor periods if these are longer
 
 
 @dataclass(frozen=True)
 class GoLimits:
     """The limits of the client's uncertainty from the go decision to the contact.
 
-    The prediction of a free client stays accurate for longer than `age`, as long as nothing touches it. Near
-    the contact a touch is possible, so the age of the last measurement is limited.
+    The motion of a free client can be predicted for longer than `age`, until a body touches the client. Near
+    the grasp a touch is possible, so the age of the last measurement is limited.
 
     Raises
     ------
@@ -34,14 +34,14 @@ class GoLimits:
     """
 
     age: Annotated[Positive | None, Unit("s", "the latency and 2 s, or 5 periods")] = None
-    """The age of the last accepted measurement. Default: the sensor's latency and 2 s, or five of its periods
-    if these are longer. That allows a few lost pictures, and at the 50 mm/s of an envelope an end effector
-    moves by 0.1 m, the distance in which it can stop."""
+    """The largest age of the last accepted measurement. Default: the sensor's latency plus the longer time of
+    2 s and five sensor periods. The default allows a few lost pictures. At the largest speed of the default
+    envelope, 50 mm/s, an end effector moves by 0.1 m in 2 s, a distance in which it can stop."""
     distance: Annotated[Positive | None, Unit("m", "that of the envelope")] = None
-    """Three standard deviations of the grasp's position at the contact, as predicted. By default at most the
-    half width of the corridor at its mouth, too."""
+    """The limit of three standard deviations of the predicted grasp position at the contact. The default is
+    at most the half width of the corridor at its mouth."""
     turn: Annotated[Positive | None, Angle("rad", "that of the envelope")] = None
-    """Three standard deviations of the grasp's attitude at the contact, as predicted."""
+    """The limit of three standard deviations of the predicted grasp attitude at the contact."""
 
     def __post_init__(self) -> None:
         for field in fields(self):
@@ -49,36 +49,38 @@ class GoLimits:
                 positive(f"go {field.name}", getattr(self, field.name))
 
     def oldest(self, estimate: ClientEstimate) -> float:
-        """Return the largest age of an estimate [s]."""
+        """Return the largest permitted age [s] of the last measurement in an estimate."""
         sensor = estimate.sensor
         return sensor.latency + max(_AGE, _PERIODS * sensor.period) if self.age is None else self.age
 
-    def lacks(self, meet: Meet, now: float, contact: float, envelope: Envelope, looks: bool = True) -> str:
-        """Return which uncertainty is too large at a time for a contact at another time [s]; empty if none.
+    def lacks(
+        self, meet: Meet, now: float, contact: float, envelope: Envelope, measuring: bool = True
+    ) -> str:
+        """Return a text of the uncertainty that is too large at `now` [s] for a contact at `contact` [s].
 
-        `looks` is true if the client is measured during the motion. If it was measured only once, before
-        planning, only the uncertainty at the contact is limited, not the age.
+        The text is empty if all limits are satisfied. `measuring` is true if the client is measured during
+        the motion. If it is measured only once, before planning, the age of the measurement is not limited.
         """
         client = meet.client
         if not isinstance(client, ClientEstimate):
             return ""
         age, oldest = now - client.measured_at, self.oldest(client)
-        if looks and age > oldest + 1e-9:
-            return f"the camera has been dark for {age:.2g} s, {oldest:.2g} s are allowed"
-        far, turned = grasp_doubt(meet, contact)
+        if measuring and age > oldest + 1e-9:
+            return f"the client was last measured {age:.2g} s ago, {oldest:.2g} s are allowed"
+        far, turned = grasp_uncertainty(meet, contact)
         most = envelope.distance if self.distance is None else self.distance
         if self.distance is None and meet.standoff > 0.0:
             most = min(most, meet.tolerance + meet.standoff * math.tan(meet.half_angle))
         if far > most:
-            return f"the grasp is known to {1e3 * far:.3g} mm only, {1e3 * most:.3g} mm are allowed"
+            return f"the grasp is uncertain by {1e3 * far:.3g} mm (3 sigma), {1e3 * most:.3g} mm are allowed"
         most = envelope.turn if self.turn is None else self.turn
         if turned > most:
-            known, allowed = math.degrees(turned), math.degrees(most)
-            return f"the grasp's attitude is known to {known:.2g} deg only, {allowed:.2g} deg are allowed"
+            angle, allowed = f"{math.degrees(turned):.2g} deg", f"{math.degrees(most):.2g} deg"
+            return f"the grasp's attitude is uncertain by {angle} (3 sigma), {allowed} are allowed"
         return ""
 
 
-def grasp_doubt(meet: Meet, t: float) -> tuple[float, float]:
+def grasp_uncertainty(meet: Meet, t: float) -> tuple[float, float]:
     """Return three standard deviations of the grasp's position [m] and attitude [rad] at a time t [s]."""
     client = meet.client
     if not isinstance(client, ClientEstimate):
@@ -97,14 +99,14 @@ def go_no_go(
     expected: float | FloatArray,
     prediction: Prediction,
 ) -> str:
-    """Return why the grasp of `meet` should not be tried at a time t [s], empty if it should.
+    """Return the reason against grasping the client of `meet` at a time t [s]; empty if there is none.
 
-    `expected` is the expected position error [m], or the final configuration (nq,) of the plan; `prediction`
-    is that of the contact. The limits of the client's uncertainty are those of `GoLimits`.
+    `expected` is the expected position error [m], or the final configuration (nq,) of the plan. `prediction`
+    is the predicted motion after the contact. `GoLimits.lacks` checks the uncertainty of the client.
     """
     if isinstance(expected, np.ndarray):
         tip = sms.at(expected).end_effector_pose.translation
         expected = float(np.linalg.norm(tip - (meet.client.pose(t) * meet.grasp).translation))
     if expected > envelope.distance:
-        return f"the grasp would be missed by {expected:.3g} m, {envelope.distance:g} at most"
+        return f"the grasp would be missed by {expected:.3g} m, {envelope.distance:g} m at most"
     return prediction.note or ("" if prediction.load is None else envelope.overloads(prediction.load))

@@ -58,7 +58,7 @@ class GripLoad:
     def wrench(
         self, tool: Any, tool_twist: FloatArray, client: Any, client_twist: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """Return wrench and point of `Load.wrench`; the wrench acts at the grasp."""
+        """Return wrench and point, see `Load.wrench`; the wrench acts at the grasp."""
         held = client * self.grasp
         point = np.array(held.translation)
         slip = velocity_at(point, client, client_twist) - velocity_at(point, tool, tool_twist)

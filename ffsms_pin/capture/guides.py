@@ -15,25 +15,25 @@ from ffsms_pin.client import Shape
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.geometry.convex_parts import hull_of
 
-_SIZES = 1e-4, 100.0  # [m] least and greatest size; qhull fails on far flatter shapes
-_NARROW = 0.75  # share of a cone's length beyond which a probe may come nearer to it than the clearance
+_SIZES = 1e-4, 100.0  # [m] smallest and largest dimension; qhull fails on much flatter shapes
+_NARROW = 0.75  # share of a cone's length behind which a probe may come nearer to the wall than the clearance
 _MOST_SIDES = 360  # sides of a polygon, one per degree
 
 
 class Scene(NamedTuple):
-    """Two sets of contact shapes, with the grasp at which they fit.
+    """The contact shapes of an end effector and of a client, and the grasp.
 
     Attributes
     ----------
     load : SurfaceContact
-        The contact load for `simulate(..., loads=...)`, between its `tool_shapes` and `client_shapes`.
+        The contact load between both sets of shapes, for `simulate(..., loads=...)`.
     grasp : pinocchio.SE3
         The pose of the end-effector frame at the grasp, in the client's body axes.
     shapes : tuple of Shape
-        The complete shapes of the client's part, in body axes, for `Client(shapes=...)`, viewer and
-        clearance.
+        The complete shapes of the nozzle or ring in the client's body axes, for `Client(shapes=...)`, viewer
+        and clearance.
     walls : tuple of Shape
-        The pieces of these shapes from which plans keep a tool clear, in body axes.
+        The convex pieces, in the client's body axes, from which plans keep the end effector clear.
     """
 
     load: SurfaceContact
@@ -43,7 +43,7 @@ class Scene(NamedTuple):
 
     @property
     def hull(self) -> Any:
-        """The convex hull of the client's part, a coal geometry in body axes."""
+        """The convex hull of `shapes`, a coal geometry in the client's body axes."""
         corners = [
             _corners(geometry) @ place.rotation.T + place.translation for geometry, place in self.shapes
         ]
@@ -64,34 +64,34 @@ def probe_in_nozzle(
     exponent: float = 1.0,
     **surface: float,
 ) -> Scene:
-    """Make a rod with a round tip, and a nozzle whose cone guides it into the throat.
+    """Make a probe, which is a rod with a round tip, and a nozzle whose cone guides it into the throat.
 
     The end-effector frame is at the tip, z along the rod and outward. The cone narrows from its entry to the
     throat, a tube with a floor. The cross-sections are polygons whose inscribed circles have the given radii,
-    so walls are flat. There is one convex piece a side, thick enough that no rod passes through, and the
-    floor. The default dimensions are those of github.com/biorobotics/on_orbit: a play of 1.4 mm in the
-    throat.
+    so walls are flat. Each side is a convex piece, thick enough that the rod cannot pass through; the floor
+    is another piece. The default dimensions are those of github.com/biorobotics/on_orbit, with a radial play
+    of 1.4 mm in the throat.
 
     Parameters
     ----------
     place : pinocchio.SE3
         The nozzle frame in the client's body axes: origin in the centre of the entry, z into the nozzle.
     probe_length, probe_radius, entry_radius, throat_radius, cone_length, throat_length : float
-        [m]
+        The dimensions [m], see `Nozzle`.
     depth : float
         The depth of the tip in the throat at the grasp [m].
     sides : int
         The number of sides of the polygons, at least three.
     stiffness, exponent : float
-        Contact parameters, see `SurfaceContact`. The defaults are the bending stiffness 3 E I / L^3 of a
-        steel rod (200 GPa), far below that of its surface.
+        Contact parameters, see `SurfaceContact`. The default stiffness is the bending stiffness 3 E I / L^3
+        of a steel rod (E = 200 GPa), which is much softer than its surface.
     **surface
         `damping`, `friction` and `transition` of `SurfaceContact`.
 
     Raises
     ------
     InvalidValue
-        If a dimension is not above zero, the probe does not fit, or a parameter of `surface` is out of range.
+        If a dimension or a parameter of `surface` is out of range, or the probe does not fit.
     """
     place = checks.pose("place", place)
     _check_sizes(
@@ -99,13 +99,16 @@ def probe_in_nozzle(
         throat_radius=throat_radius, cone_length=cone_length, throat_length=throat_length,
     )  # fmt: skip
     if not probe_radius < throat_radius < entry_radius:
-        raise InvalidValue(
-            "throat_radius", throat_radius, "must lie between the radii of the probe and the entry"
+        message = (
+            f"must lie between those of the probe and the entry, {probe_radius:g} and {entry_radius:g} m"
         )
+        raise InvalidValue("throat_radius", throat_radius, message)
     if not 2.0 * probe_radius < probe_length:
-        raise InvalidValue("probe_length", probe_length, "must be more than twice the probe's radius")
+        raise InvalidValue(
+            "probe_length", probe_length, f"must be more than twice the probe's radius, {probe_radius:g} m"
+        )
     if not 0.0 <= checks.number("depth", depth) <= throat_length:
-        raise InvalidValue("depth", depth, "must lie within the throat's length [m]")
+        raise InvalidValue("depth", depth, f"must lie between 0 and the throat's length, {throat_length:g} m")
     rod = coal.Capsule(probe_radius, probe_length - 2.0 * probe_radius)
     probe = (rod, pin.SE3(np.eye(3), np.array([0.0, 0.0, -0.5 * probe_length])))
     end, wall = cone_length + throat_length, 0.5 * throat_radius
@@ -119,7 +122,7 @@ def probe_in_nozzle(
     pieces.append((floor, place * pin.SE3(np.eye(3), np.array([0.0, 0.0, end + 0.5 * wall]))))
     load = SurfaceContact([probe], pieces, stiffness, exponent, **surface)
     grasp = place * pin.SE3(np.eye(3), np.array([0.0, 0.0, cone_length + depth]))
-    # The part of a wall in front of the narrow stretch keeps the full clearance, the part behind less.
+    # Plans keep the full clearance from the front part of a wall, and less from the narrow rear part.
     deep = _NARROW * cone_length
     inner = entry_radius + _NARROW * (throat_radius - entry_radius)
     front = np.array([[entry_radius, 0.0], [inner, deep], [inner + wall, deep], [entry_radius + wall, 0.0]])
@@ -142,11 +145,11 @@ def gripper_on_ring(
 ) -> Scene:
     """Make a gripper of two fingers and a palm, and the rim of a launch adapter ring.
 
-    Each finger's pad is four balls at the corners of a square, the palm two, so the rim is held in all
-    directions and no contact point jumps. The end-effector frame is in the centre of the pads: z towards the
-    ring, y from finger to finger, along the ring's radius. Only the gripped segment of the ring and its
-    neighbours have contact. An `opening` below the ring's thickness squeezes it; such a load belongs in
-    `Close`.
+    Each finger's pad consists of four balls at the corners of a square, and the palm of two balls, so they
+    hold the rim in all directions and no contact point jumps. The end-effector frame is in the centre of the
+    pads: z towards the ring, y from finger to finger, along the ring's radius. Only the gripped segment of
+    the ring and its neighbours have contact. With an `opening` below the ring's thickness the pads squeeze
+    the ring; such a load belongs in the event `Close`.
 
     Parameters
     ----------
@@ -154,7 +157,7 @@ def gripper_on_ring(
         The ring frame in the client's body axes: origin in the centre of the rim, z out of the client. The
         ring is gripped on its x axis.
     opening : float
-        The distance between the fingers' pads [m]. The default leaves 17 mm on either side of the rim.
+        The distance between the fingers' pads [m]. The default leaves 17.5 mm on either side of the rim.
     ring_radius, thickness, height : float
         The radius of the wall's middle, and the thickness and height of the wall [m]. The default radius is
         that of a 1194 mm adapter.
@@ -165,12 +168,12 @@ def gripper_on_ring(
     segments : int
         The number of flat segments of the ring, at least eight.
     **surface
-        `stiffness` and other parameters of `SurfaceContact`; the defaults are those of silicone pads.
+        `stiffness` and other parameters of `SurfaceContact`, by default those of silicone pads.
 
     Raises
     ------
     InvalidValue
-        If a dimension is not above zero, or a parameter of `surface` is out of range.
+        If a dimension or a parameter of `surface` is out of range.
     """
     place = checks.pose("place", place)
     _check_sizes(
@@ -178,7 +181,7 @@ def gripper_on_ring(
         pad_radius=pad_radius,
     )  # fmt: skip
     if not thickness < ring_radius:
-        raise InvalidValue("thickness", thickness, "must be below the ring's radius [m]")
+        raise InvalidValue("thickness", thickness, f"must be below the ring's radius, {ring_radius:g} m")
     ball, half, away = coal.Sphere(pad_radius), 0.5 * pad, 0.5 * opening + pad_radius
     corners = [(x, y, z) for x in (-half, half) for y in (-away, away) for z in (-half, half)]
     palm = [(x, 0.0, -reach - pad_radius) for x in (-half, half)]
@@ -193,7 +196,7 @@ def gripper_on_ring(
 
 
 def _corners(geometry: Any) -> FloatArray:
-    """Return corners (k, 3) whose hull contains a geometry: those of a polyhedron, or of its bounding box."""
+    """Return the corners (k, 3) of a polyhedron, or of the bounding box of another geometry."""
     if isinstance(geometry, coal.ConvexBase):
         return np.array(geometry.points())
     geometry.computeLocalAABB()
@@ -208,7 +211,7 @@ def _check_sizes(**sizes: float) -> None:
 
 
 def _body(profile: FloatArray, name: str, sides: Any, least: int, place: Any) -> list[tuple[Any, Any]]:
-    """Return the sides of a polygonal body about z from a profile (k, 2) of radius and z."""
+    """Return the sides of a polygonal body about z from a profile (k, 2) with columns radius and z."""
     if not least <= checks.whole(name, sides, least) <= _MOST_SIDES:
         raise InvalidValue(name, sides, f"must be at most {_MOST_SIDES}")
     half = np.tan(np.pi / sides)

@@ -42,9 +42,10 @@ class MassUncertainty:
     ) -> tuple[SpaceManipulator, list[SpaceManipulator]]:
         """Return the most likely robot, and robots one standard deviation away in independent directions.
 
-        A free motion determines the ratios of the masses but not their scale. `shown` is the information G
-        about r, the mass ratios to the base less one, and G r (`opt.Replanning.shown`). With the prior
-        deviations it gives the posterior of all masses, linear in their relative changes.
+        A free motion determines the ratios of the masses but not their scale. `shown` has the information
+        matrix G of r, and G r (`opt.Replanning.shown`). The vector r (n + 1,) has the relative changes of the
+        ratios to the base's mass: those of the arm's masses, and last that of the base's inertia. The
+        posterior of all masses follows from `shown` and the standard deviations, to first order.
         """
         n = sms.n
         sigmas = np.array([self.base, *[self.arm] * n, self.base_inertia])
@@ -62,7 +63,7 @@ class MassUncertainty:
 
 
 def _scaled(sms: SpaceManipulator, changes: FloatArray) -> SpaceManipulator:
-    """Return the robot with relative changes (n + 2,) of the masses of base and arm, and of its inertia."""
+    """Return the robot with relative changes (n + 2,) of base mass, arm masses and base inertia."""
     base, *arm, turning = np.clip(1.0 + changes, _LEAST, _MOST).tolist()
     factors = zip(list(sms.model.inertias)[1:], [base, *arm], [turning, *arm], strict=True)
     return sms.with_inertias(

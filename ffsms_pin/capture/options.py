@@ -1,4 +1,4 @@
-"""Options of a capture: one frozen dataclass for each thing that can be set."""
+"""The options of a capture, as frozen dataclasses."""
 
 from __future__ import annotations
 
@@ -34,9 +34,9 @@ class Belief:
     inertia: Annotated[Inertia | None, Unit("kg m²", "the true inertia")] = None
     """The assumed inertia about the centre of mass, body axes: three principal inertias, or a matrix."""
     mass_deviation: Annotated[Share, Unit()] = 0.0
-    """One standard deviation of the mass, as a share of it."""
+    """The relative standard deviation of the mass."""
     inertia_deviation: Annotated[Share, Unit()] = 0.0
-    """One standard deviation of the principal inertias, as a share of them."""
+    """The relative standard deviation of the principal inertias."""
 
     def __post_init__(self) -> None:
         if self.mass is not None:
@@ -51,7 +51,7 @@ class Belief:
 class Grip:
     """A compliant grip: a spring and a damper between end effector and grasp, rigid after `time`.
 
-    All parameters except `time` are those of `capture.GripLoad`, whose grasp is the goal's.
+    All parameters except `time` are those of `capture.GripLoad`.
 
     Raises
     ------
@@ -82,7 +82,7 @@ class Grip:
 
 @dataclass(frozen=True)
 class Nozzle:
-    """A nozzle around the grasp that guides a probe, with the end effector at its tip.
+    """A nozzle around the grasp that guides a probe; the end-effector frame is at the probe's tip.
 
     The fields are parameters of `capture.probe_in_nozzle`, with its defaults and bounds.
 
@@ -93,9 +93,9 @@ class Nozzle:
     """
 
     probe_length: Annotated[Positive, Unit("m")] = 0.72
-    """The length of the rod behind the tip."""
+    """The length of the probe."""
     probe_radius: Annotated[Positive, Unit("m")] = 0.008
-    """The radius of the rod, and of its round tip."""
+    """The radius of the probe and of its round tip."""
     entry_radius: Annotated[Positive, Unit("m")] = 0.142
     """The radius of the cone at its entry."""
     throat_radius: Annotated[Positive, Unit("m")] = 0.0094
@@ -107,9 +107,9 @@ class Nozzle:
     depth: Annotated[NotNegative, Unit("m")] = 0.037
     """The depth of the tip in the throat at the grasp, at most the throat's length."""
     stiffness: Annotated[Positive, Unit("N/m")] = 5e3
-    """The stiffness of rod and walls, see `capture.SurfaceContact`."""
+    """The contact stiffness of probe and walls, see `capture.SurfaceContact`."""
     damping: Annotated[NotNegative, Unit("s/m")] = 20.0
-    """The damping as a share of the contact force for each m/s."""
+    """The damping. After a slow impact at the speed v, the coefficient of restitution is 1 - `damping` v."""
     friction: Annotated[NotNegative, Unit()] = 0.2
     """The coefficient of friction."""
 
@@ -128,7 +128,7 @@ class Nozzle:
 
 @dataclass(frozen=True)
 class Ring:
-    """A launch adapter ring at the grasp, gripped by two fingers, with the end effector between their pads.
+    """A launch adapter ring at the grasp, gripped by two fingers with the end-effector frame between them.
 
     The fields are parameters of `capture.gripper_on_ring`, with its defaults and bounds.
 
@@ -141,7 +141,7 @@ class Ring:
     opening: Annotated[Positive, Unit("m")] = 0.04
     """The distance between the fingers' pads."""
     ring_radius: Annotated[Positive, Unit("m")] = 0.597
-    """The radius of the middle of the ring's wall."""
+    """The radius of the ring, to the middle of its wall."""
     thickness: Annotated[Positive, Unit("m")] = 0.005
     """The thickness of the wall."""
     height: Annotated[Positive, Unit("m")] = 0.06
@@ -153,9 +153,9 @@ class Ring:
     pad_radius: Annotated[Positive, Unit("m")] = 0.01
     """The radius of the balls at a pad's corners."""
     stiffness: Annotated[Positive, Unit("N/m^(3/2)")] = 8.7e5
-    """The stiffness of pads and rim, see `capture.SurfaceContact`."""
+    """The contact stiffness of pads and rim, see `capture.SurfaceContact`."""
     damping: Annotated[NotNegative, Unit("s/m")] = 20.0
-    """The damping as a share of the contact force for each m/s."""
+    """The damping. After a slow impact at the speed v, the coefficient of restitution is 1 - `damping` v."""
     friction: Annotated[NotNegative, Unit()] = 0.2
     """The coefficient of friction."""
 
@@ -173,13 +173,13 @@ class Ring:
 
 
 def _scene(make: Callable[..., Scene], grasp: Any, sizes: dict[str, float]) -> Scene:
-    """Return the scene whose grasp is at a pose (pinocchio.SE3) in the client's axes."""
+    """Return the scene of given sizes with its grasp at a pose (pinocchio.SE3) in the client's axes."""
     return make(grasp * make(pin.SE3.Identity(), **sizes).grasp.inverse(), **sizes)
 
 
 @dataclass(frozen=True, eq=False)
 class Replan(opt.ReplanOptions):
-    """The options of re-planning: those of `opt.ReplanOptions`, and the step.
+    """The options of `opt.ReplanOptions` for re-planning, and the time step.
 
     Raises
     ------
@@ -188,7 +188,7 @@ class Replan(opt.ReplanOptions):
     """
 
     dt: Annotated[Positive | None, Unit("s", "[plan] dt")] = None
-    """The planning step in the loop. Default: that of the plan."""
+    """The time step of re-planned motions. Default: that of the plan."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -203,24 +203,25 @@ class Planning:
     Attributes
     ----------
     dt : float
-        Step of the plan [s], above zero.
+        Time step of the plan [s], above zero.
     terms : sequence of opt.Term, optional
-        Default: those of `opt.Problem`.
+        The cost terms. Default: those of `opt.Problem`.
     limits : sequence of opt.Limit, optional
-        Default: those of `opt.Problem`. Its `opt.Clearance` also holds for predictions and braking.
+        The limits. Default: those of `opt.Problem`. An `opt.Clearance` among them also applies to predictions
+        and braking.
     obstacles : sequence of opt.Obstacle
-        Obstacles, besides those of an `opt.Clearance` among the limits. Those on the goal's client are its
-        bodies: a contact with them that the simulation does not model ends the flight.
+        Obstacles in addition to those of an `opt.Clearance`. Obstacles on the goal's client are parts of that
+        client: the flight ends if the servicer touches one and the simulation does not model the contact.
     joint_rates : array_like, shape (n,), optional
         Joint rates at the start [rad/s]. Default: at rest.
     momentum : array_like, shape (6,), optional
-        Total momentum of the servicer [linear; angular] [kg m/s; kg m^2/s]. Default: that of `opt.Problem`.
+        Total momentum of the servicer [linear; angular] [kg m/s; kg m^2/s]. Default: see `opt.Problem`.
     locked : sequence of str
         Names of joints that cannot move.
     mode : str
-        The part of the base's motion that is held, see `opt.Problem.mode`.
+        The components of the base's motion that a base law holds at zero, see `opt.Problem.mode`.
     wheel_momentum : array_like, shape (w,), optional
-        Momenta of wheels that hold the attitude, at the start [N m s]. Default: zero.
+        Initial momenta of the wheels that hold the attitude [N m s]. Default: zero.
     search : opt.SearchOptions, optional
         Options of the search for the first plan only.
     """
@@ -255,7 +256,7 @@ _LAW = partial(ComputedTorque, K_p=100.0, K_d=20.0, adaptive=False)
 
 @dataclass(frozen=True, eq=False)
 class Control:
-    """The control laws, which are created for the servicer, and again for servicer and client as one robot.
+    """The control laws, created for the servicer, and after the latch for servicer and client as one robot.
 
     Attributes
     ----------
@@ -267,7 +268,7 @@ class Control:
         A function from a robot to the law of its base, such as `ffsms_pin.control.QuaternionFeedback`.
         Default: the base floats.
     dt : float
-        Control step [s], above zero; it is rounded so that the duration is a whole number of steps.
+        Control step [s], above zero, rounded to a whole number of steps in the duration.
     """
 
     law: JointLaws = _LAW
@@ -278,8 +279,7 @@ class Control:
         for name, example in (("law", "ComputedTorque"), ("base", "QuaternionFeedback")):
             value = getattr(self, name)
             if not (callable(value) or (name == "base" and value is None)):
-                message = f"must be a function of a robot: the law is made anew for servicer and client, as \
-lambda robot: {example}(robot)"
+                message = f"must be a function from a robot to a law, such as lambda robot: {example}(robot)"
                 raise InvalidValue(f"control {name}", value, message)
         checks.positive("control dt", self.dt, "s")
 

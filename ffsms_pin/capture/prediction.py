@@ -1,4 +1,4 @@
-"""The envelope of a grip, and predictions of the motion and loads after a capture."""
+"""The capture envelope of a gripper, and predictions of the motion after a capture."""
 
 from __future__ import annotations
 
@@ -36,15 +36,15 @@ class Envelope:
     distance: Annotated[Positive, Unit("m")] = 0.05
     """The largest distance between end effector and grasp."""
     turn: Annotated[Positive, Angle("rad")] = 0.1
-    """The largest rotation between them."""
+    """The largest angle between end effector and grasp."""
     speed: Annotated[Positive, Unit("m/s")] = 0.05
     """The largest speed of the end effector relative to the grasp."""
     spin: Annotated[Positive, Angle("rad/s")] = 0.05
-    """The largest angular speed between them."""
+    """The largest angular speed of the end effector relative to the grasp."""
     force: Annotated[Positive | None, Unit("N", "any")] = None
-    """The largest predicted force on a compliant grip, see `contact_load`."""
+    """The largest force on a compliant grip, as predicted with three standard deviations of the client."""
     torque: Annotated[Positive | None, Unit("N m", "any")] = None
-    """The largest predicted torque on a compliant grip."""
+    """The largest torque on a compliant grip, as predicted with three standard deviations of the client."""
 
     def __post_init__(self) -> None:
         for field in fields(self):
@@ -52,43 +52,58 @@ class Envelope:
                 positive(f"envelope {field.name}", getattr(self, field.name))
 
     def outside(self, miss: FloatArray, relative: FloatArray, foreseen: bool = False) -> str:
-        """Return which limits a pose error (2,) [m, rad] and a relative velocity (6,) exceed; empty inside.
+        """Return a text of the errors that exceed the envelope; empty if none does.
 
-        `foreseen` is true for predicted errors.
+        `miss` (2,) [m, rad] is the pose error, and `relative` (6,) the end effector's twist relative to the
+        grasp. `foreseen` is true for predicted errors.
         """
         speed, spin = np.linalg.norm(relative.reshape(2, 3), axis=1)
         is_, passes, turns = (
             ("would be", "would pass", "would turn") if foreseen else ("is", "passes", "turns")
         )
         return _too_much(
-            (f"the grasp {is_} missed by {{:.3g}} m", miss[0], self.distance),
-            (f"it {is_} turned by {{:.3g}} rad", miss[1], self.turn),
-            (f"the end effector {passes} it at {{:.3g}} m/s", speed, self.speed),
-            (f"it {turns} past it at {{:.3g}} rad/s", spin, self.spin),
+            (f"the grasp {is_} missed by", miss[0], self.distance, "m"),
+            (f"the end effector {is_} turned from the grasp by", miss[1], self.turn, "rad"),
+            (f"the end effector {passes} the grasp at", speed, self.speed, "m/s"),
+            (f"the end effector {turns} relative to the grasp at", spin, self.spin, "rad/s"),
         )
 
     def overloads(self, load: ContactLoad) -> str:
         """Return a text of the predicted loads of the grip that exceed the envelope; empty if none does."""
-        phrase = "the grip may have to bear {:.3g} "
+        phrase = "the grip may have to bear"
         return _too_much(
-            (phrase + "N", load.most_force, self.force), (phrase + "N m", load.most_torque, self.torque)
+            (phrase, load.most_force, self.force, "N"), (phrase, load.most_torque, self.torque, "N m")
         )
 
 
-def _too_much(*checks: tuple[str, float, float | None]) -> str:
+def _too_much(*checks: tuple[str, float, float | None, str]) -> str:
     """Return a text of the values that exceed their limits; empty if none does."""
-    beyond = [(phrase, value, most) for phrase, value, most in checks if most is not None and value > most]
-    return "; ".join(f"{phrase.format(value)}, {most:g} at most" for phrase, value, most in beyond)
+    return "; ".join(
+        f"{phrase} {value:.3g} {unit}, {most:g} {unit} at most"
+        for phrase, value, most, unit in checks
+        if most is not None and value > most
+    )
 
 
 @dataclass(frozen=True, eq=False)
 class Prediction:
-    """The predicted motion of both bodies after the joints have come to rest, or momentum of the wheels.
+    """The predicted motion of servicer and client after the joints have come to rest, and of the wheels.
 
-    `rest` is the joined free body when the joints have come to rest, `braking` [s] after the contact;
-    `spread` has those for clients and servicers one standard deviation away, in independent directions.
-    `spinning` (3,) is the momentum of the wheels at the contact [N m s], inertial axes, `note` that of the
-    braking, and `load` the predicted load of the grip.
+    Attributes
+    ----------
+    rest : Client
+        Servicer and client as one free body, with its time zero when the joints have come to rest.
+    spread : tuple of Client
+        The same body for clients and servicers that deviate by one standard deviation in independent
+        directions.
+    braking : float
+        The time from the contact to the rest of the joints [s].
+    spinning : ndarray, shape (3,)
+        The momentum of the wheels at the contact [N m s], inertial axes.
+    note : str
+        The note of the `Braking`.
+    load : ContactLoad, optional
+        The predicted load of a compliant grip.
     """
 
     rest: Client
@@ -103,17 +118,17 @@ class Prediction:
         return np.asarray(self.rest.twist(t - self.braking)[3:])
 
     def deviation(self, t: float) -> FloatArray:
-        """Return one standard deviation of each component of `rate` [rad/s]; zero if the client is known."""
+        """Return the standard deviation (3,) of `rate` [rad/s]; zero if client and servicer are known."""
         return _deviation([client.twist(t - self.braking)[3:] for client in self.spread], self.rate(t))
 
     @property
     def wheel_momentum(self) -> FloatArray:
-        """The momentum (3,) of wheels that hold both bodies at rest [N m s], inertial axes."""
+        """The momentum (3,) of wheels that keep servicer and client at rest [N m s], inertial axes."""
         return np.asarray(self.spinning + self.rest.momentum[3:])
 
     @property
     def wheel_deviation(self) -> FloatArray:
-        """The standard deviation of each component of `wheel_momentum` [N m s]."""
+        """The standard deviation (3,) of `wheel_momentum` [N m s]."""
         return _deviation([client.momentum[3:] for client in self.spread], self.rest.momentum[3:])
 
     def beside_rate(self, name: str, t: float, simulated: FloatArray) -> dict[str, Any]:
@@ -128,14 +143,14 @@ class Prediction:
 
 
 def _deviation(spread: list[FloatArray], middle: FloatArray) -> FloatArray:
-    """Return the root of the sum of squares (3,) of independent changes."""
+    """Return the root of the sum of squares (3,) of the deviations of `spread` from `middle`."""
     return np.asarray(np.linalg.norm(np.reshape(spread, (-1, 3)) - middle, axis=0))
 
 
 def _beside(
     name: str, what: str, unit: str, predicted: FloatArray, deviation: FloatArray, simulated: FloatArray
 ) -> dict[str, Any]:
-    """Return entries of a summary: a prediction, its deviation and error, and the verdict within 3 sigma."""
+    """Return a prediction, its deviation, its error and the verdict within 3 sigma for a summary."""
     off = np.abs(simulated - predicted)
     numbers: dict[str, Any] = {
         f"{name}_{what}_{unit}": predicted.tolist(),
@@ -176,9 +191,10 @@ def predicted(
         A function from a configuration (nq,) and the pose (pinocchio.SE3) of the grasped client to the `room`
         of `brake`.
     servicers : sequence of SpaceManipulator
-        Servicers one standard deviation away, in independent directions (`MassUncertainty.robots`).
+        Servicers that deviate by one standard deviation in independent directions (`MassUncertainty.robots`).
     momentum : ndarray, shape (6,), optional
-        The servicer's own momentum, if it is known more accurately than from masses and velocities.
+        The servicer's momentum without the client, if it is known more accurately than from masses and
+        velocities.
     **braked
         Other keyword arguments of `brake`.
     """
@@ -193,6 +209,8 @@ def predicted(
     joints = [*(joined(sms, other) for other in others), *(joined(other, known) for other in servicers)]
     spread = tuple(other.at_rest(braking.q[-1]) for other in joints)
     spinning = np.zeros(3)
-    if sms.wheels is not None and wheel_momentum is not None and wheel_momentum.size:  # driven by a base law
+    if (
+        sms.wheels is not None and wheel_momentum is not None and wheel_momentum.size
+    ):  # empty without a base law
         spinning = pin.XYZQUATToSE3(q[:7]).rotation @ sms.wheels.total(wheel_momentum)
     return Prediction(joint.at_rest(braking.q[-1]), spread, float(braking.t[-1]), spinning, braking.note)

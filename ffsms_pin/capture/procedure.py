@@ -1,4 +1,4 @@
-"""The procedure of a capture: attempts, go decision and retreat, with its bodies and loads."""
+"""The procedure of a capture, and its options with the bodies and loads."""
 
 from __future__ import annotations
 
@@ -38,20 +38,20 @@ class Procedure:
     """
 
     attempts: Annotated[Tries, Unit()] = 2
-    """The number of attempts. After a miss the arm retreats and plans again, with a later measurement of the
-    client."""
+    """The number of attempts. After a miss the arm retreats, and the next attempt is planned from a later
+    measurement of the client."""
     retreat: Annotated[Positive, Unit("m")] = 0.3
     """The distance by which the arm retreats from the grasp before the next attempt. Default: twice the
     default standoff of `opt.Meet`."""
     after: Annotated[NotNegative, Unit("s")] = 10.0
-    """The simulated time after the capture, or after its abort."""
+    """The simulated time from the start of the last braking, after a capture or an abort."""
     torque_share: Annotated[Positive, Unit()] = 0.5
     """The share of the torque limits that braking and the motion of `identify` may use."""
     identify: Annotated[NotNegative, Unit("s")] = 0.0
-    """The duration of a motion of small swings after the braking that identifies the client's mass and
-    inertia. 0: none. Braking and rest alone leave most of the parameters unobservable."""
+    """The duration of a motion of small swings after the braking, from which the client's mass and inertia
+    are identified. 0: no such motion. Braking and rest alone leave most of the parameters unobservable."""
     keep_clear: Annotated[Positive, Unit("s")] = 600.0
-    """The time for which servicer and client must keep clear of each other after an abort, as predicted. The
+    """The time after an abort for which servicer and client must keep clear of each other, as predicted. The
     default leaves ten minutes for the next decision."""
     go: GoLimits = field(default_factory=GoLimits)
     """The limits of the client's uncertainty, from the go decision to the contact."""
@@ -70,28 +70,27 @@ class Procedure:
 
 @dataclass(frozen=True, eq=False)
 class CaptureOptions(Procedure):
-    """The procedure of a capture with the envelope, the contact and the bodies.
+    """The procedure of a capture, with the envelope, the contact loads and the bodies.
 
     Attributes
     ----------
     envelope : Envelope
         The errors within which the gripper can grasp the client.
     grip : Load, optional
-        The load between end effector and client after the gripper has closed. None: the grip is rigid at
-        once.
+        The load between end effector and client after the gripper has closed. None: the closed grip is rigid.
     guide : Load, optional
         The contact load of surfaces that may touch at any time.
     time : float
         Time from the closing of the gripper to the rigid grip [s].
     room : callable, optional
-        A function from a configuration (nq,) and the pose (pinocchio.SE3) of the grasped client to the held
-        client, which `brake` keeps clear of the servicer.
+        A function from a configuration (nq,) and the pose (pinocchio.SE3) of the grasped client to the `room`
+        of `brake`.
     obstacles : sequence of Obstacle
         The obstacles for predicted motions of the servicer, at least those on the client.
     bodies : sequence of Obstacle
-        Bodies of the client. If they touch the servicer and no load models that contact, the run ends.
+        The bodies of the client. The run ends if one touches the servicer and no load models the contact.
     clearance, collision : float, str
-        The required distance [m] and the kind of geometry, see `opt.Clearance`.
+        The required distance [m] and the collision geometry, see `opt.Clearance`.
     """
 
     envelope: Envelope = field(default_factory=Envelope)
@@ -110,38 +109,38 @@ class CaptureOptions(Procedure):
         return 0.0 if self.grip is None else self.time
 
     def closeness(self, sms: SpaceManipulator, guides: bool = False) -> ClientDistances | None:
-        """Return the distances between a servicer and the obstacles on the client, if there are any.
+        """Return the distances between a servicer and the obstacles on the client; None without obstacles.
 
-        With `guides` those between the gripper and its guide are included.
+        If `guides`, distances between the gripper and the nozzle or ring around the grasp are included.
         """
         if not any(obstacle.moves and obstacle.piece_of is None for obstacle in self.obstacles):
             return None
         return ClientDistances(sms, self.obstacles, self.clearance, self.collision, guides)
 
     def touching(self, plant: SpaceManipulator) -> ClientDistances | None:
-        """Return the distances between a servicer and the client's bodies, if there are any."""
+        """Return the distances between a servicer and the client's bodies; None without bodies."""
         return ClientDistances(plant, self.bodies, self.clearance, self.collision) if self.bodies else None
 
     def brake(
         self, after: AfterCapture, torque_limit: FloatArray, client: Client | None = None, coast: float = 0.0
     ) -> Braking:
-        """Return the braking with a grasped client, with time zero now, or without a client."""
+        """Return the braking with a grasped client, whose time zero is the present, or without a client."""
         room = None if client is None or self.room is None else self.room(after.q, client.start_pose)
         return brake(after, torque_limit, self.torque_share, coast=coast, room=room)
 
     def teach(
         self, joined: AfterCapture, pose: Any, locked: Sequence[str] = ()
     ) -> tuple[Trajectory | None, str]:
-        """Return the motion of `identify` with a grasped client at a pose, or None and the reason.
+        """Return the motion of `identify` with the client at a pose (pinocchio.SE3); or None and the reason.
 
-        `locked` are the names of joints that cannot move.
+        `locked` has the names of joints that cannot move.
         """
         room = None if self.room is None else self.room(joined.q, pose)
         return teaching_motion(joined, self.identify, self.torque_share, room, locked)
 
 
 class Closing(NamedTuple):
-    """The closing of the gripper: distance [m] and angle [rad] (2,) to the grasp, relative twist (6,)."""
+    """The time [s], distance [m] and angle [rad] (2,) to the grasp, and relative twist (6,) at a closing."""
 
     time: float
     miss: FloatArray

@@ -25,7 +25,7 @@ from ffsms_pin.opt.flown import LeastClearance, least_clearance, recorded
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.simulation import Phase, Sensors, Tracking, simulate
 
-# Integration steps in a control step during a contact, because a stiff grasp is faster than an arm.
+# Integration steps in a control step with contact by default, because a stiff grasp is faster than an arm.
 _SUBSTEPS = 8
 _JUDGED = 0.02  # [s] between two evaluations of clearances
 
@@ -45,10 +45,10 @@ class Captured:
     closings : tuple of Closing
         The closings of the gripper.
     planned, expected : Prediction
-        The predictions of the first plan and of the last estimate at the contact. `expected` is None if the
+        The predictions from the first plan, and from the estimates at the contact. `expected` is None if the
         gripper has not closed on the client.
     after : AfterCapture, optional
-        The servicer and true client at the latch. None: the client was not latched.
+        The servicer with the true client right after the latch. None: the client was not latched.
     braking : Braking, optional
         The last braking. None: there was none.
     arrival : float
@@ -56,15 +56,15 @@ class Captured:
     limits : ndarray, shape (n,)
         Torque limits [N m].
     held : bool
-        True if a law holds the base's attitude.
+        True if the base is under a base law.
     spinning : ndarray, shape (3,), optional
-        Momentum of the wheels at the end, root axes [N m s].
+        Total momentum of the wheels at the end of the run, root axes [N m s].
     departure : Departure, optional
-        The motion to rest after an aborted attempt, and the subsequent closest approach.
+        The motion to rest after an abort, and the closest approach afterwards. None: there was no abort.
     measured : ClientIdentification, optional
         The measurements of servicer and latched client. None: the client was not latched.
     sensors : Sensors, optional
-        The sensors of these measurements.
+        The sensors of the servicer.
     """
 
     client: Client
@@ -90,7 +90,7 @@ class Captured:
 
     @property
     def missed(self) -> str:
-        """The reason why the client was not caught; empty if it was."""
+        """The reason why the client was not caught; empty if it was caught."""
         reasons = [phase.reason for phase in self.phases if phase.name in ("retreat", "braking", "collision")]
         return "" if self.caught else "; ".join(dict.fromkeys("; ".join(reasons).split("; ")))
 
@@ -103,18 +103,18 @@ class Captured:
 
     @property
     def latched_at(self) -> float:
-        """The time of the latch if the client was caught, else of the last braking or of the end [s]."""
+        """The time of the latch, else the start of the last braking, else the end of the run [s]."""
         times = [phase.time for phase in self.phases if phase.name == "braking"]
         return times[-1] if times else float(self.whole.t[-1])
 
     @cached_property
     def approach(self) -> Tracking:
-        """The recording up to the deadline of the plan, or to its end."""
+        """The recording up to the deadline of the plan, or up to an earlier end of the run."""
         return self.whole.between(0.0, min(self.arrival, float(self.whole.t[-1])))
 
     @cached_property
     def tracking(self) -> Tracking:
-        """The recording from `contact_at` on, two rows at least; its times are relative to `contact_at`."""
+        """The recording from `contact_at` on, with at least two rows; its times begin at zero."""
         return self.whole.between(min(self.contact_at, float(self.whole.t[-2])), float(self.whole.t[-1]))
 
     @property
@@ -125,7 +125,7 @@ class Captured:
 
     @property
     def momentum_error(self) -> float:
-        """The largest `Tracking.momentum_error`, as a share of the larger of both initial momenta."""
+        """The largest `Tracking.momentum_error`, relative to the largest initial momentum."""
         theirs = np.linalg.norm(self.client.momentum)
         ours = np.linalg.norm(self.whole.momentum[0, :3] - self.client.momentum[:3])
         largest = max(theirs, ours, np.linalg.norm(self.whole.momentum[0]))
@@ -133,7 +133,7 @@ class Captured:
 
     @cached_property
     def identified(self) -> IdentifiedClient | None:
-        """The client as identified by the measurements after the catch; None if it was not latched."""
+        """The identified mass and inertia of the client; None if the client was not latched."""
         if self.measured is None:
             return None
         impulse = self.whole.impulse[self.whole.t >= self.latched_at]
@@ -179,7 +179,7 @@ class Captured:
         numbers["momentum_linear_kg_m_per_s"] = self.after.momentum[:3].tolist()
         numbers["momentum_angular_kg_m2_per_s"] = self.after.momentum[3:].tolist()
         end = float(self.whole.t[-1]) - self.contact_at
-        total = self.tracking.momentum[0, 3:]  # wheels have all of it when they hold both bodies at rest
+        total = self.tracking.momentum[0, 3:]  # at rest the wheels have the total momentum
         wheels = self.held and self.spinning is not None
         if wheels:
             spinning = pin.XYZQUATToSE3(self.whole.q[-1, :7]).rotation @ self.spinning
@@ -225,13 +225,15 @@ def captured(
 ) -> Captured:
     """Simulate a capture of the true client in closed loop, see `StateMachine`.
 
-    `options` are keyword arguments of `simulate`; `progress` is called with the completed share of the work.
+    `options` has keyword arguments of `simulate`; `progress` is called with the completed share, 0 to 1.
     """
     plan, options, sms = mission.plan, dict(options), mission.model
     conditions = options["conditions"]
     spun = plan.wheel_momentum[-1] if plan.wheel_momentum.size else conditions.wheel_momentum
     planned = mission.predict(plan.q[-1], plan.v[-1], plan.duration, spun)
-    shown = plan.duration + max(mission.handling.after, mission.handling.identify)  # of most runs
+    shown = plan.duration + max(
+        mission.handling.after, mission.handling.identify
+    )  # [s] duration of most runs
     if mission.base_law is not None:
         options["base_controller"] = mission
     report = progress and (lambda share: progress(min(1.0, share * mission.duration / shown)))

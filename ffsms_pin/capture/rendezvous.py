@@ -1,4 +1,4 @@
-"""The rendezvous of a capture: the client, its estimate, the plan and the reference up to the contact."""
+"""The motion of a capture up to the contact: the client's first estimate, the plan and the reference."""
 
 from __future__ import annotations
 
@@ -29,12 +29,13 @@ from ffsms_pin.simulation.held import Held
 
 @dataclass(frozen=True, eq=False)
 class Rendezvous:
-    """A rendezvous of a servicer with a client, see `fly` for the options.
+    """The planning of a servicer's motion to a client; the attributes are arguments of `fly`.
 
     Attributes
     ----------
     sms : SpaceManipulator
     q0 : array_like, shape (nq,)
+        Initial configuration.
     goal : opt.Meet
         The goal with the true client.
     duration : float
@@ -60,8 +61,8 @@ class Rendezvous:
         checks.instance("sms", self.sms, SpaceManipulator)
         checks.set_frozen(self, q0=self.sms.checked_configuration("q0", self.q0))
         if not isinstance(self.goal, opt.Meet):
-            message = "must be opt.Meet(client, grasp): a capture meets the grasp of a client"
-            advice = "" if isinstance(self.goal, Client) else "; opt.plan plans to a place without one"
+            message = "must be opt.Meet(client, grasp)"
+            advice = "" if isinstance(self.goal, Client) else "; opt.plan plans motions to other goals"
             raise InvalidValue("goal", self.goal, message + advice)
         if not isinstance(self.goal.client, Client):
             message = "must be the true ffsms_pin.Client; its estimate is set by camera= and belief="
@@ -73,7 +74,7 @@ class Rendezvous:
         checks.instance("grip", self.grip, Grip, optional=True)
         checks.instance("guide", self.guide, (Nozzle, Ring), optional=True)
         if self.belief is not None and self.camera is None:
-            message = "requires a camera: add camera=capture.Camera(); else the client's state is known"
+            message = "requires a camera: add camera=capture.Camera()"
             raise InvalidValue("belief", self.belief, message)
         for obstacle in self.given_obstacles:
             if obstacle.moves and obstacle.on is not self.goal.client:
@@ -84,23 +85,23 @@ class Rendezvous:
 
     @cached_property
     def scene(self) -> Scene | None:
-        """The guide at the grasp, if there is one."""
+        """The contact scene of the nozzle or ring at the grasp; None without a guide."""
         return None if self.guide is None else self.guide.scene(self.goal.grasp)
 
     @cached_property
     def client(self) -> Client:
-        """The true client, with the shapes of the guide."""
-        assert isinstance(self.goal.client, Client)  # checked at the start
+        """The true client, with the shapes of a guide."""
+        assert isinstance(self.goal.client, Client)  # checked in __post_init__
         return _with_guide(self.goal.client, self.scene)
 
     @property
     def meet(self) -> opt.Meet:
-        """The goal with the true client and its guide."""
+        """The goal with the true client, including the shapes of a guide."""
         return replace(self.goal, client=self.client)
 
     @property
     def clearance(self) -> opt.Clearance:
-        """The clearance limit, without obstacles if the plan has no such limit."""
+        """The clearance limit of the plan; the default without obstacles if the plan has none."""
         return next((limit for limit in self._limits if isinstance(limit, opt.Clearance)), opt.Clearance())
 
     @cached_property
@@ -110,14 +111,14 @@ class Rendezvous:
 
     @cached_property
     def given_obstacles(self) -> tuple[opt.Obstacle, ...]:
-        """The obstacles of the clearance limit and of the planning options, each with a name."""
+        """The obstacles of the clearance limit and of the planning options; unnamed ones get names."""
         limit = self.clearance
         return tuple(
             replace(limit, obstacles=[*limit.obstacles, *self.planning.obstacles], _stacks=()).obstacles
         )
 
     def obstacles(self, client: Any) -> list[opt.Obstacle]:
-        """Return the obstacles, the guide included; those on the client are placed on `client`."""
+        """Return the obstacles, including a guide; those on the client are placed on `client`."""
         return _guided(rebound(self.given_obstacles, client), self.guide, self.scene, client)
 
     def bodies(self) -> list[opt.Obstacle]:
@@ -128,7 +129,8 @@ class Rendezvous:
     def first_estimate(self) -> Client | ClientEstimate:
         """Return the known or estimated client at the start of the motion.
 
-        With a camera it is the first measurement, with latency and noise; without one the true client.
+        With a camera it is estimated from a first measurement with latency and noise; without a camera it is
+        the true client.
         """
         if self.camera is None:
             return self.client
@@ -145,11 +147,11 @@ class Rendezvous:
         Parameters
         ----------
         q0 : ndarray, shape (nq,), optional
-            The configuration at the start of the plan. Default: that of the capture.
+            The configuration at the start of the plan. Default: the attribute `q0`.
         client : Client or ClientEstimate, optional
             The known or estimated client, with the start as its time zero. Default: `first_estimate`.
         dt : float, optional
-            Step [s]. Default: that of the plan.
+            Time step [s]. Default: that of the planning options.
         """
         client = self.first_estimate() if client is None else client
         planning, coast = self.planning, 0.0 if self.grip is None else self.grip.time
@@ -183,7 +185,7 @@ class Rendezvous:
         return plan_problem(self.problem(), "horizon", self.planning.search or opt.SearchOptions())
 
     def replanning(self, plan: opt.Trajectory | None = None, replan: Replan | None = None) -> opt.Replanning:
-        """Return a reference that re-plans from the measured state, with a camera to the measured client."""
+        """Return a reference that re-plans from the measured state, and to the measured client."""
         replan = Replan() if replan is None else replan
         known = self.first_estimate()
         problem = replannable(self.problem(client=known, dt=replan.dt), plan)
@@ -203,12 +205,12 @@ class Rendezvous:
         return grasp_at(self.meet)
 
     def known(self, reference: Reference) -> Client | ClientEstimate:
-        """Return the client, or its estimate if a reference updates one by a camera."""
+        """Return the estimate that a reference updates by camera measurements, or else `first_estimate`."""
         return reference.estimate if isinstance(reference, VisualReplanning) else self.first_estimate()
 
 
 def first_estimate(client: Client, camera: Camera, belief: Belief | None = None) -> ClientEstimate:
-    """Return a client as first measured, with latency and noise, at the start of a motion."""
+    """Return the estimate of a client from a first measurement with latency and noise, before a motion."""
     belief = Belief() if belief is None else belief
     mass = client.mass if belief.mass is None else belief.mass
     body = Client(mass, client.inertia if belief.inertia is None else belief.inertia)
@@ -220,15 +222,15 @@ def _with_guide(client: Client, scene: Scene | None) -> Client:
     """Return the client with the additional shapes of a nozzle or ring."""
     if scene is None:
         return client
-    made = copy(client)
-    checks.set_frozen(made, shapes=placed_shapes("shapes", [*client.shapes, *scene.shapes]))
-    return made
+    guided = copy(client)
+    checks.set_frozen(guided, shapes=placed_shapes("shapes", [*client.shapes, *scene.shapes]))
+    return guided
 
 
 def _guided(
     obstacles: Sequence[opt.Obstacle], guide: Nozzle | Ring | None, scene: Scene | None, client: Any
 ) -> list[opt.Obstacle]:
-    """Return obstacles with a guide on a client: the hull for most bodies, the pieces for the tool."""
+    """Return obstacles and a guide on a client: the guide's hull, and its pieces for the end effector."""
     if guide is None or scene is None or client is None:
         return list(obstacles)
     whole = opt.Obstacle(scene.hull, on=client, name=guide.name, grasp=scene.grasp)
@@ -242,7 +244,7 @@ def _guided(
 def _touched(
     bodies: Sequence[opt.Obstacle], guide: Nozzle | Ring | None, scene: Scene | None, client: Client
 ) -> list[opt.Obstacle]:
-    """Return the bodies of a client, if any, with the true pieces of its guide."""
+    """Return the bodies of a client and the exact pieces of its guide; no pieces without bodies."""
     if guide is None or scene is None or not bodies:
         return list(bodies)
     pieces = [

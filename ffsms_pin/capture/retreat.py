@@ -1,4 +1,4 @@
-"""The retreat from a grasp: straight motions out of the corridor, planned motions, failure reasons."""
+"""The retreat from a grasp by straight or planned motions, and the reasons of failed plans."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ from ffsms_pin.robot import SpaceManipulator
 
 _RETURN = 1.0  # [1/s] rate at which position errors are corrected and self-motions decay
 _DAMPING = 0.05  # [1] damping of changes of the rates near a singularity (Wampler 1986)
-_RUBS = 0.05  # [m] tolerated violation of a clearance if no better retreat is available
-_OVERLAP = 1e-3  # [m] overlap at which a plan is not flown
+_RUBS = 0.05  # [m] tolerated violation of the clearance from a guide if no other retreat is possible
+_OVERLAP = 1e-3  # [m] overlap of bodies above which a plan is not flown
 _SHORT = 0.01  # [m] tolerated shortfall of a retreat, in addition to a tenth of its length
-_STOP = 2.0  # [s] in which a retreat stops the initial velocity relative to the client
+_STOP = 2.0  # [s] time in which the initial velocity relative to the client decays to zero
 _TURNING = (1.0, 0), (1.0, 2), (0.03, 0)  # alternatives for the rotation, see `_straight`
 
 # A plan, or None and the reason for the failure.
@@ -32,7 +32,7 @@ Planned = tuple[Trajectory | None, str]
 
 
 def in_collision(plan: Trajectory, sms: SpaceManipulator) -> str:
-    """Return a text of the bodies that overlap in a plan; empty if none do."""
+    """Return a text of the bodies that overlap in a plan; empty if there are none."""
     if "clearance" not in plan.broken or plan.problem is None:
         return ""
     least = least_clearance(plan.problem, sms, plan.problem.motion(plan.joint_rates, plan.dt))
@@ -45,18 +45,18 @@ def why_no_plan(plan: Trajectory) -> str:
     """Return the reason why a plan to a grasp does not arrive, in one sentence."""
     off, parts = float(plan.position_error[-1]), plan.note.split("; ")
     if any(part.startswith("binding: the workspace") for part in parts):
-        return f"the grasp is out of the workspace then, {off:.3g} m away at best"
+        return f"the grasp is out of the workspace at the deadline, {off:.3g} m away at best"
     blocked = [part for part in parts if part.startswith(("a clearance is", "blocked by"))]
     if blocked:
-        return f"the way there is not free ({blocked[0]})"
+        return f"no motion to the grasp keeps clear of obstacles ({blocked[0]})"
     for part in parts:
         if part.startswith("at contact the grasp is missed by"):
-            return f"the plan there ends beside the grasp ({part.removeprefix('at contact the grasp is ')})"
-    return f"the plan there misses the grasp by {1e3 * off:.3g} mm"
+            return f"the plan ends beside the grasp ({part.removeprefix('at contact the grasp is ')})"
+    return f"the plan misses the grasp by {1e3 * off:.3g} mm"
 
 
 def refusal(error: FfsmsError) -> str:
-    """Return the reason of a refused plan in one sentence, without values of arguments."""
+    """Return the reason why planning raised an error, in one sentence without the arguments' values."""
     message = str(error)
     if isinstance(error, InvalidScenario):
         message = message.removeprefix(f"scenario {error.source}: ").partition(", got ")[0]
@@ -66,30 +66,34 @@ def refusal(error: FfsmsError) -> str:
     return message
 
 
-def moved_away(problem: Problem, *ways: FloatArray) -> Planned:
-    """Plan a retreat from the start of a problem by the first feasible of `ways` (3,) [m], grasp axes.
+def moved_away(problem: Problem, *displacements: FloatArray) -> Planned:
+    """Plan a retreat by the first feasible of `displacements` (3,) [m], grasp axes.
 
-    Straight motions are tried first, because a probe leaves a nozzle straight. The end effector turns with
-    the client, its rotation is ramped down, or it hardly turns; each motion is tried in the full time and in
-    shorter times. If none satisfies the limits, a motion along the first of `ways` is planned. The last
-    resort is a straight motion that violates only the clearance, by so little that the walls of the guide
-    lead it out.
+    Straight motions are tried first, because a probe must leave a nozzle straight. The end effector turns
+    with the client, its rotation is ramped down, or it hardly turns; each motion is tried in the full time of
+    the problem and in shorter times. If all violate limits, a motion by the first displacement is planned.
+    The last resort is a straight motion that only violates the clearance from the guide, by less than 50 mm.
     """
     goal, trouble = problem.goal, ""
     assert isinstance(goal, Meet)
     held = (goal.client.pose(0.0) * goal.grasp).actInv(problem.sms.at(problem.q0).end_effector_pose)
-    away = [
-        replace(goal, grasp=goal.grasp * pin.SE3(np.eye(3), held.translation + way), standoff=0.0, coast=None)
-        for way in ways
+    goals = [
+        replace(
+            goal,
+            grasp=goal.grasp * pin.SE3(np.eye(3), held.translation + displacement),
+            standoff=0.0,
+            coast=None,
+        )
+        for displacement in displacements
     ]
     beside: list[tuple[float, Trajectory]] = []
     hasty: list[Trajectory] = []  # motions after which a joint cannot brake before its position limit
-    for cut, (way, to), turning, share in product(
-        (False, True), zip(ways, away, strict=True), _TURNING, (1.0, 0.6, 0.4)
+    for cut, (displacement, to), turning, share in product(
+        (False, True), zip(displacements, goals, strict=True), _TURNING, (1.0, 0.6, 0.4)
     ):
         duration = max(2, round(share * problem.steps)) * problem.dt
         quick = replace(problem, goal=to, duration=duration)
-        plan, worse = _straight(quick, goal.client, goal.grasp.rotation @ way, turning, cut)
+        plan, worse = _straight(quick, goal.client, goal.grasp.rotation @ displacement, turning, cut)
         if not worse and _can_stop(plan):
             return plan, ""
         if not worse:
@@ -97,27 +101,27 @@ def moved_away(problem: Problem, *ways: FloatArray) -> Planned:
             continue
         if worse == ["clearance"] and _only_rubs(quick, plan):
             beside.append((plan.broken["clearance"], plan))
-        trouble = trouble or f"straight it violates limits ({', '.join(worse)})"
-    plan = plan_problem(replace(problem, goal=away[0]))
+        trouble = trouble or f"a straight motion violates limits ({', '.join(worse)})"
+    plan = plan_problem(replace(problem, goal=goals[0]))
     if plan.reached and (_can_stop(plan) or not hasty):
         return plan, ""
     if hasty:
         return hasty[0], ""
     if beside and min(beside, key=itemgetter(0))[0] < _RUBS:
         return min(beside, key=itemgetter(0))[1], ""
-    return None, f"{trouble}, and otherwise {why_no_plan(plan)}"
+    return None, f"{trouble}, and in a planned motion {why_no_plan(plan)}"
 
 
 def _can_stop(plan: Trajectory) -> bool:
-    """Return whether all joints can brake before their position limits after a motion, as `brake` does."""
+    """Return whether `brake` can stop all joints before their position limits after a motion."""
     assert plan.problem is not None
     limits, joints, rates = plan.problem.sms.limits, plan.joint_positions[-1], plan.joint_rates[-1]
-    room = np.where(rates > 0.0, limits.upper - joints, joints - limits.lower)
-    return bool((0.75 * rates**2 / limits.acceleration <= room).all())
+    slack = np.where(rates > 0.0, limits.upper - joints, joints - limits.lower)
+    return bool((0.75 * rates**2 / limits.acceleration <= slack).all())
 
 
 def _only_rubs(problem: Problem, plan: Trajectory) -> bool:
-    """Return whether a motion keeps clear of all bodies except the pieces that guide it out of the grasp."""
+    """Return whether a motion keeps clear of all bodies except the pieces of the guide at the grasp."""
     others = [
         replace(
             limit,
@@ -136,11 +140,11 @@ def _only_rubs(problem: Problem, plan: Trajectory) -> bool:
 def _straight(
     problem: Problem,
     client: FreeBody,
-    way: FloatArray,
+    displacement: FloatArray,
     turning: tuple[float, int],
     cut: bool = False,
 ) -> tuple[Trajectory, list[str]]:
-    """Move the end effector straight by `way` (3,) [m], client axes, and turn it with the client.
+    """Move the end effector straight by `displacement` (3,) [m], client axes, and turn it with the client.
 
     The motion is resolved-rate control (Umetani and Yoshida 1989) from the initial joint rates. The initial
     velocity relative to the client decays.
@@ -148,11 +152,11 @@ def _straight(
     Parameters
     ----------
     turning : tuple
-        Weight of the rotation relative to the displacement [m/rad], and the power of the remaining share of
-        the displacement with which that weight fades.
+        The weight of the rotation relative to the displacement [m/rad], and an exponent: the weight decreases
+        as this power of the remaining share of the displacement.
     cut : bool
-        True if rates and accelerations are clipped at the joints' limits. Later steps compensate the
-        clipping; a motion that ends short counts as a violation.
+        True if rates and accelerations are clipped at the joint limits. Later steps compensate the clipping.
+        A motion that ends short of the displacement counts as a violation.
 
     Returns
     -------
@@ -167,13 +171,13 @@ def _straight(
     past = start.end_effector_twist - carried(client.pose(0.0), client.twist(0.0), held)[1]
     drift, spin = past.reshape(2, 3) @ client.pose(0.0).rotation
 
-    def gone(t: float) -> float:
+    def share(t: float) -> float:
         s = min(t / problem.duration, 1.0)
         return (3.0 - 2.0 * s) * s * s
 
-    def wanted(t: float) -> pin.SE3:
+    def desired(t: float) -> pin.SE3:
         on = t * max(0.0, 1.0 - t / _STOP) ** 2
-        place = held.translation + gone(t) * way + on * drift
+        place = held.translation + share(t) * displacement + on * drift
         return client.pose(t) * pin.SE3(pin.exp3(on * spin) @ held.rotation, place)
 
     def between(there: pin.SE3, here: pin.SE3) -> FloatArray:
@@ -182,9 +186,9 @@ def _straight(
     for k in range(1, problem.steps + 1):
         q = pin.integrate(sms.model, q, dt * sms.velocity(q, rates, problem.momentum))
         state = sms.at(q, sms.velocity(q, np.zeros(sms.n), problem.momentum))
-        before, here, after = (wanted((k + i) * dt) for i in (-0.5, 0.0, 0.5))
+        before, here, after = (desired((k + i) * dt) for i in (-0.5, 0.0, 0.5))
         twist = between(after, before) / dt + _RETURN * between(here, state.end_effector_pose)
-        weights = np.repeat([1.0, turning[0] * (1.0 - gone(k * dt)) ** turning[1]], 3)
+        weights = np.repeat([1.0, turning[0] * (1.0 - share(k * dt)) ** turning[1]], 3)
         J, rates = weights[:, None] * state.J_star[:, free], rates * free * np.exp(-_RETURN * dt)
         lack = weights * (twist - state.end_effector_twist) - J @ rates[free]
         rates[free] += J.T @ np.linalg.solve(J @ J.T + _DAMPING**2 * np.eye(6), lack)
@@ -197,7 +201,7 @@ def _straight(
     first = measure(replace(problem, duration=2.0 * dt), np.tile(rows[0], (3, 1))).broken
     worse = [name for name, amount in plan.broken.items() if amount > 1.001 * first.get(name, 0.0)]
     end = sms.at(plan.q[-1]).end_effector_pose.translation
-    short = float(np.linalg.norm(end - wanted(problem.duration).translation))
-    if cut and "joints" not in worse and short > _SHORT + 0.1 * float(np.linalg.norm(way)):
+    short = float(np.linalg.norm(end - desired(problem.duration).translation))
+    if cut and "joints" not in worse and short > _SHORT + 0.1 * float(np.linalg.norm(displacement)):
         worse.append("joints")
     return plan, worse

@@ -5,11 +5,11 @@
     any of the first three -> retreat -> approach (another attempt), or braking -> rest
     any -> collision, if bodies touch whose contact the simulation does not model: the run ends
 
-The go or no-go decision falls at the hold point, where the corridor to the grasp begins. The client must be
-known accurately enough (`GoLimits`), the plan must still arrive without collision, the grip must bear the
-contact, and braking must be within the joints' torques and without collision. The limits of the uncertainty
-hold until the contact, and the end effector must stay in its corridor; otherwise the attempt is aborted. At
-the deadline the gripper closes, and grasps the client if the errors are inside its envelope. After an abort
+The go or no-go decision is made at the hold point, where the corridor to the grasp begins. For a go, the
+uncertainty of the client must be within `GoLimits`, the plan must arrive without collision, the grip must
+bear the contact, and braking must be possible within the torque limits and without collision. Until the
+contact, the attempt is aborted if the uncertainty exceeds its limits or the end effector leaves the corridor.
+At the deadline the gripper closes; it grasps the client if the errors are inside the envelope. After an abort
 the arm comes to rest where servicer and client keep clear of each other (`departure`).
 """
 
@@ -55,18 +55,18 @@ Laws = Callable[[SpaceManipulator], tuple[JointLaw, BaseLaw | None]]
 Again = Callable[..., Problem]
 
 _LOOK_BACK = 1.0  # [s] over which the momentum is averaged before another plan
-_LONGEST_BRAKING = 160.0  # [s] `departure` takes motions of up to two minutes, times a last factor
-_LEAST_CLOSING = 1.0  # [s] latest decision before the deadline, because a gripper has to open, too
-_LOOK = 0.2  # [s] between two checks of uncertainty and end effector in the corridor
+_LONGEST_BRAKING = 160.0  # [s] upper bound; the motions of `departure` take up to two minutes
+_LEAST_CLOSING = 1.0  # [s] from the latest go decision to the deadline, in which a gripper can open
+_LOOK = 0.2  # [s] between two checks of the uncertainty and of the corridor
 _AHEAD, _PATH = 3.0, 0.5  # [s] span of the collision check ahead, and time between two checks
-_COARSE, _FINE = 0.25, 0.05  # [s] time steps ahead, for distances and for the final state
-_LOST = 0.5  # [s] for which a miss may be predicted before an abort: re-planning corrects most of them
-_MOVED = 0.01  # [m] least displacement of a grasp that a reason mentions
-_DARK = 1.0  # [s] without a measurement after which a camera is called dark
-_KNOCK, _KNOCKED = 1.0, 3.0  # [s] after a contact, and shares of rate limits: its impulse explains these
+_COARSE, _FINE = 0.25, 0.05  # [s] time steps of predicted motions, for distances and for the final state
+_LOST = 0.5  # [s] for which a miss may be predicted before an abort, because re-planning corrects most
+_MOVED = 0.01  # [m] least displacement of a grasp that is part of a reason
+_DARK = 1.0  # [s] without a measurement, after which a displacement is attributed to the camera
+_KNOCK, _KNOCKED = 1.0, 3.0  # [s] time after a contact, and factor on rate limits, that its impulse explains
 LATCHED = "both are one body"  # the reason of the braking after a latch
-TOUCH = 1e-4  # [m] of overlap at which bodies touch
-_FASTEST = 0.5  # [m/s] largest speed of an end effector at the corridor
+TOUCH = 1e-4  # [m] overlap above which bodies touch
+_FASTEST = 0.5  # [m/s] largest speed of an end effector towards the corridor
 _TURNS = "floating", "translation-flying"  # modes in which the base's attitude is free
 
 
@@ -82,11 +82,11 @@ class StateMachine(Observer, Supervisor):
     """The state machine of a capture in `simulate`, which sets reference, laws and supervision by its state.
 
     The simulated `plant` and the true client decide whether the gripper is inside its envelope and whether
-    bodies collide. All other decisions follow from measurements and from the client of the goal `meet`: an
-    estimate that is updated, or the client itself. Up to the contact the arm follows a `reference`, the plan
+    bodies collide. All other decisions use measurements and the client of the goal `meet`, which is an
+    estimate or, without a camera, the true client. Up to the contact the arm follows a `reference`, the plan
     or a `Replanning`. After the latch, control and braking use the model of the servicer joined with the
     estimated client. `step` is the control step [s]. `again` returns the planning problem of another attempt;
-    without it there is one attempt.
+    without `again` there is one attempt.
 
     `phases` are the states so far, `closings` the closings of the gripper, `after` the servicer and true
     client at the latch, `expected` the prediction at the contact, `model` the robot of the laws, `braking`
@@ -124,14 +124,14 @@ class StateMachine(Observer, Supervisor):
         self.phases = [Phase(0.0, "approach", f"attempt 1 of {handling.attempts}")]
         self._deadline, self._outside = plan.duration, False
         self._look = self._path = 0.0  # [s] of the next checks of uncertainty and of the motion ahead
-        self._lost: float | None = None  # [s] since when a miss is predicted
+        self._lost: float | None = None  # [s] time since which a miss is predicted
         self._dark = 0.0  # [s] the largest age of the estimate since the go decision
         self._promised: Any = None  # the pose of the grasp at the deadline, as estimated at the go decision
         self._closeness, self._true = handling.closeness(sms), handling.touching(plant)
         self._away = handling.closeness(sms, guides=True)  # outside the corridor no contact is permitted
         self._near = 0.0  # [s] of the next evaluation of the true distance
         self._felt = -math.inf  # [s] of the last contact
-        # True if the base drifts, and if it turns, by its momentum; a law may hold either.
+        # True if the base drifts by its momentum, and true if it turns; false if a base law prevents this.
         planner = self._replanning
         self.momentum = plan.momentum if planner is None else planner.momentum
         self.base_mode = mode = plan.mode if planner is None else planner.base_mode
@@ -152,7 +152,7 @@ class StateMachine(Observer, Supervisor):
     # The interface of a reference, and of the laws.
 
     def observe(self, t: float, q: FloatArray, v: FloatArray) -> None:
-        """Process the measured state, and forward it."""
+        """Store the measured state, and pass it to the law and the reference."""
         self._seen = q, v
         self.law.observe(t, q, v)
         if self.state in ("closing", "retreat") and self.base_law is None:
@@ -163,38 +163,38 @@ class StateMachine(Observer, Supervisor):
             self._visual.look(t, q, v)
 
     def observe_sensors(self, t: float, q: FloatArray, v: FloatArray) -> None:
-        """Process the measurements that identify the latched client, and forward them."""
+        """Pass the unfiltered measurements to the law and the identification of the client."""
         self.law.observe_sensors(t, q, v)
         if self.identification is not None and self.after is not None:
             self.identification.add(t, q, v, self._wheels)
 
     def expect_noise(self, distance: float) -> None:
-        """Forward the noise of the end effector's position."""
+        """Pass the noise of the end effector's position [m] to the law and the reference."""
         self.law.expect_noise(distance)
         if self._replanning is not None:
             self._replanning.expect_noise(distance)
 
     def observe_wheels(self, momentum: FloatArray) -> None:
-        """Store the wheels' momenta, and forward them."""
+        """Store the wheels' momenta (w,) [N m s], and pass them to the law and the reference."""
         self._wheels = momentum.copy()
         self.law.observe_wheels(momentum)
         if self._replanning is not None and self._follow is self._replanning:
             self._replanning.observe_wheels(momentum)
 
     def joint_failed(self, joint: int, locked: bool) -> None:
-        """Forward the failure of a joint, and plan without the joint from now on."""
+        """Pass the fault of a joint to law and reference; later plans do not move the joint."""
         self._failed[self._sms.joint_names[joint]] = locked
         self.law.joint_failed(joint, locked)
         if self._replanning is not None:
             self._replanning.joint_failed(joint, locked)
 
     def sample(self, t: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return joint positions, rates and accelerations, each (n,)."""
+        """Return the desired joint positions, rates and accelerations, each (n,), at t [s]."""
         self._wanted = self._follow.sample(t - self._begin)
         return self._wanted
 
     def reset(self, dt: float) -> None:
-        """Reset the laws before a run, and when they are created again."""
+        """Reset the laws for control steps of dt [s], before a run and after a latch."""
         self.law.reset(dt)
         for name, locked in self._failed.items():
             self.law.joint_failed(self._sms.joint_names.index(name), locked)
@@ -202,7 +202,7 @@ class StateMachine(Observer, Supervisor):
             self.base_law.reset(dt)
 
     def observe_wrench(self, t: float, wrench: FloatArray) -> None:
-        """Forward the wrist's measurement; zero if the law's model includes a latched client."""
+        """Pass the measured wrench (6,) to the law; zero if the law's model includes a latched client."""
         felt = wrench if self.model is self._sms else np.zeros(6)
         self.law.observe_wrench(t, felt)
 
@@ -210,7 +210,7 @@ class StateMachine(Observer, Supervisor):
         self, q: FloatArray, v: FloatArray, q_d: FloatArray, qd_d: FloatArray, qdd_d: FloatArray
     ) -> FloatArray:
         """Return the joint torques (n,)."""
-        if self._impact is not None:  # v was measured before the latch
+        if self._impact is not None:  # the measured v is older than the latch
             v, self._impact = self._impact, None
         return self.law.torque(q, v, q_d, qd_d, qdd_d)
 
@@ -237,7 +237,7 @@ class StateMachine(Observer, Supervisor):
         return self.phases[-1].name
 
     def decide(self, now: Instant) -> Sequence[Event]:
-        """Return the events at this instant, and switch the state if it ends."""
+        """Return the events at this instant, and change to the next state at the end of the present one."""
         self.after = now.joined
         if now.wrench.any():
             self._felt = now.t
@@ -271,9 +271,9 @@ class StateMachine(Observer, Supervisor):
     def guard_tripped(self, now: Instant, trip: Trip) -> Sequence[Event]:
         """Return the reaction to a guard: joints brake, and the gripper opens unless the client is latched.
 
-        If the contact force is too large, the arm retreats instead, under its own law. If a contact has
-        accelerated a joint beyond its rate limit, to less than three times the limit, the law brakes the
-        joint, because drives cannot bear an impact.
+        If the contact force is too large, the arm retreats instead, under the present law. If a contact has
+        accelerated a joint beyond its rate limit, but to less than three times the limit, the law brakes the
+        joint without another reaction, because drives cannot resist an impact.
         """
         if trip.guard == "rate_margin" and self._knocked(now):
             return ()
@@ -297,7 +297,7 @@ class StateMachine(Observer, Supervisor):
         if not self._at_corridor(now):
             reason = self._touched_ahead(now, _AHEAD)
             return self._back(now, reason) if reason else None
-        if self._follow is not self._reference:  # from the hold point on with the present estimate
+        if self._follow is not self._reference:  # plan again from the hold point, with the present estimate
             plan, _ = self._planned(now, self._deadline - now.t)
             if plan is not None:
                 self._follow_from(now.t, plan)
@@ -310,13 +310,13 @@ class StateMachine(Observer, Supervisor):
         return Transition("closing", "go: the plan arrives")
 
     def _at_corridor(self, now: Instant) -> bool:
-        """Return whether the end effector reaches the corridor, or the decision is due at the latest."""
+        """Return whether the end effector enters the corridor, or the go decision must be made now."""
         if now.t >= self._deadline - _LEAST_CLOSING - 1e-9:
             return True
         if now.t < self._look - 1e-9:
             return False
         left = float(np.linalg.norm(self._off(now))) - self._meet.standoff
-        # A motion may pass the edge of the mouth at that distance before it enters.
+        # A motion may enter beside the edge of the mouth, by up to the distance of the envelope.
         inside = left <= 0.0 and self._beside_corridor(now) <= self.handling.envelope.distance
         entered, self._outside = self._outside and inside, self._outside or not inside
         self._look = now.t + min(max(left, 0.0) / _FASTEST, _LOOK)
@@ -331,11 +331,11 @@ class StateMachine(Observer, Supervisor):
         lacks = handling.go.lacks(meet, now.t, t, handling.envelope, self._visual is not None)
         if lacks := lacks or go_no_go(self._sms, meet, t, handling.envelope, expected, prediction):
             return lacks
-        self._path = now.t  # regardless of the last check
+        self._path = now.t  # check the path now, regardless of the last check
         return self._touched_ahead(now, t - now.t) or self._foreseen_contact(now, t - now.t)
 
     def _foreseen_contact(self, now: Instant, span: float) -> str:
-        """Return a text of attitude and velocities predicted outside the envelope at the contact."""
+        """Return a text of predicted attitude and velocity errors outside the envelope at the contact."""
         times, q, rates = self._ahead(now, span, _FINE)
         robot = self._learnt_robot
         momentum = centroidal(robot, *self._seen).momentum * np.repeat(self._drifts, 3)
@@ -343,7 +343,7 @@ class StateMachine(Observer, Supervisor):
         client, t = self._meet.client, now.t + float(times[-1])
         grasp = carried(client.pose(t), client.twist(t), self._meet.grasp)
         off = apart(robot, q[-1], v, *grasp)
-        miss = np.array([0.0, np.linalg.norm(off[3:6])])  # the distance: `_foreseen_miss`
+        miss = np.array([0.0, np.linalg.norm(off[3:6])])  # `go_no_go` checks the distance
         return self.handling.envelope.outside(miss, -off[6:], foreseen=True)
 
     def _ahead(self, now: Instant, span: float, step: float) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -371,24 +371,24 @@ class StateMachine(Observer, Supervisor):
         beside, most = self._beside_corridor(now), handling.envelope.distance
         if meet.standoff > 0.0 and beside > most:
             reason = (
-                f"the end effector is {1e3 * beside:.3g} mm beside its corridor, {1e3 * most:.3g} at most"
+                f"the end effector is {1e3 * beside:.3g} mm beside its corridor, {1e3 * most:.3g} mm at most"
             )
             return self._with_the_move(reason)
         miss = self._foreseen_miss()
         self._lost = None if miss <= most else now.t if self._lost is None else self._lost
         if self._lost is not None and now.t >= self._lost + _LOST - 1e-9:
-            return self._with_the_move(f"the grasp would be missed by {miss:.3g} m, {most:g} at most")
+            return self._with_the_move(f"the grasp would be missed by {miss:.3g} m, {most:g} m at most")
         return self._touched_ahead(now, min(_AHEAD, self._deadline - now.t))
 
     def _beside_corridor(self, now: Instant) -> float:
-        """Return how far the end effector is outside the cone of the corridor [m], negative inside."""
+        """Return the distance [m] of the end effector from the corridor's cone, negative inside."""
         meet, off = self._meet, self._off(now)
         before = float(-off @ np.array(meet.axis))
         beside = float(np.linalg.norm(off + before * np.array(meet.axis)))
         return beside * math.cos(meet.half_angle) - before * math.sin(meet.half_angle) - meet.tolerance
 
     def _foreseen_miss(self) -> float:
-        """Return the predicted position error at the grasp of the followed motion [m]."""
+        """Return the predicted position error of the followed motion at the contact [m]."""
         if isinstance(self._follow, Replanning):
             return float(self._follow.expected_miss)
         there = self._meet.client.pose(self._deadline) * self._meet.grasp
@@ -404,16 +404,16 @@ class StateMachine(Observer, Supervisor):
         moved = float(np.linalg.norm(there.translation - self._promised.translation))
         if moved < max(_MOVED, 0.5 * self.handling.envelope.distance):
             return ""
-        when = "while the camera was dark" if self._dark > _DARK else "since the go decision"
+        when = "since an interruption of the measurements" if self._dark > _DARK else "since the go decision"
         return f"the grasp moved {moved:.2g} m {when}"
 
     def _with_the_move(self, reason: str) -> str:
-        """Return a reason, preceded by the grasp's displacement that causes it, if there was one."""
+        """Return a reason, preceded by the displacement of the grasp if the grasp moved."""
         moved = self._grasp_moved()
         return f"{moved}; {reason}" if moved else reason
 
     def _touched_ahead(self, now: Instant, span: float) -> str:
-        """Return a text of a predicted touch of the client by the motion ahead; empty if there is none."""
+        """Return a text of the predicted touch of the client within `span` [s]; empty if there is none."""
         closeness = self._away if self.state == "approach" and span <= _AHEAD else self._closeness
         if closeness is None or now.t < self._path - 1e-9 or span <= 0.0:
             return ""
@@ -427,12 +427,12 @@ class StateMachine(Observer, Supervisor):
         return f"the motion ahead touches the client after {times[k]:.2g} s ({pair})"
 
     def _collision(self, now: Instant) -> str:
-        """Return a text of the bodies of servicer and client that touch, empty if none do."""
+        """Return a text of the bodies of servicer and client that touch; empty if there are none."""
         if self._true is None or now.t < self._near - 1e-9:
             return ""
         distance, pair = self._true.at(now.q, now.client_pose, now.joined is not None)
         if distance < -TOUCH:
-            return f"{pair} touch; the simulation has no contact between them and ends"
+            return f"{pair} touch; the simulation ends, because it models no contact between them"
         soon = 0.5 * distance / max(self._true.closing_speed(now.v, now.client_twist), 1e-6)
         self._near = now.t + min(soon, _LOOK)
         return ""
@@ -527,7 +527,7 @@ class StateMachine(Observer, Supervisor):
 
     @property
     def _learnt_robot(self) -> SpaceManipulator:
-        """The servicer with the masses as estimated so far."""
+        """The servicer with the masses that re-planning has estimated."""
         return self._sms if self._replanning is None else self._replanning.robot
 
     # Shared by the states.
@@ -535,7 +535,7 @@ class StateMachine(Observer, Supervisor):
     def predict(
         self, q: FloatArray, v: FloatArray, t: float, wheels: FloatArray | None, arrives: bool = False
     ) -> Prediction:
-        """Return the prediction of a contact at a time t [s] from the current estimates."""
+        """Return the prediction of a contact at t [s] from the present estimates; see `predicted`."""
         meet, handling, limit = self._meet, self.handling, self.law.torque_limit
         robot, others = handling.masses.robots(
             self._sms, None if self._replanning is None else self._replanning.shown
@@ -555,17 +555,17 @@ class StateMachine(Observer, Supervisor):
     def _known_momentum(
         self, robot: SpaceManipulator, others: Sequence[SpaceManipulator], q: FloatArray, v: FloatArray
     ) -> FloatArray | None:
-        """Return the initial momentum (6,) of the servicer, if it floats and its momentum is unchanged.
+        """Return the servicer's initial momentum (6,) if it floats with unchanged momentum, else None.
 
-        An external force has acted if the momentum from the velocities differs by more than the mass
-        uncertainty explains.
+        The momentum has changed if that from the velocities differs by more than the mass uncertainty
+        explains.
         """
         if self.base_mode != "floating" or not others or self.handling.guide is not None:
             return None
         mean, *spread = (centroidal(sms, q, v).momentum for sms in (robot, *others))
         began = np.zeros(6) if self.momentum is None else self.momentum
-        doubt = np.linalg.norm(np.array(spread) - mean, axis=0)
-        return began if (np.abs(began - mean) <= 3.0 * doubt + 1e-3 * np.abs(mean)).all() else None
+        deviation = np.linalg.norm(np.array(spread) - mean, axis=0)
+        return began if (np.abs(began - mean) <= 3.0 * deviation + 1e-3 * np.abs(mean)).all() else None
 
     def _follow_from(self, t: float, reference: Trajectory | Braking) -> None:
         self._follow, self._begin = reference, t
@@ -584,7 +584,7 @@ class StateMachine(Observer, Supervisor):
         return float(np.linalg.norm(self._off(now))) > 0.9 * far
 
     def _off(self, now: Instant) -> FloatArray:
-        """Return the end effector's position (3,) [m] in grasp axes."""
+        """Return the end effector's position (3,) [m] relative to the grasp, grasp axes."""
         grasp = self._meet.client.pose(now.t) * self._meet.grasp
         return np.asarray(grasp.actInv(self._sms.at(self._seen[0]).end_effector_pose).translation)
 
@@ -598,17 +598,19 @@ class StateMachine(Observer, Supervisor):
         axis, near = np.array(self._meet.axis), self.handling.retreat
         far = {near, max(near, self._meet.standoff)}
         far |= {max(near, self._meet.standoff) + near} if for_good else set()
-        ways = [-max(0.0, distance + self._off(now) @ axis) * axis for distance in sorted(far, reverse=True)]
-        plan, trouble = self._planned(now, self.plan.duration / 3.0, *ways)
+        displacements = [
+            -max(0.0, distance + self._off(now) @ axis) * axis for distance in sorted(far, reverse=True)
+        ]
+        plan, trouble = self._planned(now, self.plan.duration / 3.0, *displacements)
         if plan is None:
-            return self._stop(now, f"{reason}; no way back was found: {trouble}", *events)
+            return self._stop(now, f"{reason}; no retreat was found: {trouble}", *events)
         self._follow_from(now.t, plan)
         return Transition("retreat", reason, events)
 
     def _stop(self, now: Instant, reason: str, *events: Event, moves: bool = True) -> Transition:
-        """Bring the joints to rest where servicer and client keep clear of each other, and record the reason.
+        """Bring the joints to rest where servicer and client keep clear of each other, for a reason.
 
-        If `moves` is false, the arm brakes where it is.
+        If `moves` is false, the arm brakes in its present posture.
         """
         q, v = self._seen
         robot, limit, share = self.model, self.law.torque_limit, self.handling.torque_share
@@ -631,13 +633,14 @@ class StateMachine(Observer, Supervisor):
             self._sms, q, self._sms.velocity(q, np.zeros(self._sms.n), momentum), momentum, 0.0
         )
 
-    def _planned(self, now: Instant, duration: float, *ways: FloatArray) -> Planned:
-        """Return a plan to the grasp, or away from it by one of `ways` (3,) [m]; or None and the reason.
+    def _planned(self, now: Instant, duration: float, *displacements: FloatArray) -> Planned:
+        """Return a plan to the grasp, or from it by one of `displacements` (3,) [m]; or None and the reason.
 
-        The plan starts at the measured base pose and the commanded joints, so that these do not jump.
+        The plan starts at the measured base pose. It starts at the commanded joint positions, so that these
+        do not jump.
         """
         if self._again is None:
-            return None, "no plan is made again"
+            return None, "only one attempt is planned"
         start, (joints, rates, _) = self._seen[0].copy(), self._wanted
         limits = self._sms.limits  # a contact may have pushed joints slightly beyond their position limits
         self._sms.layout.set_positions(start, np.clip(joints, limits.lower, limits.upper))
@@ -649,15 +652,15 @@ class StateMachine(Observer, Supervisor):
             if problem.wheels is not None:
                 changes["wheel_momentum"] = now.wheel_momentum
             problem = replace(problem, duration=duration, joint_rates=rates, **changes)
-            if ways:
-                return moved_away(problem, *ways)
+            if displacements:
+                return moved_away(problem, *displacements)
             plan = plan_problem(problem)
         except FfsmsError as error:
             return None, refusal(error)
         return (plan, "") if plan.reached else (None, why_no_plan(plan))
 
 
-# A state is a function that returns the transition to the next one, or None to stay.
+# The function of each state, which returns the transition to another state, or None to stay.
 _STATES: dict[str, Callable[[StateMachine, Instant], Transition | None]] = {
     "approach": StateMachine._approach,
     "closing": StateMachine._closing,

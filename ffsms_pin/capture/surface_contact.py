@@ -1,11 +1,13 @@
 """Contact between convex shapes: normal force after Hunt and Crossley, and Coulomb friction.
 
-With d the depth by which two shapes overlap, d' its rate and s their slip at the point of contact,
+With the depth d by which two shapes overlap, its rate d', and their slip velocity s at the point of contact,
+the normal and the tangential force are
 
     f_n = k d^p (1 + 3/2 c d'),  not below zero,      f_t = mu f_n tanh(|s| / s_0) s / |s|.
 
-For slow impacts the coefficient of restitution is 1 - c v, for any p and any masses. p = 3/2 is Hertz's
-contact of smooth bodies, p = 1 a structure that bends.
+`SurfaceContact` has the parameters. After a slow impact at the speed v, the coefficient of restitution is
+1 - c v, for any p and any masses. The exponent p is 3/2 for smooth bodies (Hertz) and 1 for a structure that
+bends.
 
 References: K. H. Hunt, F. R. E. Crossley, "Coefficient of restitution interpreted as damping in vibroimpact",
 Journal of Applied Mechanics 42 (1975). K. L. Johnson, "Contact Mechanics" (1985), chapter 4.
@@ -56,29 +58,29 @@ class Touch(NamedTuple):
 class SurfaceContact:
     """A unilateral contact between convex shapes of end effector and client, a `Load`.
 
-    Each pair has one contact point, at the deepest overlap. So a flat face on a flat face is better modelled
-    by rounded feet, because a contact point that jumps along a face makes the torque jump. A hollow shape or
-    a ring is a set of pieces; if two of them meet flush, both push a foot on the seam. Round shapes (spheres,
-    capsules, shapes with a swept radius) are exact to rounding while they overlap less than their radius.
+    Each pair of shapes has one contact point, at the deepest overlap. Between two flat faces this point can
+    jump, and the torque with it, so one face should be modelled by rounded feet. A hollow shape or a ring is
+    a set of convex pieces; two pieces that meet flush both push a foot on the seam. Round shapes (spheres,
+    capsules, shapes with a swept radius) are exact to rounding while they overlap by less than their radius.
 
     Parameters
     ----------
     tool_shapes, client_shapes : sequence
-        Coal geometries, or pairs of a geometry and its placement (pinocchio.SE3), in the end-effector frame
-        and in the client's body axes. `Client.shapes` are such pairs.
+        Coal geometries, or pairs of a geometry and its placement (pinocchio.SE3), such as `Client.shapes`.
+        The placements are in the end-effector frame and in the client's body axes.
     stiffness : float
-        k [N/m^p]. The default is `2 * hertz_stiffness(0.01, 5e6, 0.48)`: a pad of silicone, 10 mm round, on
-        metal.
+        k [N/m^p]. The default is `2 * hertz_stiffness(0.01, 5e6, 0.48)`, for a silicone pad with a radius of
+        10 mm on metal.
     exponent : float
         p, at least 1. Default: that of Hertz.
     damping : float
-        c [s/m]. The default has a restitution of 80 % at 10 mm/s, the structure behind the surfaces included.
+        c [s/m]. The default, for surfaces on a structure, gives a restitution of 80 % at 10 mm/s.
     friction : float
         mu. The default is a low value for metal on a dry coating.
     transition : float
-        s_0 [m/s]: in static friction, surfaces creep with up to about this speed. The default is a tenth of
-        the speed of a slow docking. Runge-Kutta steps must be below 2.7 m s_0 / (mu f_n), with the mass m
-        behind the contact.
+        s_0 [m/s], the speed up to which surfaces creep in static friction. The default is a tenth of the
+        speed of a slow docking. Steps of the Runge-Kutta integrator must be shorter than 2.7 m s_0 / (mu
+        f_n), with the mass m behind the contact.
 
     Raises
     ------
@@ -123,7 +125,7 @@ class SurfaceContact:
     def touches(
         self, tool: Any, tool_twist: FloatArray, client: Any, client_twist: FloatArray
     ) -> list[Touch]:
-        """Return every pair that overlaps; arguments as for `Load.wrench`."""
+        """Return all pairs of shapes that overlap; for the arguments see `Load.wrench`."""
         there = client.actInv(tool)
         own = self._centres[0] @ there.rotation.T + there.translation
         apart = own[:, None] - self._centres[1]
@@ -150,7 +152,7 @@ class SurfaceContact:
         return touches
 
     def _force(self, depth: float, normal: FloatArray, motion: FloatArray) -> FloatArray:
-        """Return the force on the end effector (3,) from the relative velocity of the client's surface."""
+        """Return the force (3,) on the end effector; `motion` (3,) is the client's relative velocity."""
         rate = float(normal @ motion)
         push = self.stiffness * depth**self.exponent * max(0.0, 1.0 + 1.5 * self.damping * rate)
         slip = motion - rate * normal
@@ -161,7 +163,7 @@ class SurfaceContact:
     def wrench(
         self, tool: Any, tool_twist: FloatArray, client: Any, client_twist: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """Return wrench and point of `Load.wrench`: the sum of all touches, about the end-effector frame."""
+        """Return the sum of all contact wrenches and the end effector's position, see `Load.wrench`."""
         total, point = np.zeros(6), np.array(tool.translation)
         for touch in self.touches(tool, tool_twist, client, client_twist):
             total[:3] += touch.force
@@ -175,9 +177,10 @@ def hertz_stiffness(radius: float, E: float, nu: float) -> float:
     Parameters
     ----------
     radius : float
-        The radius of a ball on a plane [m]; for two balls it is R_1 R_2 / (R_1 + R_2).
+        The radius of a ball on a plane [m]; for two balls R_1 R_2 / (R_1 + R_2).
     E, nu : float
-        Young's modulus [Pa] and Poisson's ratio of both bodies. If one is far stiffer, k is twice as large.
+        Young's modulus [Pa] and Poisson's ratio of both bodies. If one body is much stiffer, k is twice the
+        returned value.
     """
     if not -1.0 < nu <= 0.5:
         raise InvalidValue("nu", nu, "must be above -1 and at most 0.5")

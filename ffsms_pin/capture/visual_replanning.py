@@ -20,12 +20,12 @@ from ffsms_pin.client.client import carried, other_motion
 from ffsms_pin.opt import Clearance, Goal, Obstacle, Path, Problem, Replanning
 from ffsms_pin.robot import SpaceManipulator
 
-_QUIET, _FEW = 20, 5  # number of momentum changes for the noise estimate, and the least number
+_QUIET, _FEW = 20, 5  # largest and least number of momentum changes in the estimate of the noise
 _LEAST = 1e-4  # [N s, N m s] smallest detected push
 
 
 def with_client(problem: Problem, client: Client) -> Problem:
-    """Return a problem whose goal, `opt.Meet` or a path on a client, has another client."""
+    """Return a problem with another client in its goal, which is an `opt.Meet` or a path on a client."""
     goal = problem.goal
     goal = replace(goal, frame=client) if isinstance(goal, Path) else replace(goal, client=client)
     limits = [
@@ -38,7 +38,7 @@ def with_client(problem: Problem, client: Client) -> Problem:
 
 
 def rebound(obstacles: Sequence[Obstacle], client: Any) -> list[Obstacle]:
-    """Return obstacles, with those on the client placed on another body, such as an estimate."""
+    """Return obstacles; those on the client are placed on another body, such as the client's estimate."""
     placed: dict[int, Obstacle] = {}
     for obstacle in obstacles:
         whole = None if obstacle.piece_of is None else placed.get(id(obstacle.piece_of), obstacle.piece_of)
@@ -52,15 +52,15 @@ def grasp_at(goal: Goal) -> Callable[[float], FloatArray]:
 
 
 class VisualReplanning(Replanning):
-    """A `Replanning` to a client measured by a camera with noise and latency; `client` is the true client.
+    """A `Replanning` to a client that a camera measures with noise and latency.
 
-    The goal is an `opt.Meet` of the estimate, or an `opt.Path` on it. A path moves with each measurement.
+    `client` is the true client. The goal of the problem is an `opt.Meet` of the `estimate`, or an `opt.Path`
+    on it. Each measurement updates the estimate. A path always moves with the estimate.
 
-    Each measurement updates the `estimate`. A goal to meet the client and its obstacles use the new estimate
-    in the second half of the time. In the first half they use it only if the grasp at the deadline changes by
-    more than one of its own standard deviations, because plans would follow noise otherwise. The last
-    measurement is then made a second before the deadline, because later corrections leave a velocity error,
-    and a near gripper hides the markers.
+    In a plan to meet the client, goal and obstacles use the new estimate in the second half of the time. In
+    the first half they use it only if the grasp at the deadline moves by more than one standard deviation,
+    because otherwise plans would follow noise. The last measurement is made a second before the deadline,
+    because later corrections leave a velocity error, and a near gripper hides the markers.
     """
 
     def __init__(
@@ -72,13 +72,15 @@ class VisualReplanning(Replanning):
         self._follows = isinstance(problem.goal, Path)
         self._rng = np.random.default_rng((sensor.seed, 1))
         self._look, self.until = sensor.period, problem.duration - (0.0 if self._follows else 1.0)
-        self._moves = [(0.0, client.start_pose, client.start_twist)]  # since the last measurement
+        self._moves = [
+            (0.0, client.start_pose, client.start_twist)
+        ]  # true motions since the last measurement
         self._sense = MomentumSense(problem)
-        self._pushes: list[Push] = []  # later than the last measurement
+        self._pushes: list[Push] = []  # pushes later than the last measurement
 
     @cached_property
     def _target(self) -> Callable[[float], FloatArray]:
-        """The position of the goal on the true client in free motion; a path begins where measured."""
+        """The position (3,) of the goal on the true client in free motion, as a function of time [s]."""
         return grasp_at(self.task.goal)
 
     def sees(self, t: float, pose: Any, twist: FloatArray) -> None:
@@ -92,12 +94,12 @@ class VisualReplanning(Replanning):
 
     @property
     def target(self) -> Any:
-        """The true position of the grasp (3,) [m], a function of time [s]; recorded misses refer to it."""
+        """The true grasp position (3,) [m] as a function of time [s]; recorded errors refer to it."""
         return self._grasp_at
 
     def _grasp_at(self, t: float) -> FloatArray:
         since, pose, twist = self._moves[-1]
-        if since == 0.0:  # its motion was not updated since
+        if since == 0.0:  # no call of `sees` yet: the client moves freely
             return self._target(t)
         place, moving = carried(pose, twist, self.problem.goal.grasp)
         there: FloatArray = place.translation + (t - since) * moving[:3]
@@ -109,7 +111,7 @@ class VisualReplanning(Replanning):
         super().observe(t, q, v)
 
     def look(self, t: float, q: FloatArray, v: FloatArray) -> None:
-        """Measure the client if a measurement is due, up to the time `until` [s]; q and v are the robot's."""
+        """Measure the client if a measurement is due before `until` [s]; q and v are the robot's state."""
         if t < self._look - 1e-9:
             return
         self._look += self._sensor.period
@@ -139,7 +141,7 @@ class VisualReplanning(Replanning):
                 self._planned_for.pushed(*push)
 
     def _differs(self, t: float) -> bool:
-        """Return whether plans to meet the client use the newest estimate from t [s] on."""
+        """Return whether plans to meet the client use the new estimate from t [s] on."""
         deadline, grasp = self.problem.duration, self.problem.goal.grasp
         before, now = (client.pose(deadline) * grasp for client in (self._planned_for, self.estimate))
         off = np.linalg.norm(pin.log6(before.actInv(now)).vector.reshape(2, 3), axis=1)
@@ -148,7 +150,7 @@ class VisualReplanning(Replanning):
 
 
 class Push(NamedTuple):
-    """An impulse [N s] and an angular impulse about the centre of mass [N m s] on a client, inertial axes."""
+    """An impulse and an angular impulse (3,) on a client at a time [s], see `ClientEstimate.pushed`."""
 
     time: float
     impulse: FloatArray
@@ -159,9 +161,9 @@ class Push(NamedTuple):
 class MomentumSense:
     """An estimator of pushes on a client from changes of the servicer's momentum.
 
-    Only a contact changes the momentum of a floating servicer, for any motion of its joints. Measured changes
-    have noise, and a drift if masses deviate from the model; both are estimated while there is no contact.
-    Later changes count as a push if they exceed four times the noise.
+    For any motion of its joints, only a contact changes the momentum of a floating servicer. Measured changes
+    have noise, and a drift if masses deviate from the model. Both are estimated while there is no contact.
+    Later changes are pushes if they exceed four times the noise.
     """
 
     def __init__(self, problem: Problem) -> None:
@@ -179,7 +181,7 @@ class MomentumSense:
         place: FloatArray,
         touching: bool,
     ) -> Push | None:
-        """Return the push on the client since the last call; None if there was none.
+        """Return the push on the client since the last call; None without a push.
 
         Parameters
         ----------

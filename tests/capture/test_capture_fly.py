@@ -110,9 +110,9 @@ def test_a_plan_that_was_made_before_is_flown(rigid: capture.Flight) -> None:
     )
     assert not narrow.latched
     assert narrow.outcome.startswith("no go: the grasp would be missed by")
-    with pytest.raises(InvalidValue, match=r"plan.duration must be the duration of the flight, 7 s, got 6"):
+    with pytest.raises(InvalidValue, match=r"plan.duration must equal the argument duration, 7 s, got 6"):
         capture.fly(sms, q0, goal, 7.0, plan=rigid.plan)
-    with pytest.raises(InvalidValue, match=r"plan.q\[0\] must be q0"):
+    with pytest.raises(InvalidValue, match=r"plan.q\[0\] must equal q0"):
         capture.fly(sms, sms.configuration(np.array(START) + 0.1), goal, 6.0, plan=rigid.plan)
 
 
@@ -263,7 +263,7 @@ OTHER = replace(_Door.goal, client=ffsms.Client(1.0, [1.0, 1.0, 1.0])).client
         ({"envelope": 0.05}, ["envelope must be an Envelope or None, got 0.05"]),
         (
             {"control": ComputedTorque(_Door.sms)},
-            ["control must be a capture.Control, or a function", "anew"],
+            ["control must be a capture.Control, or a function", "control=lambda robot"],
         ),
         ({"control": lambda robot: "pd"}, ["control law must be a JointLaw, got 'pd'"]),
         ({"conditions": {"friction": None}}, ["conditions must be a Conditions or None"]),
@@ -274,7 +274,7 @@ OTHER = replace(_Door.goal, client=ffsms.Client(1.0, [1.0, 1.0, 1.0])).client
                 "goal": opt.Meet(INSIDE, GRASP),
                 "planning": capture.Planning(obstacles=[opt.Obstacle.box(BOX, on=INSIDE)]),
             },
-            ["q0", "overlap by", "mm at the start", "move the start or the client"],
+            ["q0", "overlap by", "mm at the start", "change q0 or the client"],
         ),
         ({"replan": 0.1}, ["replan must be a ReplanOptions or", "got 0.1"]),
         ({"planning": {"dt": 0.1}}, ["planning must be a Planning"]),
@@ -283,12 +283,12 @@ OTHER = replace(_Door.goal, client=ffsms.Client(1.0, [1.0, 1.0, 1.0])).client
         ({"progress": 1.0}, ["progress must be a function or None"]),
         (
             {"conditions": capture.Conditions(events=[simulation.Latch(0.5)])},
-            ["conditions.events must be faults and payloads", "latches its gripper", "Latch(time=0.5)"],
+            ["conditions.events must be joint faults or payloads", "latches its gripper", "Latch(time=0.5)"],
         ),
         (
             {"planning": capture.Planning(mode="rotation-flying")},
             [
-                "planning.mode needs a law that holds the base",
+                "planning.mode requires a base law",
                 "control.QuaternionFeedback",
                 "rotation-flying",
             ],
@@ -326,7 +326,7 @@ def test_what_cannot_be_flown_is_refused(refused: Refused, changes: dict[str, An
         (lambda: capture.Procedure(after=-1.0), ["procedure after", "[s], got -1"]),
         (lambda: capture.Replan(dt=0.0), ["replan dt must be above zero [s], got 0"]),
         (lambda: capture.Control(dt=0.0), ["control dt must be above zero [s], got 0"]),
-        (lambda: capture.Control(base=3), ["control base must be a function of a robot"]),  # type: ignore[arg-type]
+        (lambda: capture.Control(base=3), ["control base must be a function from a robot"]),  # type: ignore[arg-type]
     ],
 )
 def test_options_are_checked_where_they_are_made(

@@ -11,7 +11,7 @@ import pytest
 import ffsms_pin as ffsms
 from ffsms_pin.capture.camera import Camera
 from ffsms_pin.capture.estimate import ClientEstimate
-from ffsms_pin.capture.go_no_go import GoLimits, grasp_doubt
+from ffsms_pin.capture.go_no_go import GoLimits, grasp_uncertainty
 from ffsms_pin.capture.prediction import Envelope
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt import Meet
@@ -28,11 +28,13 @@ def _meet(sensor: Camera = SENSOR, standoff: float = 0.15) -> Meet:
 def test_an_estimate_gets_too_old() -> None:
     meet, limits, envelope = _meet(), GoLimits(), Envelope()
     assert limits.lacks(meet, 2.29, 5.0, envelope) == ""
-    assert limits.lacks(meet, 3.1, 5.0, envelope) == "the camera has been dark for 3.1 s, 2.3 s are allowed"
-    assert limits.lacks(meet, 3.1, 5.0, envelope, looks=False) == ""
+    assert (
+        limits.lacks(meet, 3.1, 5.0, envelope) == "the client was last measured 3.1 s ago, 2.3 s are allowed"
+    )
+    assert limits.lacks(meet, 3.1, 5.0, envelope, measuring=False) == ""
     slow = _meet(replace(SENSOR, period=2.0))
     assert limits.lacks(slow, 10.2, 12.0, envelope) == ""  # five of its periods
-    assert "dark for 0.6 s" in GoLimits(age=0.5).lacks(meet, 0.6, 5.0, envelope)
+    assert "measured 0.6 s ago" in GoLimits(age=0.5).lacks(meet, 0.6, 5.0, envelope)
     estimate = meet.client
     assert isinstance(estimate, ClientEstimate)
     assert limits.lacks(replace(meet, client=estimate.client()), 99.0, 100.0, envelope) == ""
@@ -40,7 +42,7 @@ def test_an_estimate_gets_too_old() -> None:
 
 def test_the_doubt_at_the_contact_is_what_the_covariance_says() -> None:
     """Place, velocity, attitude and spin of a single measurement, ten seconds later, by their slopes."""
-    far, turned = grasp_doubt(_meet(), 10.0)
+    far, turned = grasp_uncertainty(_meet(), 10.0)
     moved = np.sqrt(3.0) * np.hypot(1e-3, 10.0 * 1e-4)
     assert turned == pytest.approx(3.0 * np.sqrt(3.0) * np.hypot(1e-3, 10.0 * 1e-4), rel=0.05)
     assert far == pytest.approx(3.0 * np.hypot(moved, 0.4 * np.sqrt(2.0) * np.hypot(1e-3, 1e-3)), rel=0.1)
@@ -50,11 +52,11 @@ def test_a_grasp_must_be_known_to_what_grip_and_corridor_take() -> None:
     vague, limits = Camera(0.01, 1e-3, 1e-4, 1e-4), GoLimits()
     wide, narrow = _meet(vague, standoff=0.3), _meet(vague, standoff=0.1)
     assert limits.lacks(wide, 0.1, 1.0, Envelope(distance=0.06)) == ""
-    assert "known to 52 mm only, 50 mm are allowed" in limits.lacks(wide, 0.1, 1.0, Envelope())
+    assert "uncertain by 52 mm (3 sigma), 50 mm are allowed" in limits.lacks(wide, 0.1, 1.0, Envelope())
     assert "37.4 mm are allowed" in limits.lacks(narrow, 0.1, 1.0, Envelope(distance=0.06))
     assert GoLimits(distance=0.06).lacks(narrow, 0.1, 1.0, Envelope()) == ""
     turned = _meet(Camera(1e-3, 0.05, 1e-4, 1e-4), standoff=0.3)
-    assert "attitude is known to 15 deg only, 5.7 deg" in limits.lacks(
+    assert "attitude is uncertain by 15 deg (3 sigma), 5.7 deg" in limits.lacks(
         turned, 0.1, 1.0, Envelope(distance=1.0)
     )
     with pytest.raises(InvalidValue, match="go age"):

@@ -101,7 +101,7 @@ def test_an_open_gripper_touches_what_it_is_off_by() -> None:
     [
         ({"probe_radius": 0.01}, "throat_radius must lie between"),
         ({"probe_length": 0.01}, "probe_length must be more than twice"),
-        ({"depth": 0.05}, "depth must lie within"),
+        ({"depth": 0.05}, "depth must lie between 0 and"),
         ({"sides": 2}, "sides must be a whole number"),
     ],
 )

@@ -59,8 +59,8 @@ def test_the_envelope_knows_a_load() -> None:
     load = ContactLoad(force=3.0, torque=0.1, most_force=12.0, most_torque=0.4)
     assert Envelope().overloads(load) == ""
     assert Envelope(force=12.5, torque=0.5).overloads(load) == ""
-    assert Envelope(force=10.0).overloads(load) == "the grip may have to bear 12 N, 10 at most"
-    assert Envelope(torque=0.3).overloads(load) == "the grip may have to bear 0.4 N m, 0.3 at most"
+    assert Envelope(force=10.0).overloads(load) == "the grip may have to bear 12 N, 10 N at most"
+    assert Envelope(torque=0.3).overloads(load) == "the grip may have to bear 0.4 N m, 0.3 N m at most"
 
 
 def test_what_is_said_of_an_estimate_comes_with_its_spread() -> None:

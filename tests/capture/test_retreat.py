@@ -117,7 +117,7 @@ def test_a_client_that_turns_fast_is_not_followed_all_the_way(
     monkeypatch.setattr("ffsms_pin.capture.retreat.plan_problem", plan_problem_that_finds_nothing)
     plan, trouble = moved_away(problem, way)
     assert plan is None
-    assert "straight it violates limits (joints" in trouble
+    assert "a straight motion violates limits (joints" in trouble
 
 
 def plan_problem_that_finds_nothing(problem: opt.Problem) -> opt.Trajectory:
