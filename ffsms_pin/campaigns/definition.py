@@ -57,8 +57,11 @@ class Campaign:
     @classmethod
     def open(cls, folder: str | os.PathLike[str], *, allow_import: bool = False) -> Campaign:
         """Read the campaign of a results folder."""
+        file = Path(folder) / "campaign.json"
+        if not file.is_file():
+            raise ResultError(folder, "is no results folder of a campaign (no campaign.json)")
         try:
-            return cls(**{**read_json(Path(folder) / "campaign.json"), "allow_import": allow_import})
+            return cls(**{**read_json(file), "allow_import": allow_import})
         except TypeError:
             raise ResultError(folder, "is no results folder of a campaign") from None
 

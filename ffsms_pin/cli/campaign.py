@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import shlex
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import partial
@@ -15,7 +16,7 @@ from ffsms_pin import campaigns
 from ffsms_pin.cli import output
 from ffsms_pin.cli.main import named
 from ffsms_pin.cli.output import new_table, number_rows, printed, say, write_numbers
-from ffsms_pin.errors import InvalidValue, installed
+from ffsms_pin.errors import FfsmsError, InvalidValue, installed
 from ffsms_pin.scenarios import scenario_names
 
 _PERCENTILES = {"5 %": 5, "median": 50, "95 %": 95, "99 %": 99}
@@ -23,8 +24,8 @@ _METRICS = [
     ("final error{} [mm]", "final_error_m", 1e3),
     ("largest error on the path{} [mm]", "path_error_max_m", 1e3),
     ("largest joint error{} [mrad]", "joint_error_max_rad", 1e3),
-    ("largest torque{} [Nm]", "torque_max", 1.0),
-    ("largest turn of the base{} [deg]", "base_rotation_max_deg", 1.0),
+    ("largest torque{} [N m]", "torque_max", 1.0),
+    ("largest base rotation{} [deg]", "base_rotation_max_deg", 1.0),
 ]
 _WORST = 5  # number of worst runs printed per method
 
@@ -48,8 +49,8 @@ def run(arguments: argparse.Namespace) -> int:
     methods = numbers if chosen.compare else {"": numbers}
     title = f"{Path(chosen.source).stem}: {chosen.runs} runs"
     shown = _side_by_side(title, methods) if chosen.compare else _percentiles(title, numbers)
-    alone = f"one of them alone: ffsms-pin run --replay {folder} SEED"
-    return printed(folder, shown, *_worst(methods), alone)
+    remedy = f"to repeat one run: ffsms-pin run --replay {shlex.quote(str(folder))} SEED"
+    return printed(folder, shown, *_worst(methods), remedy)
 
 
 def _is_folder(arguments: argparse.Namespace) -> bool:
@@ -61,9 +62,8 @@ def _campaign_of_folder(arguments: argparse.Namespace) -> tuple[campaigns.Campai
     for name in ("seed", "out", "compare"):
         value = getattr(arguments, name)
         if value is not None and value is not False:  # 0 is a valid seed
-            raise InvalidValue(
-                name, value, f"is already set in {arguments.scenario}; leave it out to continue that campaign"
-            )
+            remedy = f"is already set by the campaign in {arguments.scenario}; leave it out to continue"
+            raise InvalidValue(name, value, remedy)
     chosen = campaigns.Campaign.open(arguments.scenario, allow_import=arguments.allow_import)
     return replace(chosen, **named(arguments, "runs")), Path(arguments.scenario)
 
@@ -71,14 +71,14 @@ def _campaign_of_folder(arguments: argparse.Namespace) -> tuple[campaigns.Campai
 def _campaign_of_file(arguments: argparse.Namespace) -> tuple[campaigns.Campaign, Path]:
     """Return the campaign of a scenario file, and the folder for its results."""
     if arguments.runs is None:
-        raise InvalidValue("--runs", None, "is required with a scenario file")
-    how = named(arguments, "runs", "seed", "compare", "allow_import")
-    chosen = campaigns.Campaign.read(arguments.scenario, **how)
+        raise FfsmsError("a new campaign needs the number of its runs: add --runs N")
+    options = named(arguments, "runs", "seed", "compare", "allow_import")
+    chosen = campaigns.Campaign.read(arguments.scenario, **options)
     return chosen, output.chosen_folder(arguments.out, f"{Path(chosen.source).stem}-campaign")
 
 
 def _percentiles(title: str, numbers: dict[str, Any]) -> Table:
-    """Return a table of percentiles."""
+    """Return a table with a column for each percentile, and the outcomes below it."""
     table = new_table(title, "quantity", *_PERCENTILES)
     columns = (
         {name: values[percentile] for name, values in numbers["percentiles"].items()}
@@ -99,12 +99,12 @@ def _side_by_side(title: str, methods: dict[str, dict[str, Any]]) -> Table:
     for outcome in dict.fromkeys(outcome for numbers in columns for outcome in numbers["outcomes"]):
         table.add_row(outcome, *(str(numbers["outcomes"].get(outcome, 0)) for numbers in columns))
     table.add_row("share that arrived, 95 % interval \\[%]", *map(_interval, columns))
-    for word, percentile in (("median", 50), ("95 %", 95)):
+    for name, percentile in (("median", 50), ("95 %", 95)):
         values = [
-            {name: row[percentile] for name, row in numbers["percentiles"].items()} for numbers in columns
+            {key: row[percentile] for key, row in numbers["percentiles"].items()} for numbers in columns
         ]
         number_rows(
-            table, values, [(label.format(f", {word}"), key, factor) for label, key, factor in _METRICS]
+            table, values, [(label.format(f", {name}"), key, factor) for label, key, factor in _METRICS]
         )
     return table
 
@@ -116,12 +116,12 @@ def _interval(numbers: dict[str, Any]) -> str:
 
 
 def _worst(methods: dict[str, dict[str, Any]]) -> Iterator[str]:
-    """Yield a line for each of the worst runs."""
+    """Yield a line for each of the worst runs: seed, method, outcome, error and reason."""
     for method, numbers in methods.items():
         for row in numbers["worst"][:_WORST]:
-            error, place = row["final_error_m"], "from the target"
+            error, label = row["final_error_m"], "final error"
             if "path_error_max_m" in row:
-                error, place = row["path_error_max_m"], "off the path at most"
-            end = "" if error is None else f", {1e3 * error:.3g} mm {place}"
-            why = f": {row['error']}" if row["error"] else ""
-            yield f"seed {row['seed']}{method and ', ' + method}: {row['outcome']}{end}{why}"
+                error, label = row["path_error_max_m"], "largest error on the path"
+            size = "" if error is None else f", {label} {1e3 * error:.3g} mm"
+            reason = f": {row['error']}" if row["error"] else ""
+            yield f"seed {row['seed']}{method and ', ' + method}: {row['outcome']}{size}{reason}"

@@ -26,7 +26,7 @@ _ROWS = [
     ("largest error on the path [mm]", "path_error_max_m", 1e3),
     ("cost integral [s]", "cost_integral_s", 1.0),
     ("joint travel [rad]", "joint_travel_rad", 1.0),
-    ("path over straight line", "path_over_straight", 1.0),
+    ("path length / straight line", "path_over_straight", 1.0),
     ("joint effort [rad²/s]", "joint_effort_rad2_per_s", 1.0),
     ("torque effort [N²m²s]", "torque_effort_N2m2s", 1.0),
     ("base rotation, max [deg]", "rotation_max_deg", 1.0),
@@ -60,4 +60,4 @@ def _remarks(comparison: scenarios.Comparison, numbers: dict[str, dict[str, Any]
     for name, reason in comparison.left_out.items():
         yield f"left out: {name}, which {reason}"
     if options := [key for key in OF_HORIZON if key in comparison.scenario.plan]:
-        yield f"only horizon takes {', '.join(options)} of [plan]"
+        yield f"only the method horizon uses {', '.join(options)} of [plan]"

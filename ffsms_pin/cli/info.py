@@ -30,9 +30,9 @@ def run(arguments: argparse.Namespace) -> int:
     report = inspect(robot) if is_file else None
     for name in ("rate", "effort"):
         if arguments.repair is None and (value := getattr(arguments, name)) is not None:
-            raise InvalidValue(f"--{name}", value, "is for joints of a repaired file: add --repair OUT")
+            raise InvalidValue(f"--{name}", value, "needs --repair OUT, because it is for the repaired file")
     if robot in satellite_names() and arguments.repair is not None:
-        raise InvalidValue("--repair", arguments.repair, f"is for a URDF file, which '{robot}' is not")
+        raise InvalidValue("--repair", arguments.repair, f"needs a URDF file, which '{robot}' is not")
     if report is not None and report.faults:
         console.print(_faults(report))
     if arguments.repair is not None:
@@ -52,7 +52,7 @@ def run(arguments: argparse.Namespace) -> int:
         for name in ("joints_deg", "end_effector"):
             if (value := getattr(arguments, name)) is not None:
                 option = f"--{name.replace('_', '-')}"
-                raise InvalidValue(option, value, f"is for robots, and no joint of '{robot}' moves")
+                raise InvalidValue(option, value, f"needs a robot, but no joint of '{robot}' moves")
         say(*_client(robot))
         return 0
     with warnings.catch_warnings():
@@ -82,9 +82,12 @@ def _client(path: str) -> list[str]:
 
 
 def _posture(sms: SpaceManipulator, joints_deg: Sequence[float] | None) -> FloatArray:
+    """Return the posture (n,) [rad or m] for the coupling, by default that of the help of --joints-deg."""
     if joints_deg is not None:
         if not sms.layout.turns.all():
-            raise InvalidValue("--joints-deg", list(joints_deg), "cannot be used: a joint slides")
+            sliding = sms.joint_names[int(np.argmin(sms.layout.turns))]
+            remedy = f"must be left out, because joint '{sliding}' is prismatic"
+            raise InvalidValue("--joints-deg", list(joints_deg), remedy)
         return np.radians(vector("--joints-deg", joints_deg, sms.n, "deg"))
     lower, upper = sms.limits.lower, sms.limits.upper
     inside = (lower <= 0.0) & (upper >= 0.0)
@@ -95,7 +98,7 @@ def _posture(sms: SpaceManipulator, joints_deg: Sequence[float] | None) -> Float
 
 def _bodies(sms: SpaceManipulator) -> Table:
     heads = ("body", "mass [kg]", "share", "principal inertias [kg m²]")
-    table = new_table("Bodies (with what is fixed to them)", *heads)
+    table = new_table("Bodies (each with the links that are fixed to it)", *heads)
     inertias = list(sms.model.inertias)[1:]
     total = sum(float(body.mass) for body in inertias)
     for j, body in enumerate(inertias, start=1):
@@ -142,19 +145,19 @@ def _friction(sms: SpaceManipulator) -> Table:
 def _coupling(sms: SpaceManipulator, posture: FloatArray) -> Table:
     state = sms.at(sms.configuration(posture))
     units = sms.layout.units
-    where = ", ".join(f"{x * factor:.3g} {unit}" for x, (unit, factor) in zip(posture, units, strict=True))
-    table = new_table(f"Dynamic coupling at joints ({where})", "quantity", "value")
+    positions = [f"{x * factor:.3g} {unit}" for x, (unit, factor) in zip(posture, units, strict=True)]
+    table = new_table(f"Dynamic coupling at joints ({', '.join(positions)})", "quantity", "value")
     effector = ", ".join(f"{x:.5f}" for x in state.end_effector_pose.translation)
     base = ", ".join(f"{x:.5f}" for x in state.base_pose.translation)
     sigma = ", ".join(f"{value:.4g}" for value in state.coupling.sigma)
     entropy = state.coupling.entropy
     for quantity, value in (
         ("end effector, from the system's centre of mass [m]", effector),
-        ("base centre of mass, from the same point [m]", base),
+        ("base centre of mass, from the system's centre of mass [m]", base),
         ("condition number of H_b (mixes kg and kg m²) [-]", f"{np.linalg.cond(state.H_b):.4g}"),
         ("singular values of C_bm [m/rad, rad/rad]", sigma),
         ("entropy H_norm [-]", f"{entropy:.4f}"),
-        ("1 - H_norm, which the cost compares with [-]", f"{1.0 - entropy:.4f}"),
+        ("1 - H_norm, about the assistance of zero cost [-]", f"{1.0 - entropy:.4f}"),
         ("condition number of H_q [-]", f"{np.linalg.cond(state.H_q):.4g}"),
     ):
         table.add_row(escape(quantity), value)  # brackets in the text are not markup
@@ -191,7 +194,7 @@ def _number(text: str) -> str:
 
 
 def _faults(report: Report) -> Table:
-    heads = ("where", "what", "loads?", "repair")
+    heads = ("place", "fault", "loads?", "repair")
     table = new_table("Faults", *heads, words=heads)
     for fault in sorted(report.faults, key=lambda fault: not fault.blocks):
         otherwise = "not possible: only the author has the value" if fault.blocks else "not needed to load"

@@ -65,11 +65,11 @@ def command_names() -> list[str]:
 
 
 def named(arguments: argparse.Namespace, *names: str) -> dict[str, Any]:
-    """Return the named arguments as keyword arguments, without absent ones."""
+    """Return the arguments of these names as keyword arguments, without those that are None."""
     return {name: value for name in names if (value := getattr(arguments, name)) is not None}
 
 
-# Advice for Python in errors of the library, and its counterpart for the command line.
+# Advice to Python users in the library's errors, and the same advice for the command line.
 _IN_COMMANDS = {
     "allow_import=True": "--allow-import",
     "allow_outside=True": "--allow-outside",
@@ -80,9 +80,9 @@ _IN_COMMANDS = {
 
 
 def in_options(message: str, known: Container[str] = ()) -> str:
-    """Return a message of the library, its advice about arguments replaced by advice about options.
+    """Return a message of the library with its Python arguments replaced by command-line options.
 
-    Advice about arguments of `load` without a `known` option becomes advice to repair the file.
+    An argument of `load` that is no `known` option is replaced by the repair of the file.
     """
     for python, command in _IN_COMMANDS.items():
         message = message.replace(python, command)
@@ -164,7 +164,7 @@ def _add_campaign(commands: Commands) -> None:
           ffsms-pin campaign mine.toml --runs 10000 --out mine          one process per core
           ffsms-pin campaign mine.toml --runs 10000 --out mine --scheduler tcp://head:8786
           ffsms-pin campaign mine --runs 20000                          extend it to 20000 runs
-          ffsms-pin campaign case-1 --runs 50 --compare                 planned once and re-planned
+          ffsms-pin campaign case-1 --runs 50 --compare                 each run planned once and re-planned
           ffsms-pin run --replay mine 4711                              repeat one of its runs, by its seed
         """,
         "0 all runs done, whether they arrived or not; 2 bad input, or no workers",
@@ -182,7 +182,7 @@ def _add_campaign(commands: Commands) -> None:
         "--seed", metavar="N", type=int, help="seed of the first run (default: the file's, or 1)"
     )
     campaign.add_argument(
-        "--compare", action="store_true", help="follow each drawn scenario planned once and re-planned"
+        "--compare", action="store_true", help="run each drawn scenario twice: planned once and re-planned"
     )
     where = campaign.add_mutually_exclusive_group()
     where.add_argument(
@@ -210,8 +210,8 @@ def _add_scenario(commands: Commands) -> None:
         """,
     )
     what = scenario.add_mutually_exclusive_group(required=True)
-    what.add_argument("--print", dest="name", metavar="NAME", help=_PACKAGED)
-    what.add_argument("--schema", action="store_true", help="the JSON Schema")
+    what.add_argument("--print", dest="name", metavar="NAME", help=f"print the scenario: {_PACKAGED}")
+    what.add_argument("--schema", action="store_true", help="print the JSON Schema")
 
 
 def _add_info(commands: Commands) -> None:
@@ -238,8 +238,8 @@ def _add_info(commands: Commands) -> None:
         metavar="ANGLE",
         type=float,
         nargs="+",
-        help="posture for the coupling, one angle per joint (default: zero, or the middle of the limits if "
-        "zero is outside)",
+        help="posture for the coupling, one angle [deg] per joint (default: zero, or the middle of the "
+        "limits if zero is outside)",
     )
     info.add_argument("--repair", metavar="OUT", help="write a URDF that loads, and list the changes")
     info.add_argument(
@@ -279,12 +279,12 @@ def _add_view(commands: Commands) -> None:
     view.add_argument(
         "--robot",
         metavar="ROBOT",
-        help="the robot, or the scenario file that names it, if the results do not name it",
+        help="the robot of the results, or their scenario file; needed if the results do not name the robot",
     )
     view.add_argument("--end-effector", metavar="FRAME", help="end-effector frame of the robot in --robot")
     view.add_argument(
         "--speed",
-        metavar="TIMES",
+        metavar="FACTOR",
         type=float,
         default=1.0,
         help="playback speed; 2 is twice real time (default: 1)",
@@ -298,7 +298,10 @@ def _add_view(commands: Commands) -> None:
     )
     view.add_argument("--background", metavar="COLOUR", default="dark", help="dark or white (default: dark)")
     view.add_argument(
-        "--show", metavar="LAYERS", help="layers visible at first: 'all', or names separated by commas"
+        "--show",
+        metavar="LAYERS",
+        help="layers visible at first: 'all', or names separated by commas, such as robot,target,limits (an "
+        "unknown name prints all names)",
     )
 
 
@@ -344,7 +347,7 @@ def _exit_codes(own: str) -> str:
     """Return a text with a command's own exit codes and those of all commands."""
     common = (
         "70 a defect of ffsms-pin (FFSMS_PIN_TRACEBACK=1 prints the traceback); 130 interrupted; 141 the "
-        "output pipe was closed, such as by head; 143 terminated"
+        "output pipe was closed, for example by head; 143 terminated"
     )
     return textwrap.fill(f"exit codes: {own}; {common}", 100)
 
@@ -365,15 +368,18 @@ def _add_robot(command: argparse.ArgumentParser, more: str = "") -> None:
     command.add_argument(
         "--end-effector",
         metavar="FRAME",
-        help="end-effector frame (default: that of the last link, if there is only one)",
+        help="end-effector frame (default: the frame of the last link; needed if the arm has several ends)",
     )
 
 
 class _Parser(argparse.ArgumentParser):
-    """A parser with errors of one line that propose the nearest option."""
+    """A parser that prints errors in one line and proposes the most similar option."""
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
-        """Reject unknown options before argparse reports missing arguments, because they may be misspelt."""
+        """Parse the arguments; reject unknown options first.
+
+        Otherwise argparse would report a misspelt required option as missing.
+        """
         known = list(self._option_string_actions)
         for argument in args if self._subparsers is None else ():
             option = argument.partition("=")[0]
@@ -388,12 +394,12 @@ class _Parser(argparse.ArgumentParser):
         self.exit(BAD_INPUT, f"ffsms-pin: error: {message} (see {self.prog} --help)\n")
 
 
-# Exit codes; 0 and 1 are the commands' own.
+# Exit codes of all commands; each command defines its own 0 and 1.
 DEFECT, BROKEN_PIPE, INTERRUPTED, TERMINATED = 70, 141, 130, 143
 
 
 class _Terminated(KeyboardInterrupt):
-    """The end by SIGTERM, with the same clean-up as after Ctrl-C."""
+    """The exception for SIGTERM, with the same clean-up as after Ctrl-C."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -411,7 +417,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             status = int(import_module(f"ffsms_pin.cli.{arguments.command}").run(arguments))
             sys.stdout.flush()
             return status
-    except BrokenPipeError:  # the reading process has ended, as `head` does
+    except BrokenPipeError:  # the reading process, for example `head`, has ended
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # for writes at exit
         return BROKEN_PIPE
     except FfsmsError as error:
@@ -429,7 +435,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         return _failed(message, status)
     except MemoryError:
         return _failed("error: out of memory; use shorter motions or fewer runs", BAD_INPUT)
-    except Exception as error:  # any other error is a defect
+    except Exception as error:  # a defect of ffsms-pin
         if os.environ.get("FFSMS_PIN_TRACEBACK"):
             traceback.print_exc()
         what = " ".join(f"{type(error).__name__}: {error}".split())
@@ -438,7 +444,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 @contextmanager
 def _plain_warnings() -> Iterator[None]:
-    """Print the library's warnings as lines, without their source code."""
+    """Print each warning of the library in one line, without the source line that Python adds."""
     usual = warnings.formatwarning
 
     def formatted(message: Warning | str, category: type[Warning], *place: Any, **line: Any) -> str:
@@ -453,15 +459,15 @@ def _plain_warnings() -> Iterator[None]:
         warnings.formatwarning = usual
 
 
-def _command_problem(given: Sequence[str]) -> str:
-    """Return an error message if the first argument is no command; empty if it is one."""
-    if not given:
-        return "name a command, as: ffsms-pin run case-2"
+def _command_problem(typed: Sequence[str]) -> str:
+    """Return an error message if the first argument is no command; empty otherwise."""
+    if not typed:
+        return "name a command, for example: ffsms-pin run case-2"
     names = command_names()
-    if given[0].startswith("-") or given[0] in names:
+    if typed[0].startswith("-") or typed[0] in names:
         return ""
-    guess = meant(given[0], names) or f"there are {', '.join(names)}"
-    return f"there is no command '{given[0]}'; {guess}"
+    remedy = meant(typed[0], names) or f"the commands are {', '.join(names)}"
+    return f"there is no command '{typed[0]}'; {remedy}"
 
 
 def _failed(message: str, code: int) -> int:
@@ -471,7 +477,7 @@ def _failed(message: str, code: int) -> int:
 
 @contextmanager
 def _ended_by_sigterm() -> Iterator[None]:
-    """Make SIGTERM end the block like Ctrl-C, unless the signal has a handler already."""
+    """Make SIGTERM end the block like Ctrl-C, unless a handler for SIGTERM is installed."""
 
     def terminate(*_: object) -> NoReturn:
         raise _Terminated

@@ -67,9 +67,10 @@ def filled(table: Table, *sections: Iterable[tuple[str, ...]]) -> Table:
 def number_rows(
     table: Table, columns: Iterable[Mapping[str, Any]], rows: Iterable[tuple[str, str, float]]
 ) -> None:
-    """Add a row for each label, key and factor: the number of that key in each column, times the factor.
+    """Add a row for each (label, key, factor), with the number of each column times the factor.
 
-    None and missing numbers are shown as "-"; a key that is absent from all columns gets no row.
+    `columns` maps keys to numbers. None and missing numbers are shown as "-"; a key that no column has gets
+    no row.
     """
     columns = list(columns)
     for label, key, factor in rows:
@@ -115,8 +116,8 @@ class _Stage:
     name: str
     task: TaskID
     begin: float
-    first: float  # the number done before the first call, excluded from the rate
-    total: float | None  # None if `done` is a share of the stage, not a number
+    first: float  # items completed before the first call, which the rate excludes
+    total: float | None  # None if `done` is a share of the stage, not a number of items
     done: float = 0.0
 
     @property
@@ -227,7 +228,7 @@ def results_folder(out: Path) -> Iterator[Path]:
 
 
 def _move_files(source: Path, target: Path) -> None:
-    """Move every file of a folder to the same place below another folder, and remove the first folder."""
+    """Move every file of a folder to the same relative path in another folder; remove the first folder."""
     files = sorted(path.relative_to(source) for path in source.rglob("*") if path.is_file())
     try:
         for file in files:
@@ -237,5 +238,6 @@ def _move_files(source: Path, target: Path) -> None:
             with (source / file).open("rb") as content:
                 write_atomically(target / file, partial(shutil.copyfileobj, content))
     except OSError as error:
-        raise ResultError(target, f"not all results could be moved ({error}); they are in {source}") from None
+        message = f"cannot take all results ({error}); those that are not there are in {source}"
+        raise ResultError(target, message) from None
     shutil.rmtree(source, ignore_errors=True)

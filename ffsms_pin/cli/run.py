@@ -118,7 +118,7 @@ def _replayed(folder: str, seed: str, allow_import: bool) -> Scenario:
 
 
 def _show(folder: Path, drawn: bool) -> None:
-    """Open the scene of the results, or the figure without the viewer; print its path without a display."""
+    """Open the animated scene, or without the viewer the figure; without a display print its path."""
     if installed("view"):
         from ffsms_pin.cli.view import scene_of
 
@@ -127,7 +127,7 @@ def _show(folder: Path, drawn: bool) -> None:
     elif drawn:
         shown = next(file for name in ("capture", "motion") if (file := folder / f"{name}.png").is_file())
     else:
-        say("nothing to show: it needs meshcat (pip install 'ffsms-pin[view]')")
+        say("nothing to show: --show needs meshcat (pip install 'ffsms-pin[view]')")
         return
     if not open_in_browser(shown):
         say(f"picture: {shown}")
@@ -136,8 +136,8 @@ def _show(folder: Path, drawn: bool) -> None:
 def summary_table(numbers: Mapping[str, Any]) -> Table:
     """Return a table of the numbers of `ffsms_pin.scenarios.summary`."""
     title = f"{numbers['scenario']}: {numbers['robot']}, planned by the method '{numbers['method']}'"
-    if "capture" in numbers:  # the capture first, then its costs, on one screen
-        table, capture = new_table(title, "quantity", "value", "beside"), numbers["capture"]
+    if "capture" in numbers:  # all on one screen, the capture first
+        table, capture = new_table(title, "quantity", "value", "details"), numbers["capture"]
         client = _learnt("client", capture["client"]) if "client" in capture else ()
         return filled(table, _course(capture), _contact(capture), _after(capture), client, _flown(numbers))
     table = new_table(title, "quantity", "value", "limit")
@@ -150,7 +150,7 @@ def summary_table(numbers: Mapping[str, Any]) -> Table:
 
 
 def _both(numbers: Mapping[str, Any]) -> Iterator[tuple[str, ...]]:
-    """Yield rows of errors, re-planned and planned once; nothing unless both exist."""
+    """Yield rows of the errors, re-planned and planned once, if both were simulated."""
     tracking, reach = numbers["tracking"], length_text(numbers["reach_m"])
     if (once := tracking["open_loop"]) is not None:
         key = _error_key(numbers)
@@ -163,13 +163,13 @@ _ERRORS = {"final_error_m": "final error", "path_error_max_m": "largest error on
 
 
 def _error_key(numbers: Mapping[str, Any]) -> str:
-    """Return the key of the error by which a motion is judged: on its path, or at its end."""
+    """Return the key of the error that decides about arrival: on the path, or at the end."""
     return "path_error_max_m" if "path_error_max_m" in numbers else "final_error_m"
 
 
 def _plan(numbers: Mapping[str, Any]) -> Iterator[tuple[str, ...]]:
-    yield "reached", "[green]yes[/]" if numbers["reached"] else "[red]no[/]"
-    yield "within tolerance", "yes" if numbers["within_tolerance"] else "[yellow]no[/]"
+    yield "plan: reached", "[green]yes[/]" if numbers["reached"] else "[red]no[/]"
+    yield "within the goal's tolerance", "yes" if numbers["within_tolerance"] else "[yellow]no[/]"
     if numbers["note"]:
         yield "  note", escape(numbers["note"])
     reach, clearance, base = length_text(numbers["reach_m"]), numbers["clearance"], numbers["base"]
@@ -192,7 +192,7 @@ def _plan(numbers: Mapping[str, Any]) -> Iterator[tuple[str, ...]]:
 
 def _joint(joint: Mapping[str, Any]) -> Iterator[tuple[str, ...]]:
     unit = "deg" if "position_min_deg" in joint else "m"
-    moment = "Nm" if "torque_limit_Nm" in joint else "N"
+    moment, effort = ("Nm", "N m") if "torque_limit_Nm" in joint else ("N", "N")
     yield (
         escape(f"{joint['name']}: position"),
         f"{joint[f'position_min_{unit}']:.4g} to {joint[f'position_max_{unit}']:.4g} {unit}",
@@ -201,7 +201,7 @@ def _joint(joint: Mapping[str, Any]) -> Iterator[tuple[str, ...]]:
     for label, name, of, written in (
         ("rate", "rate", f"{unit}_per_s", f"{unit}/s"),
         ("acceleration", "acceleration", f"{unit}_per_s2", f"{unit}/s²"),
-        ("torque, tracking", "torque", moment, moment),
+        ("torque, tracking", "torque", moment, effort),
     ):
         most = joint[f"{'tracking_' * (name == 'torque')}{name}_max_{of}"]
         yield f"  largest {label}", f"{most:.4g} {written}", limit_text(joint[f"{name}_limit_{of}"], written)
@@ -214,8 +214,8 @@ def _tracking(numbers: Mapping[str, Any]) -> Iterator[tuple[str, ...]]:
             largest, final = tracking[f"joint_error_max_{unit}"], tracking[f"joint_error_final_{unit}"]
             yield "tracking: joint error, max / final", f"{largest:.3g} / {final:.3g} {unit}"
     slowest = f"{tracking['longest_time_constant_s']:.3g} s"
-    yield "  longest time constant of the gains", slowest, f"{numbers['duration_s']:g} s"
-    yield "  end effector from plan, largest", length_text(tracking["end_effector_deviation_max_m"])
+    yield "  longest time constant of the gains", slowest, f"motion: {numbers['duration_s']:g} s"
+    yield "  deviation from the first plan, max", length_text(tracking["end_effector_deviation_max_m"])
     yield "  arrived", "[green]yes[/]" if tracking["arrived"] else "[red]no[/]"
     if tracking["stopped"]:
         yield "  stopped by a guard", f"[red]{escape(tracking['stopped'])}[/]"
@@ -230,7 +230,7 @@ def _tracking(numbers: Mapping[str, Any]) -> Iterator[tuple[str, ...]]:
     for frame, errors in tracking["frames"].items():
         yield escape(f"  final error of '{frame}'"), _pose_error(errors)
     yield from _clearance("  least clearance", tracking["clearance"])
-    for label, note in (("note", tracking["note"]), ("re-planning says", tracking["planning_note"])):
+    for label, note in (("note", tracking["note"]), ("note of re-planning", tracking["planning_note"])):
         if note:
             yield f"  {label}", escape(note)
     if "wheels" in tracking or "propellant_kg" in tracking:  # actuator use
@@ -244,8 +244,8 @@ def _tracking(numbers: Mapping[str, Any]) -> Iterator[tuple[str, ...]]:
         yield "  propellant", f"{1e3 * tracking['propellant_kg']:.3g} g"
     linear = f"{tracking['momentum_linear_max_kg_m_per_s']:.1e} kg m/s"
     angular = f"{tracking['momentum_angular_max_kg_m2_per_s']:.1e} kg m²/s"
-    yield "  total momentum, largest", f"{linear}, {angular}"
-    yield "  energy less work, relative", f"{tracking['energy_error_relative']:.1e}"
+    yield "  total momentum, max", f"{linear}, {angular}"
+    yield "  energy balance error, relative", f"{tracking['energy_error_relative']:.1e}"
 
 
 def _timing(timing: Mapping[str, float]) -> Iterator[tuple[str, ...]]:
@@ -261,7 +261,7 @@ def _error(run: Mapping[str, Any], key: str) -> str:
 
 
 def _stopped(run: Mapping[str, Any]) -> str:
-    """Return the reason of a stopped run, in red; empty for a complete run."""
+    """Return in red why the run was stopped; empty for a complete run."""
     return f"[red]{escape(run['stopped'])}[/]" if run["stopped"] else ""
 
 
@@ -282,6 +282,7 @@ def _clearance(label: str, clearance: Mapping[str, Any]) -> Iterator[tuple[str, 
 
 
 def _course(capture: Mapping[str, Any]) -> Iterator[tuple[str, ...]]:
+    """Yield a row of the outcome, and a row for each phase of a capture."""
     caught = "[green]caught[/]" if capture["caught"] else "[red]not caught[/]"
     yield "client", caught, f"at attempt {capture['attempts']}"
     for phase in capture["phases"]:
@@ -302,46 +303,46 @@ def _contact(capture: Mapping[str, Any]) -> Iterator[tuple[str, ...]]:
         if f"{name}_contact_force_N" in capture:
             force, torque = capture[f"{name}_contact_force_N"], capture[f"{name}_contact_torque_Nm"]
             most = f"bound {capture[f'{name}_contact_force_most_N']:.3g} N"
-            within = "" if capture[f"{name}_contact_force_within"] else "[red], exceeded[/]"
+            within = "" if capture[f"{name}_contact_force_within"] else "[red], force exceeds it[/]"
             yield f"  predicted {label}", f"{force:.3g} N, {torque:.3g} N m", most + within
 
 
 def _after(capture: Mapping[str, Any]) -> Iterator[tuple[str, ...]]:
-    """Yield rows of the braking, and of the final rates and momenta with the predicted ones."""
+    """Yield rows of the braking, and of final base rates and wheel momenta with their predictions."""
     yield "joints braked in", f"{capture['braking_s']:.3g} s", _of_limit(capture["flown_torque_share"])
     if capture["braking_note"]:
         yield "  note", escape(capture["braking_note"])
     if capture["braking_nearest"]:
         clearance = length_text(capture["braking_clearance_m"])
         yield "  least clearance", clearance, escape(capture["braking_nearest"])
-    for what, quantity, unit in (
+    for key, quantity, unit in (
         ("base_rate", "base rate", "deg_per_s"),
         ("wheel_momentum", "wheels' momenta", "Nms"),
     ):
-        if f"predicted_{what}_{unit}" not in capture:
+        if f"predicted_{key}_{unit}" not in capture:
             continue
         labels = {"final": f"{quantity} at the end", "total": "  at rest"}
         labels |= {"expected": "  predicted at the contact", "predicted": "  predicted before the flight"}
         for name, label in labels.items():
-            if f"{name}_{what}_{unit}" not in capture:
+            if f"{name}_{key}_{unit}" not in capture:
                 continue
-            values, within = capture[f"{name}_{what}_{unit}"], ""
+            values, within = capture[f"{name}_{key}_{unit}"], ""
             if f"{name}_within_3_deviations" in capture:
                 within = f"+-{max(capture[f'{name}_deviation_{unit}']):.2g} {_UNITS[unit]}"
-                within += "" if capture[f"{name}_within_3_deviations"] else "[red], exceeded threefold[/]"
+                within += "" if capture[f"{name}_within_3_deviations"] else "[red], beyond 3 sigma[/]"
             yield label, ", ".join(f"{value:.4f}" for value in values) + f" {_UNITS[unit]}", within
 
 
 def _learnt(name: str, body: Mapping[str, Any]) -> Iterator[tuple[str, ...]]:
     """Yield rows of a body's estimated mass and principal inertias, with prior and true values."""
-    label, believed, learnt, true = escape(f"{name}: mass"), body["believed"], body["learnt"], body["true"]
-    beside = f"believed {believed['mass_kg']:.4g}, true {true['mass_kg']:.4g} kg"
+    label, prior, learnt, true = escape(f"{name}: mass"), body["believed"], body["learnt"], body["true"]
+    details = f"prior {prior['mass_kg']:.4g}, true {true['mass_kg']:.4g} kg"
     if learnt is None:
-        yield label, "not identified", beside
+        yield label, "not identified", details
     else:
-        yield label, f"{learnt['mass_kg']:.4g} +- {body['mass_deviation_kg']:.2g} kg", beside
-        beside = f"believed {_principal(believed)}, true {_principal(true)}"
-        yield "  principal inertias", f"{_principal(learnt)} kg m²", beside
+        yield label, f"{learnt['mass_kg']:.4g} +- {body['mass_deviation_kg']:.2g} kg", details
+        details = f"prior {_principal(prior)}, true {_principal(true)}"
+        yield "  principal inertias", f"{_principal(learnt)} kg m²", details
     if body.get("note"):
         yield "  note", escape(body["note"])
 
@@ -354,15 +355,15 @@ def _principal(body: Mapping[str, Any]) -> str:
 
 
 def _flown(numbers: Mapping[str, Any]) -> Iterator[tuple[str, ...]]:
-    """Yield the first plan, its flight, and the errors of the simulation."""
+    """Yield rows of the first plan, the flown motion and the errors of the simulation."""
     tracking, joints, timing = numbers["tracking"], numbers["joints"], numbers["timing"]
     reached = "arrives" if numbers["reached"] else "[red]does not arrive[/]"
     yield "first plan", f"{reached}, {length_text(numbers['final_error_m'])} off", escape(numbers["note"])
     if tracking["open_loop"] is not None:
         once = tracking["open_loop"]
         off = once["stopped"] or f"{length_text(once['final_error_m'])} off"
-        yield "  flown as it was", escape(off), ""
-    yield from _clearance("least clearance on the way", tracking["clearance"])
+        yield "  flown without re-planning", escape(off), ""
+    yield from _clearance("least clearance before contact", tracking["clearance"])
     rates = [
         (joint, key) for joint in joints for key in joint if key.startswith("rate_limit_") and joint[key]
     ]
@@ -370,21 +371,21 @@ def _flown(numbers: Mapping[str, Any]) -> Iterator[tuple[str, ...]]:
     if shares:
         most, name = max(shares)
         yield "largest rate planned", f"{100.0 * most:.3g} % of its limit", escape(name)
-    yield "largest torque on the way", _of_limit(tracking["torque_max_relative"])
+    yield "largest torque before contact", _of_limit(tracking["torque_max_relative"])
     if (wrist := tracking.get("wrist")) is not None:
         force, moment = wrist["force_max_N"], wrist["moment_max_Nm"]
         share = max(force / (wrist["force_limit_N"] or inf), moment / (wrist["moment_limit_Nm"] or inf))
         yield "largest load of the wrist", f"{force:.3g} N, {moment:.3g} N m", _of_limit(share, "its limits")
-    for label, note in (("note", tracking["note"]), ("re-planning says", tracking["planning_note"])):
+    for label, note in (("note", tracking["note"]), ("note of re-planning", tracking["planning_note"])):
         if note:
             yield label, escape(note)
-    lost = f"{numbers['capture']['momentum_change_relative']:.1e}"
-    energy = f"energy {tracking['energy_error_relative']:.1e}"
-    yield "momentum changed by, relative", lost, energy
-    yield "computed in", f"{timing['planning_s']:.2f} s planning", f"{timing['tracking_s']:.2f} s flight"
+    change = f"{numbers['capture']['momentum_change_relative']:.1e}"
+    energy = f"energy balance {tracking['energy_error_relative']:.1e}"
+    yield "momentum change, relative", change, energy
+    yield "computing time", f"{timing['planning_s']:.2f} s planning", f"{timing['tracking_s']:.2f} s flight"
 
 
-def _of_limit(share: float, of: str = "the torques") -> str:
-    """Return a share of limits, by default the joints' torques, in red above 100 %."""
+def _of_limit(share: float, of: str = "the torque limit") -> str:
+    """Return a share of a limit in percent, by default of the joints' torque limits; red above 100 %."""
     text = f"{100.0 * share:.3g} % of {of}"
     return f"[red]{text}[/]" if share > 1.0 else text

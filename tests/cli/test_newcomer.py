@@ -21,9 +21,9 @@ def told(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        ((), "name a command, as: ffsms-pin run case-2 (see ffsms-pin --help)"),
+        ((), "name a command, for example: ffsms-pin run case-2 (see ffsms-pin --help)"),
         (("rnu", "case-2"), "there is no command 'rnu'; did you mean 'run'?"),
-        (("fly",), "there is no command 'fly'; there are run, "),
+        (("fly",), "there is no command 'fly'; the commands are run, "),
         (
             ("run", "case-2", "--ouut", "x"),
             "unknown argument '--ouut'; did you mean '--out'? (see ffsms-pin run",
@@ -33,7 +33,7 @@ def told(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
         (("run", "case-2", "--no-open"), "unknown argument '--no-open' (see ffsms-pin run --help)"),
         (("run", "csae-2"), "did you mean 'case-2'?"),
         (("info", "satelite_ur5"), "did you mean 'satellite_ur5'?"),
-        (("campaign", "."), "campaign.json: there is no such file"),
+        (("campaign", "."), "is no results folder of a campaign (no campaign.json)"),
         (("view", "nowhere"), "nowhere: is not a folder of results; make one with `ffsms-pin run`"),
         (("view", "."), "holds no results of `ffsms-pin run` (no trajectory.npz)"),
     ],

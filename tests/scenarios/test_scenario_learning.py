@@ -40,7 +40,7 @@ def test_the_summary_has_what_was_believed_learnt_and_true(tmp_path: Path) -> No
     assert summary(outcome)["conditions"]["learn"].startswith("unknown")
     text = io.StringIO()
     Console(width=160, file=text).print(summary_table(summary(outcome)))
-    assert re.search(r"base: mass .* 34\.12 \+- .* believed 31\.02, true 34\.12 kg", text.getvalue())
+    assert re.search(r"base: mass .* 34\.12 \+- .* prior 31\.02, true 34\.12 kg", text.getvalue())
 
 
 def test_known_masses_and_bodies_are_those_of_python(tmp_path: Path) -> None:
