@@ -1,4 +1,4 @@
-"""Figures: each function draws one panel, on given axes or on a new figure, and returns the axes."""
+"""Figures of motions: each function draws one panel on existing or new axes, and returns the axes."""
 
 from ffsms_pin.errors import require
 

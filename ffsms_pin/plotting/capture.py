@@ -1,4 +1,4 @@
-"""A capture in one figure: motion, states, and predictions beside the simulated base rate and load."""
+"""The figure of a capture: motion, phases, distance to the target, base rate and contact force."""
 
 from __future__ import annotations
 
@@ -21,18 +21,18 @@ from ffsms_pin.simulation.client_motion import client_motion
 if TYPE_CHECKING:
     from ffsms_pin.capture.recording import Captured
 
-_SAID: dict[str, Any] = {"color": "black", "linewidth": 0.8, "linestyle": (0, (4, 3))}
+_PREDICTED: dict[str, Any] = {"color": "black", "linewidth": 0.8, "linestyle": (0, (4, 3))}
 
 
 @drawing
 def plot_capture(outcome: Outcome) -> Figure:
-    """Draw an outcome with a capture: the motion up to the contact, then states, base rate and load."""
+    """Draw the capture of an outcome: the motion up to the contact, and below it panels over time."""
     capture = outcome.capture
     assert capture is not None
     around, end = _client_shapes(outcome), float(capture.whole.t[-1])
     first = capture.phases[1].time  # the hold point
     force = np.linalg.norm(capture.whole.contact_wrench[:, :3], axis=1)
-    touched = np.flatnonzero(force > 0.01 * force.max())  # smaller forces occur with a client at rest
+    touched = np.flatnonzero(force > 0.01 * force.max())  # smaller forces also act after the motion has ended
     heights = (1.0, 1.0, 1.4, 1.0) if touched.size else (1.0, 1.0, 1.4)
     figure = Figure(figsize=(5.2, 10.0), layout="constrained")
     above, below = figure.subfigures(2, 1, height_ratios=(0.38, 0.62))
@@ -61,7 +61,7 @@ def plot_capture(outcome: Outcome) -> Figure:
 
 
 def _client_shapes(outcome: Outcome) -> list[Obstacle]:
-    """Return the obstacles of the recording, with the client's shapes if no obstacle is on the client."""
+    """Return the obstacles of the scenario, with the client's shapes if no obstacle is on the client."""
     capture = outcome.capture
     assert capture is not None
     motion = client_motion(capture.whole)
@@ -72,7 +72,7 @@ def _client_shapes(outcome: Outcome) -> list[Obstacle]:
 
 
 def _open_side(sms: SpaceManipulator, capture: Captured) -> FloatArray:
-    """Return axes (2, 3) of a drawing whose plane holds base, client and tool at the contact."""
+    """Return the axes (2, 3) of the plane through base, client and tool at the contact: right and up."""
     row = int(np.searchsorted(capture.whole.t, capture.contact_at - 1e-9))
     state, centre = sms.at(capture.whole.q[row]), capture.whole.client_pose[row, :3]
     right = centre - state.base_pose.translation
@@ -82,7 +82,7 @@ def _open_side(sms: SpaceManipulator, capture: Captured) -> FloatArray:
 
 
 def _states(capture: Captured, ax: Axes) -> None:
-    """Draw a bar for each state, from its start to the start of the next state."""
+    """Draw a bar for each phase, from its start to the start of the next phase."""
     names = list(dict.fromkeys(phase.name for phase in capture.phases))
     ends = [*(phase.time for phase in capture.phases[1:]), float(capture.whole.t[-1])]
     for phase, end in zip(capture.phases, ends, strict=True):
@@ -92,16 +92,19 @@ def _states(capture: Captured, ax: Axes) -> None:
     ax.grid(False)
     held, label = capture.phases[1].time, "contact" if capture.caught else "not caught"
     for t, name, side in ((held, "hold point", "right"), (capture.contact_at, label, "left")):
-        _say_at(ax, t, f"{name}, {t:.4g} s", 1.03, ha=side, va="bottom")
+        _write_at(ax, t, f"{name}, {t:.4g} s", 1.03, ha=side, va="bottom")
 
 
-def _say_at(ax: Axes, t: float, text: str, height: float, **aligned: Any) -> None:
-    """Write a text at a time [s], at a height in units of the panel's height."""
+def _write_at(ax: Axes, t: float, text: str, height: float, **aligned: Any) -> None:
+    """Write a text at a time [s] and at a height, as a share of the panel's height."""
     ax.text(t, height, text, transform=ax.get_xaxis_transform(), fontsize=8.0, **aligned)
 
 
 def _result(sms: SpaceManipulator, capture: Captured, ax: Axes) -> None:
-    """Draw the base's rotation or the wheels' momenta from the contact on, beside the prediction."""
+    """Draw the base's angular velocity from the contact on, and its prediction before the flight.
+
+    If the wheels hold the base, draw their total momentum instead.
+    """
     whole, prediction = capture.whole, capture.planned
     rows = np.flatnonzero(whole.t >= capture.contact_at - 1e-9)
     rows = rows[thinned(len(rows))]
@@ -127,19 +130,19 @@ def _result(sms: SpaceManipulator, capture: Captured, ax: Axes) -> None:
         )
     for i in range(3):
         at, by = after + capture.contact_at, spread[:, i]
-        ax.plot(at, middle[:, i], label=None if i else "predicted, ± 1σ", **_SAID)
+        ax.plot(at, middle[:, i], label=None if i else "predicted, ± 1σ", **_PREDICTED)
         low, high = middle[:, i] - by, middle[:, i] + by
         ax.fill_between(at, low, high, color=NEUTRAL, alpha=0.25, linewidth=0.0)
     legend_above(ax)
 
 
 def _grip(capture: Captured, ax: Axes, rows: slice) -> None:
-    """Draw the force between end effector and client, and its predictions."""
+    """Draw the force of the client on the tool, and its predictions."""
     force = np.linalg.norm(capture.whole.contact_wrench[rows, :3], axis=1)
     plot_series(ax, capture.whole.t[rows], force, "force on the\ntool [N]")
     before, expected = capture.planned.load, None if capture.expected is None else capture.expected.load
     if expected is not None:
-        ax.axhline(expected.force, label=f"predicted at contact, {_newtons(expected.force)}", **_SAID)
+        ax.axhline(expected.force, label=f"predicted at contact, {_newtons(expected.force)}", **_PREDICTED)
         most = f"bound {_newtons(expected.most_force)}"
         ax.axhline(expected.most_force, label=most, color=NEUTRAL, **LIMIT)
     if before is not None:
@@ -147,11 +150,11 @@ def _grip(capture: Captured, ax: Axes, rows: slice) -> None:
         ax.plot([], [], " ", label=label)
     ax.set_ylim(0.0, 2.4 * max(float(force.max()), expected.most_force if expected is not None else 0.0))
     legend_above(ax)
-    if capture.caught:  # braking the joints loads the tool, too
+    if capture.caught:  # marks the latching, because the following braking loads the tool, too
         latched, early = capture.latched_at, capture.latched_at < 0.5 * sum(ax.get_xlim())
         ax.axvline(latched, color=NEUTRAL, linewidth=0.8)
         label = f" latched, {latched:.4g} s; \n braking begins "
-        _say_at(ax, latched, label, 0.95, ha="left" if early else "right", va="top")
+        _write_at(ax, latched, label, 0.95, ha="left" if early else "right", va="top")
 
 
 def _newtons(force: float) -> str:

@@ -17,14 +17,14 @@ from ffsms_pin.plotting.series import thinned
 from ffsms_pin.plotting.style import NEUTRAL, drawing, legend_above, line, stack
 from ffsms_pin.scenarios.comparisons import Comparison
 
-_PANELS = 5  # most drawn values with a panel
+_PANELS = 5  # largest number of drawn values that get a panel
 _BINS = 8
-_POINTS = 2000  # most points of a curve
+_POINTS = 2000  # largest number of points of a curve
 
 
 @drawing
 def plot_comparison(comparison: Comparison) -> Figure:
-    """Draw three panels over time, one line per method."""
+    """Draw distance to the target, assistance and base rotation over time, one line per method."""
     figure, (distance, assistance, rotation) = stack(3)
     for i, (method, plan) in enumerate(comparison.plans.items()):
         distance.plot(plan.t, plan.position_error, label=_label(method, plan), **line(i))
@@ -51,7 +51,7 @@ def _shares(ax: Axes, errors: FloatArray, **look: Any) -> None:
     errors = 1e3 * np.sort(errors)
     ended = np.flatnonzero(np.isfinite(errors))
     if ended.size:
-        # The line begins at zero at the left edge and continues at its last height to the right edge.
+        # The line begins at zero, and ends at the share of the runs that were not stopped.
         rows = ended[thinned(ended.size, _POINTS)]
         ax.step([errors[0], *errors[rows]], [0.0, *share[rows]], where="post", **look)
     if ended.size and errors[0] > 0.0 and errors[ended[-1]] > 4.0 * errors[0]:
@@ -69,8 +69,8 @@ def plot_campaign(table: dict[str, Any]) -> Figure:
     """Return a figure with a panel for the final errors, and a panel for each of the first drawn numbers.
 
     The first panel shows the share of all runs whose final distance to the target is below a value. The other
-    panels show the success rate over a drawn number in bins of equal size, with 95 % intervals (Wilson).
-    `table` is the result of `campaigns.read_table`; a campaign that compares methods has a line for each.
+    panels show the success rate over a drawn number, with 95 % intervals (Wilson), in bins with equal numbers
+    of runs. `table` is the result of `campaigns.read_table`; a campaign that compares has a line per method.
     """
     methods = by_method(table)
     drawn = [name for name, values in table.items() if name.startswith("draw.") and values.dtype.kind == "f"]
@@ -90,7 +90,7 @@ def plot_campaign(table: dict[str, Any]) -> Figure:
 
 
 def _success(ax: Axes, drawn: FloatArray, arrived: Any, method: str, **look: Any) -> None:
-    """Draw the success rate over a drawn number, in bins, and that of all runs."""
+    """Draw the success rate in bins of a drawn number; without a method, add the rate of all runs."""
     bins = [part for part in np.array_split(np.argsort(drawn, kind="stable"), _BINS) if len(part)]
     middles = np.array([np.median(drawn[part]) for part in bins])
     rates = np.array([arrived[part].mean() for part in bins])

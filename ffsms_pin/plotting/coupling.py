@@ -58,12 +58,11 @@ def plot_position_error(
     flown: Tracking | None = None,
     open_loop: Tracking | None = None,
 ) -> Axes:
-    """Plot the distance from the end effector to the target, and the tolerance in the last tenth.
+    """Plot the distance from the end effector to the target, and the tolerance.
 
-    The tolerance is the paper's r_th of const8, which holds from 0.9 T on. For a path, the distance to the
-    path is drawn, and the tolerance holds at all times.
-
-    `flown` and `open_loop` are drawn instead of the plan, as by `plot_tracked_position_error`.
+    The tolerance is the paper's r_th of const8, which applies from 0.9 T on. For a path, the distance to the
+    path is drawn, and the tolerance applies at all times. If `flown` is given, it is drawn instead of the
+    plan, together with `open_loop` as in `plot_tracked_position_error`.
     """
     on_path = bool(np.isfinite(trajectory.path_error).all())
     planned = trajectory.path_error if on_path else trajectory.position_error
@@ -108,9 +107,9 @@ def plot_sigma(
     """
     made = [_sigma(sms, motion) for motion in (trajectory, flown) if motion is not None]
     largest = float(made[0].values.max())
-    there = made[0].values.max(axis=0) > _NO_RANK * largest  # a planar arm has three directions, not six
-    made = [Series(t, values[:, there]) for t, values in made]
-    names = [_sigma_name(i) for i, seen in enumerate(there) if seen]
+    nonzero = made[0].values.max(axis=0) > _NO_RANK * largest  # a planar arm has three directions, not six
+    made = [Series(t, values[:, nonzero]) for t, values in made]
+    names = [_sigma_name(i) for i in np.flatnonzero(nonzero).tolist()]
     ax = plot_flown(ax, made, "singular values of $C_{bm}$\n[m/rad, rad/rad]", names)
     if not scale_decades(ax, float(made[0].values.min()), largest, ratio=30.0, smallest=1e-5):
         ax.set_ylim(0.0, 1.1 * largest)
@@ -154,10 +153,11 @@ def _sigma_name(i: int) -> str:
 def entropy_grid(
     sms: SpaceManipulator, joints: tuple[int, int], at: ArrayLike | None = None, points: int = 41
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return positions (points,) [rad] of two joints and the entropy over them (points, points).
+    """Return positions (points,) [rad or m] of two joints, and the entropy (points, points) over them.
 
-    The joints, counted from 0, cover their ranges, or one turn if they have no limits; the other joints are
-    at `at` (n,) [rad], by default zero. The base's pose has no influence.
+    A column of the entropy belongs to a position of the first joint, a row to one of the second joint. The
+    two joints, indices from 0, cover their position ranges, or -pi to pi if they have no limits. All other
+    joints are at `at` (n,), by default zero. The base's pose has no influence.
     """
     i, j = joints
     positions = np.zeros(sms.n) if at is None else np.asarray(at, dtype=np.float64)
@@ -182,8 +182,8 @@ def plot_entropy_map(
 ) -> Axes:
     """Plot a map of the entropy over two joints (see `entropy_grid`), and a trajectory's path on it.
 
-    The path is a line from a circle (start) to a dot (end). The map is for the other joints at `at`, even if
-    the trajectory moves them, too.
+    The path is a line from a circle (start) to a dot (end). In the map, all other joints are at `at`, even if
+    the trajectory moves them.
     """
     first, second, entropy = entropy_grid(sms, joints, at, points)
     units = [sms.layout.units[k] for k in joints]

@@ -25,7 +25,7 @@ Panel = Callable[[Outcome, Axes], Any]
 
 
 def _of_plan(plot: Callable[..., Axes]) -> Panel:
-    """Return the panel of a quantity of the plan alone, labelled as planned."""
+    """Return a panel that draws a quantity of the plan, labelled as planned."""
     return lambda o, ax: plot(o.trajectory, ax).set_ylabel(f"planned {ax.get_ylabel()}")
 
 
@@ -70,13 +70,16 @@ _MORE: Mapping[str, tuple[Panel, ...]] = {
     ),
 }
 
-_STILL = 1e-9  # [m/s, rad/s] largest velocity of a base that a plan holds
-# Without a date, the same outcome gives the same file.
+_STILL = 1e-9  # [m/s, rad/s] largest velocity of a base that counts as fixed by the plan
+# The metadata without a date, so that the same outcome gives the same file.
 _UNDATED: dict[str, dict[str, Any]] = {"pdf": {"CreationDate": None}, "svg": {"Date": None}, "png": {}}
 
 
 def _torques(outcome: Outcome, ax: Axes) -> Axes:
-    """Plot the torques with limits that are nearly reached; other limits are named in the label."""
+    """Plot the torques, with the limits of joints that come near them.
+
+    If no joint does, the label states the largest used share of a limit.
+    """
     limit = outcome.controller.torque_limit
     note, near = near_limits(outcome.tracking.tau, limit, "")
     ax = series.plot_torques(outcome.sms, outcome.tracking, ax, near[1] if near else None)
@@ -93,7 +96,7 @@ def figure(outcome: Outcome, name: str) -> Figure:
     if name == "tracking-torques" and outcome.capture is not None:
         panels = panels[1:]  # the figure "capture" shows the distance
     if name == "wheels" and "base-angular" in figure_names(outcome):
-        panels = panels[:-1]  # the last panel would show the same
+        panels = panels[:-1]  # the figure "base-angular" has the base's rotation
     result, axes = stack(len(panels))
     for panel, ax in zip(panels, axes, strict=True):
         panel(outcome, ax)
@@ -110,9 +113,9 @@ def figure(outcome: Outcome, name: str) -> Figure:
 
 
 def figure_names(outcome: Outcome) -> list[str]:
-    """Return the names of an outcome's figures, without those of a base that the plan holds.
+    """Return the names of an outcome's figures, without those of the base if the plan keeps it fixed.
 
-    For a capture, "capture" draws the motion.
+    A capture has the figure "capture" instead of "motion".
     """
     plan = outcome.trajectory
     still = {"base-linear": plan.v[:, :3], "base-angular": plan.v[:, 3:6]}
@@ -125,10 +128,10 @@ def figure_names(outcome: Outcome) -> list[str]:
 
 
 def _motion(outcome: Outcome) -> Figure:
-    """Draw the motion from one side if it is planar, else from two."""
+    """Draw the motion from one direction if it is planar, otherwise from two."""
     flown = outcome.tracking
     runs: dict[str, Tracking] = {}
-    if outcome.open_loop is not None:  # re-planned: the end effector left the first plan
+    if outcome.open_loop is not None:  # the motion was re-planned, so it differs from the first plan
         runs = {"re-planned": flown, "planned once": outcome.open_loop.tracking}
     elif end_effector_deviation(outcome.sms, outcome.trajectory, flown, outcome.plant).max() > 5e-3:
         runs = {"as flown": flown}

@@ -40,8 +40,8 @@ def plot_motion(
 ) -> Axes:
     """Draw the motion in a plane of inertial axes, by default the plane of its largest extent.
 
-    A motion in space is projected, as the labels of the axes state. `motion_sides` returns suitable
-    directions of view.
+    A spatial motion is projected onto the plane, and the labels of the axes say so. `motion_sides` returns
+    suitable directions of view.
 
     Parameters
     ----------
@@ -49,20 +49,20 @@ def plot_motion(
     trajectory : Trajectory
     ax : Axes, optional
     instants : int or sequence of float
-        Number of postures, from light (start) to dark (end), the first and the last included; or their times
-        [s].
+        Number of postures, with the first and the last; or their times [s]. Postures are drawn from light
+        (start) to dark (end).
     paths : mapping of str to ndarray of shape (k, 3), optional
         Further paths [m] by their names in the legend, such as the flown path of the end effector.
     obstacles : sequence of Obstacle
         Obstacles of the plan.
     along : {"x", "y", "z"} or ndarray of shape (2, 3), optional
-        Inertial axis of the direction of view; default: the axis of the motion's least extent. Or the two
-        axes of the drawing, right and up.
+        Inertial axis of the direction of view; or the two axes of the drawing, right and up. Default: the
+        axis along which the motion has the least extent.
     flown : Tracking, optional
         Recording whose postures are drawn instead of the plan's.
     """
     paths = {} if paths is None else paths
-    shown, spread, (narrowest, _) = _looked_at(sms, trajectory, instants, paths, flown)
+    shown, spread, (narrowest, _) = _postures_and_extent(sms, trajectory, instants, paths, flown)
     motion = trajectory if flown is None else flown
     across, turned = narrowest, isinstance(along, np.ndarray)
     if isinstance(along, str):
@@ -97,7 +97,7 @@ def plot_motion(
 
 
 def fit(drawn: Figure, panels: Sequence[Axes]) -> None:
-    """Set a common scale for drawings side by side, and the figure's height to that of their contents."""
+    """Set a common scale for drawings side by side, and a figure height that fits their contents."""
     widths = [ax.get_xlim()[1] - ax.get_xlim()[0] for ax in panels]
     tallest = max(ax.get_ylim()[1] - ax.get_ylim()[0] for ax in panels)
     width = _DRAWING_WIDTH
@@ -105,7 +105,7 @@ def fit(drawn: Figure, panels: Sequence[Axes]) -> None:
         width = _PAIR_WIDTH
         for ax in panels:
             middle = 0.5 * sum(ax.get_ylim())
-            ax.set_adjustable("box")  # the scale must adapt to the limits, which are set
+            ax.set_adjustable("box")  # keeps the limits, and adapts the panel's size
             ax.set_ylim(middle - 0.5 * tallest, middle + 0.5 * tallest)
     grid = panels[0].get_gridspec()
     assert grid is not None
@@ -119,18 +119,20 @@ def motion_sides(
     sms: SpaceManipulator, trajectory: Trajectory, paths: Mapping[str, FloatArray] | None = None
 ) -> tuple[str, ...]:
     """Return the inertial axes along which a motion is viewed: one if it is planar, else two."""
-    _, spread, (first, second) = _looked_at(sms, trajectory, 6, {} if paths is None else paths, None)
+    _, spread, (first, second) = _postures_and_extent(
+        sms, trajectory, 6, {} if paths is None else paths, None
+    )
     return ("xyz"[first],) if spread[first] < _FLAT else ("xyz"[first], "xyz"[second])
 
 
-def _looked_at(
+def _postures_and_extent(
     sms: SpaceManipulator,
     trajectory: Trajectory,
     instants: int | Sequence[float],
     paths: Mapping[str, FloatArray],
     flown: Tracking | None,
 ) -> tuple[list[_Posture], FloatArray, tuple[int, int]]:
-    """Return the postures, the extent of the drawing along the axes (3,) [m], and the two narrowest axes.
+    """Return the drawn postures, the motion's extent (3,) [m], and the two axes of least extent.
 
     If two axes have the same extent, the later axis comes first.
     """
@@ -144,13 +146,13 @@ def _looked_at(
 
 
 def times_drawn(motion: Trajectory | Tracking, instants: int | Sequence[float] = 6) -> str:
-    """Return the line that gives the times of the postures in a drawing."""
+    """Return a text with the times of the postures in a drawing."""
     times = ", ".join(f"{motion.t[k]:.3g}" for k in _rows(motion.t, instants))
     return f"from light to dark{', as flown' if isinstance(motion, Tracking) else ''}: t = {times} s"
 
 
 def _rows(t: FloatArray, instants: int | Sequence[float]) -> NDArray[np.intp]:
-    """Return the rows that are drawn, ascending."""
+    """Return the indices of the drawn rows, ascending."""
     if isinstance(instants, int):
         return np.unique(np.linspace(0, len(t) - 1, max(2, instants)).round().astype(np.intp))
     return np.unique(np.searchsorted(t, np.sort(instants) - 1e-9).clip(0, len(t) - 1))
@@ -168,7 +170,7 @@ class _Posture:
         ends = {int(frame.parentJoint): i for i, frame in enumerate(model.frames)}  # last frame of each joint
         ends[int(model.frames[sms.frame_id].parentJoint)] = sms.frame_id
         for j, i in ends.items():
-            if j >= 2 and (j not in parents or i == sms.frame_id):  # the end of an arm
+            if j >= 2 and (j not in parents or i == sms.frame_id):  # the last joint of an arm
                 self.segments.append(np.array([origins[j], data.oMf[i].translation]))
         self.joints: FloatArray = np.array(origins[2:])
         self.corners: FloatArray | None = None
@@ -176,7 +178,7 @@ class _Posture:
             box: Any = data.oMi[1] * sms.base_box_placement
             half = 0.5 * np.array(sms.base_size)
             self.corners = outline(coal.Box(*sms.base_size)) @ box.rotation.T + box.translation
-            for origin in (origins[j] for j in joints if parents[j] == 1):  # the beginning of an arm
+            for origin in (origins[j] for j in joints if parents[j] == 1):  # the first joint of an arm
                 nearest = box.act(np.clip(box.actInv(origin), -half, half))
                 if np.linalg.norm(nearest - origin) > _FLAT:
                     self.segments.append(np.array([nearest, origin]))
@@ -195,7 +197,10 @@ class _Posture:
 def _draw_obstacle(
     ax: Axes, seen: FloatArray, obstacle: Obstacle, motion: Trajectory | Tracking, rows: NDArray[np.intp]
 ) -> None:
-    """Draw an obstacle's outline on two axes (2, 3) at the last row, and pale at the first if it moves."""
+    """Draw the projection of an obstacle onto two axes (2, 3) at the last of the rows.
+
+    A moving obstacle is also drawn at the first row, pale.
+    """
     for row in rows if obstacle.moves or obstacle.on_base else rows[-1:]:
         pose = obstacle.at(float(motion.t[row]), pin.XYZQUATToSE3(motion.q[row, :7]))
         points = (outline(obstacle.shape) @ pose.rotation.T + pose.translation) @ seen.T
@@ -203,7 +208,7 @@ def _draw_obstacle(
 
 
 def _draw_hull(ax: Axes, points: FloatArray, face: str, edge: str, strength: float) -> None:
-    """Fill the hull of points (k, 2)."""
+    """Fill the convex hull of points (k, 2)."""
     corners = points[ConvexHull(points).vertices]
     ax.add_patch(Polygon(corners, closed=True, facecolor=face, edgecolor=edge, alpha=strength, zorder=1))
     ax.update_datalim(corners)

@@ -1,4 +1,4 @@
-"""Quantities over time: of joints, base and wheels, planned and simulated, and of many runs as a band."""
+"""Panels over time: quantities of joints, base and wheels, and bands of many runs."""
 
 from __future__ import annotations
 
@@ -18,10 +18,11 @@ from ffsms_pin.plotting.style import LIMIT, NEUTRAL, PLANNED, drawing, legend_ab
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.simulation import Tracking
 
-_LISTED = 4  # names in the label of lines that coincide
+_LISTED = 4  # largest number of names in the label of lines that coincide
 _SAME = 0.02  # share of the largest planned value: lines that differ by less are drawn once
 _NEAR_LIMIT = 0.1  # share of a joint's range: a limit is drawn if a position comes nearer
-_STILL, _ALIKE = 1e-6, 1e-3  # shares of the largest momentum: a wheel at rest, equal wheels
+_STILL = 1e-6  # share of the largest wheel momentum below which a wheel is at rest
+_ALIKE = 1e-3  # share of the largest wheel momentum by which wheels with a common line may differ
 _UNITS = np.repeat([1e3, 180.0 / np.pi], 3)  # from [m; rad] to [mm; deg]
 Motion: TypeAlias = Trajectory | Tracking
 
@@ -86,7 +87,7 @@ def _labels(columns: FloatArray, names: Sequence[str]) -> list[str | None]:
 
 
 def coincident(names: Sequence[str]) -> str:
-    """Return the label of lines that coincide."""
+    """Return the common label of lines that coincide."""
     if len(names) == 1:
         return names[0]
     listed = ", ".join(names) if len(names) <= _LISTED else f"{names[0]} and {len(names) - 1} others"
@@ -101,9 +102,9 @@ def plot_flown(
     limits: Sequence[FloatArray] = (),
     steps: bool = False,
 ) -> Axes:
-    """Draw a flown motion, with the plan thin and pale beside it if the two differ.
+    """Draw a flown motion `made[1]`, with the plan `made[0]` thin and pale beside it if the two differ.
 
-    Without a flight, or if the two agree, one motion is drawn.
+    Without a flown motion, or if the two agree, only the plan is drawn.
     """
     planned, *flown = made
     if not flown or not _differs(planned, flown[0]):
@@ -118,17 +119,17 @@ def plot_flown(
 
 
 def thinned(count: int, most: int = 1500) -> NDArray[np.intp]:
-    """Return at most `most` of `count` rows, with the first and the last."""
+    """Return the indices of at most `most` of `count` rows, with the first and the last row."""
     return np.unique(np.linspace(0, count - 1, min(most, count)).astype(np.intp))
 
 
 def near_limits(
     values: FloatArray, limit: FloatArray, label: str, near: float = 0.4
 ) -> tuple[str, tuple[FloatArray, ...]]:
-    """Return the label of values (k, m) and the limits (m,) to draw, infinite where none is drawn.
+    """Return the label of values (k, m), and the lower and upper limits (m,) to draw.
 
-    Limits that are far away would make the curves look flat. If no line reaches the share `near` of its
-    limit, the limits are not drawn and the label states the largest share.
+    A limit is drawn if its line reaches the share `near` of it, because distant limits would flatten the
+    curves; all other limits are infinite. If no limit is drawn, the label states the largest share.
     """
     shares = (np.abs(values) / limit).max(axis=0, initial=0.0)
     if (shares > near).any():
@@ -167,9 +168,9 @@ def plot_bands(
     ax: Axes | None = None,
     share: float = 0.9,
 ) -> Axes:
-    """Draw the median and a band of runs (runs, k) or (runs, k, m) over t (k,) [s].
+    """Draw the median and a band of `runs` (runs, k) or (runs, k, m) over t (k,) [s].
 
-    `names` are those of the m quantities; at each instant the band contains the share `share` of the runs.
+    `names` are those of the m quantities. At each instant the band contains the share `share` of the runs.
     """
     values = runs.reshape(*runs.shape[:2], -1)
     ax = style.axes_or_new(ax)
@@ -183,12 +184,12 @@ def plot_bands(
 
 def quantiles(runs: FloatArray, share: float) -> FloatArray:
     """Return low, median and high (3, k) of runs (runs, k), with `share` of the runs between low and high."""
-    with np.errstate(invalid="ignore"):  # infinite runs leave a gap
+    with np.errstate(invalid="ignore"):  # infinite values leave a gap in the band
         return np.quantile(runs, [0.5 - 0.5 * share, 0.5, 0.5 + 0.5 * share], axis=0)
 
 
 def draw_band(ax: Axes, i: int, t: FloatArray, band: FloatArray, label: str | None) -> None:
-    """Draw low, median and high (3, k) over t (k,), in the style of the i-th of several lines."""
+    """Draw a band (3, k) of low, median and high over t (k,), in the style of line i."""
     ax.fill_between(t, band[0], band[2], color=line(i)["color"], alpha=0.22, linewidth=0.0)
     ax.plot(t, band[1], label=label, **line(i))
 
@@ -215,7 +216,7 @@ def _common_time(runs: Sequence[Tracking]) -> FloatArray:
 
 
 def joint_factors(sms: SpaceManipulator) -> FloatArray:
-    """Return the factors (n,) from joint positions to degrees (or metres)."""
+    """Return the factors (n,) from radians to degrees; 1 for prismatic joints."""
     return np.array([unit.factor for unit in sms.layout.units])
 
 
@@ -223,7 +224,7 @@ def joint_factors(sms: SpaceManipulator) -> FloatArray:
 def plot_joint_positions(
     sms: SpaceManipulator, trajectory: Trajectory, ax: Axes | None = None, flown: Tracking | None = None
 ) -> Axes:
-    """Plot joint positions over time, with dotted limits for joints that come near them.
+    """Plot joint positions [deg or m] over time, with dotted limits for joints that come near them.
 
     If `flown` differs from the plan, it is drawn, with the plan thin and pale beside it.
     """
@@ -244,9 +245,9 @@ def plot_joint_positions(
 def plot_joint_rates(
     sms: SpaceManipulator, trajectory: Trajectory, ax: Axes | None = None, flown: Tracking | None = None
 ) -> Axes:
-    """Plot joint rates over time, with dotted limits; limits that are far away are named in the label.
+    """Plot joint rates [deg/s or m/s] over time, with dotted limits for joints that come near them.
 
-    `flown` is drawn as by `plot_joint_positions`.
+    If no joint does, the label states the largest used share. `flown` is drawn as in `plot_joint_positions`.
     """
     factors = joint_factors(sms)
     made = [Series(motion.t, motion.v[:, 6:] * factors) for motion in _motions(trajectory, flown)]
@@ -264,9 +265,9 @@ def _plot_joints(
     units: tuple[str, str] = ("deg", "m"),
     steps: bool = False,
 ) -> Axes:
-    """Draw values (k, n) of the joints; `units` are those of joints that turn and of joints that slide.
+    """Draw values (k, n) of the joints; `units` are those of revolute and of prismatic joints.
 
-    If there are both, joints that slide have a scaled axis on the right.
+    If the robot has both, prismatic joints have a scaled axis on the right.
     """
     turns, names = np.array(sms.layout.turns), list(sms.joint_names)
     if turns.all() or not turns.any():
@@ -289,10 +290,9 @@ def _plot_joints(
 def plot_base_position(
     sms: SpaceManipulator, trajectory: Trajectory, ax: Axes | None = None, flown: Motion | None = None
 ) -> Axes:
-    """Plot the displacement of the base's centre of mass from its start, inertial axes.
+    """Plot the displacement [mm] of the base's centre of mass from its start, inertial axes.
 
-    If `flown` differs from the plan, it is drawn, with the plan thin and pale beside it. This applies to all
-    panels of the base.
+    If `flown` differs from the plan, it is drawn, with the plan thin and pale beside it.
     """
     return _plot_base(sms, trajectory, flown, ax, "base displacement [mm]", _displacements, slice(0, 3))
 
@@ -301,7 +301,10 @@ def plot_base_position(
 def plot_base_velocity(
     sms: SpaceManipulator, trajectory: Trajectory, ax: Axes | None = None, flown: Motion | None = None
 ) -> Axes:
-    """Plot the velocity of the base's centre of mass, inertial axes."""
+    """Plot the velocity [mm/s] of the base's centre of mass, inertial axes.
+
+    `flown` is drawn as in `plot_base_position`.
+    """
     return _plot_base(sms, trajectory, flown, ax, "base velocity [mm/s]", _twists, slice(0, 3))
 
 
@@ -309,7 +312,10 @@ def plot_base_velocity(
 def plot_base_rotation(
     sms: SpaceManipulator, trajectory: Trajectory, ax: Axes | None = None, flown: Motion | None = None
 ) -> Axes:
-    """Plot the rotation vector of the base from its start, inertial axes."""
+    """Plot the rotation vector [deg] of the base from its start, inertial axes.
+
+    `flown` is drawn as in `plot_base_position`.
+    """
     return _plot_base(sms, trajectory, flown, ax, "base rotation [deg]", _displacements, slice(3, 6))
 
 
@@ -317,7 +323,10 @@ def plot_base_rotation(
 def plot_base_angular_velocity(
     sms: SpaceManipulator, trajectory: Trajectory, ax: Axes | None = None, flown: Motion | None = None
 ) -> Axes:
-    """Plot the angular velocity of the base, inertial axes."""
+    """Plot the angular velocity [deg/s] of the base, inertial axes.
+
+    `flown` is drawn as in `plot_base_position`.
+    """
     return _plot_base(sms, trajectory, flown, ax, "base angular velocity [deg/s]", _twists, slice(3, 6))
 
 
@@ -352,14 +361,14 @@ def _twists(sms: SpaceManipulator, q: FloatArray, v: FloatArray) -> FloatArray:
 
 @drawing
 def plot_joint_error(sms: SpaceManipulator, tracking: Tracking, ax: Axes | None = None) -> Axes:
-    """Plot joint position errors: measured less planned."""
+    """Plot joint position errors [deg or m], simulated minus planned."""
     values = tracking.joint_error * joint_factors(sms)
     return _plot_joints(sms, ax, [Series(tracking.t, values)], "joint error [{}]")
 
 
 @drawing
 def plot_joint_rate_error(sms: SpaceManipulator, tracking: Tracking, ax: Axes | None = None) -> Axes:
-    """Plot joint rate errors: measured less planned."""
+    """Plot joint rate errors [deg/s or m/s], simulated minus planned."""
     values = tracking.joint_rate_error * joint_factors(sms)
     return _plot_joints(sms, ax, [Series(tracking.t, values)], "joint rate error [{}/s]")
 
@@ -370,7 +379,7 @@ def plot_tracked_position_error(
 ) -> Axes:
     """Plot the distance from the simulated end effector to the target.
 
-    `open_loop` is the flight of the plan made once, if the motion was re-planned in the loop.
+    If `tracking` was re-planned in the loop, `open_loop` is the tracking of the first plan beside it.
     """
     label = "distance to target [m]"
     if open_loop is None:
@@ -389,9 +398,9 @@ def plot_tracked_position_error(
 def plot_torques(
     sms: SpaceManipulator, tracking: Tracking, ax: Axes | None = None, limits: FloatArray | None = None
 ) -> Axes:
-    """Plot joint torques, each constant over a control step; `limits` (n,) [N m] are dotted.
+    """Plot joint torques [N m or N], constant over each control step; `limits` (n,) are dotted.
 
-    Slow motions need only small torques, whose curves look flat beside the limits.
+    By default no limits are drawn, because they would flatten the curves of slow motions.
     """
     if limits is not None and not (isinstance(limits, np.ndarray) and limits.shape == (sms.n,)):
         raise InvalidValue("limits", limits, f"must be an array of shape ({sms.n},) [N m]")
@@ -402,7 +411,7 @@ def plot_torques(
 
 @drawing
 def plot_wheel_momentum(sms: SpaceManipulator, trajectory: Trajectory, ax: Axes | None = None) -> Axes:
-    """Plot the predicted spin momentum of the wheels that turn; limits as in `plot_wheels`."""
+    """Plot the planned spin momenta [N m s] of the wheels that turn; limits as in `plot_wheels`."""
     return _plot_turning_wheels(sms, trajectory, ax, trajectory.wheel_momentum)
 
 
@@ -410,10 +419,10 @@ def plot_wheel_momentum(sms: SpaceManipulator, trajectory: Trajectory, ax: Axes 
 def plot_wheels(
     sms: SpaceManipulator, trajectory: Trajectory, tracking: Tracking, ax: Axes | None = None
 ) -> Axes:
-    """Plot the simulated spin momentum of the wheels that turn, and dashed the planned one, if any.
+    """Plot the simulated spin momenta [N m s] of the wheels that turn, with any planned momenta dashed.
 
-    Wheels with the same momentum share a line, whose label names them. The limits are dotted; limits that are
-    far away are named beside the axis.
+    Wheels with the same momentum share a line, whose label names them. Limits are dotted; if no wheel comes
+    near its limit, the label of the axis states the largest used share instead.
     """
     ax = _plot_turning_wheels(sms, tracking, ax, tracking.wheel_momentum)
     planned = trajectory.wheel_momentum
@@ -427,18 +436,18 @@ def plot_wheels(
 
 @drawing
 def plot_wheel_torque(sms: SpaceManipulator, tracking: Tracking, ax: Axes | None = None) -> Axes:
-    """Plot motor torques of the wheels that turn; limits as in `plot_wheels`."""
+    """Plot the motor torques [N m] of the wheels that turn; limits as in `plot_wheels`."""
     return _plot_turning_wheels(sms, tracking, ax, tracking.wheel_torque, torque=True)
 
 
 def _plot_turning_wheels(
     sms: SpaceManipulator, motion: Motion, ax: Axes | None, values: FloatArray, torque: bool = False
 ) -> Axes:
-    """Draw a line of momenta or torques (k, w) for wheels that coincide; limits are dotted if near."""
+    """Draw momenta or torques (k, w), one line for all wheels of equal momentum, with dotted near limits."""
     if sms.wheels is None:
         raise InvalidValue("sms", sms, "must have wheels: sms.with_actuators(wheels=...)")
     wheels, names = sms.wheels, sms.wheels.names
-    groups = _alike(motion.wheel_momentum) or [list(range(len(names)))]  # all wheels at rest
+    groups = _alike(motion.wheel_momentum) or [list(range(len(names)))]  # one group if all wheels rest
     first = [group[0] for group in groups]
     quantity, most = ("torque [N m]", wheels.torque) if torque else ("momentum [N m s]", wheels.momentum)
     label, limits = near_limits(values, most, f"wheel {quantity}")

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure, FigureBase
 from matplotlib.textpath import TextPath
 from matplotlib.ticker import ScalarFormatter
 
-# Okabe and Ito's colours, ordered so that neighbours also differ in lightness; each has its own line style.
+# Okabe and Ito's colours, in an order in which neighbours also differ in lightness.
 _COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#000000")
 _DASHES: tuple[Any, ...] = ("-", (0, (6, 2)), (0, (5, 1.5, 1, 1.5)), (0, (2, 1)), (0, (8, 1.5, 2, 1.5)))
 ACCENT, NEUTRAL = "#0072B2", "#555555"
@@ -21,7 +21,7 @@ ACCENT, NEUTRAL = "#0072B2", "#555555"
 LIMIT: dict[str, Any] = {"linestyle": ":", "linewidth": 1.1}
 # The style of a plan beside the flown motion: thin and pale, in the colour of the flown motion.
 PLANNED: dict[str, Any] = {"linewidth": 0.9, "linestyle": "-", "alpha": 0.55}
-# Their labels in legends.
+# The labels of limits and of plans in legends.
 LIMITS, AS_PLANNED = "limits", "as planned"
 
 _WIDTH = 5.2  # [in]
@@ -64,14 +64,14 @@ drawing = applied()  # decorator of functions that draw
 
 
 def line(index: int) -> dict[str, Any]:
-    """Return colour and dashes of the line with an index."""
+    """Return colour and dashes of line `index` of a panel."""
     return {"color": _COLOURS[index % len(_COLOURS)], "linestyle": _DASHES[index % len(_DASHES)]}
 
 
 def legend_above(ax: Axes, columns: int | None = None) -> None:
-    """Draw a legend above a panel, right of the axis' power of ten.
+    """Draw a legend above a panel on the right, because the axis's power of ten is on the left.
 
-    A panel without labelled lines gets none.
+    A panel without labelled lines gets no legend.
     """
     labels = ax.get_legend_handles_labels()[1]
     if not labels:
@@ -82,14 +82,14 @@ def legend_above(ax: Axes, columns: int | None = None) -> None:
 
 
 def over_time(ax: Axes, label: str) -> None:
-    """Set the labels of a panel over time, and its limits to those of its lines."""
+    """Set the labels of a panel over time, and remove its margins in time."""
     ax.set_xlabel("time [s]")
     ax.set_ylabel(label)
     ax.margins(x=0.0)
 
 
 def _columns(labels: Sequence[str], width: float = 1.0) -> int:
-    """Return the number of columns that fit into `width` panels; entries are filled in column by column."""
+    """Return the number of legend columns that fit into `width` panels; entries fill column by column."""
     for count in range(len(labels), 1, -1):
         rows = -(-len(labels) // count)
         columns = [labels[i : i + rows] for i in range(0, len(labels), rows)]
@@ -108,7 +108,7 @@ def _length(label: str) -> float:
 
 @drawing
 def share_legend(figure: Figure, panels: Sequence[Axes], title: str = "") -> None:
-    """Draw one legend above all panels if their legends have the same entries, and the title above it."""
+    """Draw the title, and below it one legend for all panels if their legends have the same entries."""
     legends = [legend for ax in panels if (legend := ax.get_legend()) is not None]
     entries: dict[str, Any] = {}
     own: list[list[str]] = []
@@ -133,7 +133,7 @@ def share_legend(figure: Figure, panels: Sequence[Axes], title: str = "") -> Non
 
 
 class _Ticks(ScalarFormatter):
-    """A formatter with plain text at the ticks, because typesetting formulas is slow."""
+    """A formatter that writes ticks as plain text, because typesetting formulas is slow."""
 
     def __call__(self, x: float, pos: int | None = None) -> str:
         """Return the label of a tick."""
@@ -147,7 +147,7 @@ def subplots(
     sharex: bool = False,
     heights: Sequence[float] | None = None,
 ) -> list[Axes]:
-    """Make a figure with panels, row by row, within `applied`; `heights` are shares of the rows."""
+    """Add panels to a figure, row by row, inside a block of `applied`; `heights` are shares of the rows."""
     grid = figure.subplots(rows, columns, sharex=sharex, squeeze=False, height_ratios=heights)
     panels: list[Axes] = list(grid.ravel())
     for ax in panels:
@@ -158,7 +158,7 @@ def subplots(
 
 @drawing
 def stack(rows: int, height: float = 2.1, sharex: bool = True) -> tuple[Figure, list[Axes]]:
-    """Make a figure with stacked panels of a height [in] that share their time axis."""
+    """Make a figure of stacked panels, each of a height [in], that share their time axis if `sharex`."""
     figure = Figure(figsize=(_WIDTH, 0.4 + height * rows), layout="constrained")
     panels = subplots(figure, rows, sharex=sharex)
     figure.align_ylabels(panels)
