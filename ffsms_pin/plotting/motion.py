@@ -62,7 +62,7 @@ def plot_motion(
         Recording whose postures are drawn instead of the plan's.
     """
     paths = {} if paths is None else paths
-    shown, spread, (narrowest, _) = _postures_and_extent(sms, trajectory, instants, paths, flown)
+    shown, spread, (narrowest, _) = _drawn_postures(sms, trajectory, instants, paths, flown)
     motion = trajectory if flown is None else flown
     across, turned = narrowest, isinstance(along, np.ndarray)
     if isinstance(along, str):
@@ -119,13 +119,11 @@ def motion_sides(
     sms: SpaceManipulator, trajectory: Trajectory, paths: Mapping[str, FloatArray] | None = None
 ) -> tuple[str, ...]:
     """Return the inertial axes along which a motion is viewed: one if it is planar, else two."""
-    _, spread, (first, second) = _postures_and_extent(
-        sms, trajectory, 6, {} if paths is None else paths, None
-    )
+    _, spread, (first, second) = _drawn_postures(sms, trajectory, 6, {} if paths is None else paths, None)
     return ("xyz"[first],) if spread[first] < _FLAT else ("xyz"[first], "xyz"[second])
 
 
-def _postures_and_extent(
+def _drawn_postures(
     sms: SpaceManipulator,
     trajectory: Trajectory,
     instants: int | Sequence[float],

@@ -41,7 +41,7 @@ from ffsms_pin.viewer.frames import (
 )
 from ffsms_pin.viewer.marks import marks_of
 from ffsms_pin.viewer.page import chosen_layers, facts, page, readings, staged
-from ffsms_pin.viewer.robot import draw_motion, film, moving_layers
+from ffsms_pin.viewer.robot import animate, draw_motion, moving_layers
 from ffsms_pin.viewer.scene import Stage
 
 _KAPPA = 10.0  # for a motion without a plan
@@ -66,45 +66,45 @@ def view(
     title: str | None = None,
     play: bool = True,
 ) -> View:
-    """Make an animated scene of a motion, with the coupling drawn on it.
+    """Make an animated scene of a motion, with the coupling drawn on the robot.
 
-    `view(flight)` shows a capture with its client, obstacles and events. The first two arguments may come in
-    either order.
+    `view(flight)` shows a capture with its client, obstacles and events. The first two arguments may be
+    swapped.
 
     Parameters
     ----------
     sms : SpaceManipulator
-        The robot that moves: the plant if it differs from the model. Default: that of the flight.
+        The robot that moves; the plant if it differs from the model. Default: the flight's plant.
     result : Trajectory, Tracking or capture.Flight
         The motion.
     plan : Trajectory, optional
-        The plan that a `Tracking` followed. Its path is drawn, and its target and kappa are used.
+        The plan of a `Tracking`. Its path is drawn, and its target and kappa are used.
     target : array_like, shape (3,), or pinocchio.SE3, or callable, optional
         Target in inertial axes [m], or a function of time [s]. Default: the grasp on the client, else the
-        plan's target. Without a target, as on a path, its direction and the cone are not drawn.
+        plan's target. Without a target, for example on a path, no direction and no cone are drawn.
     obstacles : sequence of Obstacle
-        Obstacles of the plan. Those on a client are drawn with the client if it is given.
+        Obstacles of the plan. Obstacles on a client move with `client`, if it is given.
     client : Client or ClientMotion, optional
         Body to draw: an object with `shapes`, `pose(t)` and `poses(times)`, such as `ffsms_pin.Client`.
     grasp : array_like, shape (3,), or pinocchio.SE3, optional
-        Grasp point in the client's axes [m]. Default: that of the flight.
+        Grasp point in the client's axes [m]. Default: the flight's grasp.
     path : opt.Path, optional
-        Path to follow, drawn in the frame to which it is fixed. Default: that of the plan.
+        Path to follow, drawn in the frame to which it is fixed. Default: the plan's path.
     events : sequence of simulation.Phase
-        Phases of a capture, which are marked in the scene and on the time bar. Default: those of the flight.
+        Phases of a capture, which are marked in the scene and on the time bar. Default: the flight's phases.
         A stop by a guard is always marked.
     show : str or sequence of str, optional
         Names of the layers in `LAYERS` that are visible at first, or "all". The legend of the page switches
         all layers.
     camera : str
-        First view, of `CAMERAS`: "free" (oblique; planar motions from above), "front" (from +x), "side" (from
-        -y), "top" (from +z), or "base", which turns with the base. The page can change it.
+        First view, a name in `CAMERAS`: "free" (oblique; planar motions from above), "front" (from +x),
+        "side" (from -y), "top" (from +z), or "base", which turns with the base. The page has a control for it.
     background : str
-        "dark" or "white"; the page can change it.
+        "dark" or "white". The page has a control for it.
     speed : float
-        Speed of the animation: 1 is real time, 2 is twice as fast; the page can change it.
+        Playback speed: 1 is real time, 2 is twice as fast. The page has a control for it.
     fps : float
-        Frames per second of the motion [1/s]; the page interpolates between them.
+        Frame rate [1/s]; the page interpolates between frames.
     title : str, optional
         Title of the page.
     play : bool
@@ -156,7 +156,7 @@ def view(
     marks = marks_of(result, events) if isinstance(result, Tracking) else []
     draw_events(stage, marks, tips_at(sms, result, [mark.time for mark in marks]))
     latched = next((mark.time for mark in marks if mark.name == "latched"), None)
-    film(stage, frames, moving_layers(stage, frames, reach, client, obstacles, place, latched, path))
+    animate(stage, frames, moving_layers(stage, frames, reach, client, obstacles, place, latched, path))
     numbers = readings(frames, aim, latched, path)
     scene_facts = facts(
         stage, frames, shown, speed, play, marks, readings=numbers, background=background, **cameras
@@ -165,7 +165,7 @@ def view(
 
 
 def _shown_path(path: Path | None, planned: Trajectory | None, client: Any) -> Path | None:
-    """Return the path to draw, fixed to the client that is drawn instead of the plan's estimate of it."""
+    """Return the path to draw; a path on a client is moved from the plan's client to the drawn client."""
     if path is None and planned is not None and planned.problem is not None:
         path = planned.problem.goal if isinstance(planned.problem.goal, Path) else None
     if path is not None and isinstance(path.frame, FreeBody) and isinstance(client, FreeBody):
@@ -174,9 +174,9 @@ def _shown_path(path: Path | None, planned: Trajectory | None, client: Any) -> P
 
 
 def _grasp_place(grasp: Any, client: DrawnClient | None) -> FloatArray:
-    """Return the place (3,) of a grasp in the client's axes [m]."""
+    """Return the grasp point (3,) in the client's axes [m]."""
     if client is None:
-        raise InvalidValue("grasp", grasp, "is a point on a client, which is missing: add client=")
+        raise InvalidValue("grasp", grasp, "needs a client to be drawn on: add client=")
     return vector("grasp", grasp.translation if isinstance(grasp, pin.SE3) else grasp, 3, "m")
 
 
@@ -196,7 +196,7 @@ class View:
     def __init__(self, frames: Frames, stage: Stage, facts: dict[str, Any], title: str) -> None:
         self._frames, self._stage, self._facts, self._title = frames, stage, facts, title
         self.layers: dict[str, bool] = {layer["name"]: layer["shown"] for layer in facts["layers"]}
-        """The layers of the scene by name: True if a layer is visible at first."""
+        """The scene's layers by name, True for a layer that is visible at first."""
 
     def to_html(self, path: str | os.PathLike[str]) -> None:
         """Write the scene atomically as one HTML file that needs no other file and no network."""
@@ -218,7 +218,7 @@ class View:
         page_file = path_like("path", path).expanduser()
         self.to_html(page_file)
         if not open_in_browser(page_file):
-            text = f"there is no browser or no display to open the scene, which is in {page_file}"
+            text = f"the scene is in {page_file}, but there is no browser or no display to open it"
             warnings.warn(text, FfsmsWarning, stacklevel=2)
         return page_file
 

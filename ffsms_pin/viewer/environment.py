@@ -1,7 +1,6 @@
 """The environment of a robot in a scene: paths, the base's trail, actuators, obstacles, client, events.
 
-A layer draws objects and returns a function that moves them to a frame: at once, or, while the scene is
-filming, in that frame of the film.
+A layer draws objects and returns a function that moves them to a frame of the animation.
 """
 
 from __future__ import annotations
@@ -23,7 +22,7 @@ from ffsms_pin.viewer.marks import Mark
 from ffsms_pin.viewer.meshes import COLOURS, Mesh, along_z, hull, tube
 from ffsms_pin.viewer.scene import Stage
 
-Show: TypeAlias = Callable[[Frames, int], None]  # moves a layer to a frame
+Show: TypeAlias = Callable[[Frames, int], None]  # moves a layer to a frame of the animation
 
 
 def add_path(stage: Stage, name: str, path: FloatArray, cosines: FloatArray | None) -> None:
@@ -40,7 +39,10 @@ def add_path(stage: Stage, name: str, path: FloatArray, cosines: FloatArray | No
 
 
 def add_trail(stage: Stage, name: str, path: FloatArray, times: FloatArray, colour: str) -> None:
-    """Draw a path (k, 3) as a thin tube, which the page shows up to its time; `times` (k,) [s] from 0."""
+    """Draw a path (k, 3) as a thin tube, which the page shows up to the current time.
+
+    `times` (k,) [s], from 0, are those of the points.
+    """
     rows = _thinned(path)
     if rows.size < 2:
         return
@@ -69,7 +71,7 @@ def add_base_trail(stage: Stage, frames: Frames) -> None:
 def _add_axes(
     stage: Stage, name: str, pose: Any, length: float, radius: float, strength: float = 1.0
 ) -> None:
-    """Draw the axes of a frame, in pale colours if the strength is below 1."""
+    """Draw the axes of a frame; a strength below 1 makes their colours pale."""
     for axis, letter, colour in zip(pose.rotation.T, "xyz", meshes.AXIS_COLOURS, strict=True):
         line = tube(np.array([pose.translation, pose.translation + length * axis]), radius, sides=6)
         stage.draw(f"{name}/{letter}", line, meshes.pale(colour, strength), flat=True)
@@ -85,7 +87,7 @@ def _thinned(path: FloatArray) -> np.ndarray[tuple[int], np.dtype[np.intp]]:
 
 
 def actuator_layer(stage: Stage, sms: SpaceManipulator) -> Show:
-    """Draw the robot's wheels and thrusters on the base, in proportion to its smallest edge."""
+    """Draw the robot's wheels and thrusters on the base, in proportion to the base's smallest edge."""
     size = sms.base_size or 3 * (0.3 * stage.size,)
     edge, thick = min(size), 0.05 * min(size)
     drawn: dict[str, tuple[Mesh, FloatArray, FloatArray]] = {}
@@ -128,7 +130,7 @@ def _on_faces(sms: SpaceManipulator, half: FloatArray, thick: float) -> FloatArr
 
 
 def obstacle_layer(stage: Stage, obstacles: Sequence[Obstacle]) -> Show:
-    """Draw obstacles, which may move by themselves or with the base."""
+    """Draw obstacles; some may be fixed to the base or move on their own."""
     for i, obstacle in enumerate(obstacles):
         stage.draw(f"obstacles/{i}", hull(outline(obstacle.shape)), COLOURS["obstacle"], opacity=0.6)
         stage.titles[f"obstacles/{i}"] = obstacle.name or f"obstacle {i + 1}"
@@ -142,7 +144,7 @@ def obstacle_layer(stage: Stage, obstacles: Sequence[Obstacle]) -> Show:
 
 
 def path_layer(stage: Stage, path: Path) -> Show:
-    """Draw the curve of a path, without its approach, in the frame to which it is fixed."""
+    """Draw the curve of a path, without its approach, in the frame to which the path is fixed."""
     points = path_points(path, 401)
     stage.draw("path", tube(points[_thinned(points)], 0.0035 * stage.size), COLOURS["target"], flat=True)
 
@@ -154,7 +156,7 @@ def path_layer(stage: Stage, path: Path) -> Show:
 
 
 def draw_events(stage: Stage, marks: Sequence[Mark], places: FloatArray) -> None:
-    """Draw a ball at each of the positions (k, 3) [m] of the end effector at the events."""
+    """Draw a ball for each event, at the end effector's positions `places` (k, 3) [m]."""
     for i, (mark, place) in enumerate(zip(marks, places, strict=True)):
         colour = COLOURS["stop" if mark.stops else "event"]
         stage.draw(f"events/{i}", meshes.sphere(0.014 * stage.size), colour, flat=True, through=True)
@@ -164,15 +166,15 @@ def draw_events(stage: Stage, marks: Sequence[Mark], places: FloatArray) -> None
 def client_layer(
     stage: Stage, client: DrawnClient, obstacles: Sequence[Obstacle], grasp: FloatArray | None
 ) -> Show:
-    """Draw a client with the obstacles that are on it; a client without shapes is drawn as a ball.
+    """Draw a client with its obstacles; a client without shapes is drawn as a ball.
 
     A client with a single shape gets a grapple ring at `grasp` (3,) [m], body axes.
     """
-    own, kept = list(client.shapes), [(one.shape, one.pose) for one in obstacles if one.moves]
+    own, kept = list(client.shapes), [(body.shape, body.pose) for body in obstacles if body.moves]
     if not own and not kept:
         own = [(coal.Sphere(BALL), pin.SE3.Identity())]
-    places = [placed_outline(*one) for one in own]
-    others = [one for one in kept if not any(_same(placed_outline(*one), other) for other in places)]
+    outlines = [placed_outline(*shape) for shape in own]
+    others = [shape for shape in kept if not any(_same(placed_outline(*shape), other) for other in outlines)]
     for i, (shape, placement) in enumerate(own + others):
         stage.draw(f"client/{i}", hull(outline(shape)), COLOURS["client"])
         size = meshes.INSIDE if i < len(own) else 1.0
@@ -221,5 +223,5 @@ def frame_layer(stage: Stage, sms: SpaceManipulator) -> Show:
     return show
 
 
-def _same(one: FloatArray, other: FloatArray) -> bool:
-    return one.shape == other.shape and np.allclose(one, other, atol=1e-9)
+def _same(points: FloatArray, others: FloatArray) -> bool:
+    return points.shape == others.shape and np.allclose(points, others, atol=1e-9)

@@ -1,4 +1,4 @@
-"""The frames of a planned or simulated motion that are shown, and the directions of the cameras."""
+"""The animation's frames of a planned or simulated motion, and the directions of the cameras."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from ffsms_pin.system import State
 Result: TypeAlias = Trajectory | Tracking
 Target: TypeAlias = ArrayLike | Callable[[float], ArrayLike]
 
-MOST = 1800  # frames: a minute at 30 frames per second
+MOST = 1800  # largest number of frames: a minute at 30 frames per second
 FREE, ON_BASE = "free", "base"
 DARK, WHITE = "dark", "white"
 BACKGROUNDS = (DARK, WHITE)
@@ -40,16 +40,16 @@ CAMERAS: Mapping[str, tuple[float, float, float] | None] = {
     ON_BASE: None,
 }
 _ABOVE, _OBLIQUE = (-0.12, -0.75, 1.5), (1.0, -1.5, 0.95)
-_INSTANTS = 25  # instants at which robot and client must be in the camera's picture
+_INSTANTS = 25  # number of instants at which robot and client must be in the camera's picture
 BALL = 0.1  # [m] radius of a client without shapes
 
 
 @dataclass(frozen=True, eq=False)
 class Frames:
-    """The instants t (k,) [s] that are shown, with q (k, nq), v (k, nv), and target (k, 3) [m].
+    """The k frames of an animation: times t (k,) [s], q (k, nq), v (k, nv), and target (k, 3) [m].
 
-    `force` (k, 3) [N] is the contact force on the end effector, the largest from each frame to the next.
-    Inertial axes.
+    `force` (k, 3) [N] is the contact force on the end effector, at its largest between a frame and the next.
+    Target and force have inertial axes.
     """
 
     sms: SpaceManipulator
@@ -64,7 +64,7 @@ class Frames:
     def of(
         cls, sms: SpaceManipulator, result: Result, target: Target | None, kappa: float, rate: float
     ) -> Frames:
-        """Select rows of a result, about `rate` per second, without interpolation."""
+        """Select rows of a result as frames, about `rate` frames per second, without interpolation."""
         if result.q.shape[1] != sms.nq:
             problem = f"belongs to another robot: q must have {sms.nq} columns"
             raise InvalidValue("result", result.q.shape, problem)
@@ -87,7 +87,7 @@ class Frames:
 
     @cached_property
     def bases(self) -> list[pin.SE3]:
-        """The poses of the base's root."""
+        """The poses (pinocchio.SE3) of the root frame."""
         return [pin.XYZQUATToSE3(q[:7]) for q in self.q]
 
     @cached_property
@@ -110,11 +110,11 @@ class Frames:
 
     @cached_property
     def assistance(self) -> FloatArray:
-        """The coupling assistance cos(theta_a) (k,); zero where nothing moves or there is no target."""
+        """The coupling assistance cos(theta_a) (k,); zero if the joints rest or there is no target."""
         if self.target is None:
             return np.zeros(len(self.t))
-        ways = zip(self.states, self.target - self.tips, strict=True)
-        return np.array([state.coupling.assistance(state.v[6:], direction) for state, direction in ways])
+        pairs = zip(self.states, self.target - self.tips, strict=True)
+        return np.array([state.coupling.assistance(state.v[6:], direction) for state, direction in pairs])
 
     @cached_property
     def ideal(self) -> FloatArray:
@@ -123,7 +123,7 @@ class Frames:
 
 
 def tips_at(sms: SpaceManipulator, result: Result, times: Sequence[float]) -> FloatArray:
-    """Return the positions of the end effector (k, 3) [m] in the rows of a result at times [s]."""
+    """Return the positions (k, 3) [m] of the end effector at times (k,) [s] of a result."""
     rows = np.searchsorted(result.t, np.asarray(times) - 1e-9).clip(0, len(result.t) - 1)
     tips = [sms.at(result.q[row]).end_effector_pose.translation for row in rows]
     return np.reshape(tips, (-1, 3))
@@ -154,9 +154,10 @@ def path_pose(path: Path, frames: Frames, k: int) -> Any:
 def seen_points(
     frames: Frames, client: DrawnClient | None, obstacles: Sequence[Obstacle], path: Path | None = None
 ) -> tuple[FloatArray, FloatArray]:
-    """Return points (k, 3) [m] that must be in the picture: in inertial axes, and in those of the first base.
+    """Return the points that must be in the picture, for a fixed camera and for one that moves with the base.
 
-    The points are those of robot, target, path, client and the obstacles on it, at some instants.
+    The points are those of robot, target, path, client and the client's obstacles at some instants, each
+    (k, 3) [m] in inertial axes; for the moving camera, as if the base kept its first pose.
     """
     rows = np.unique(np.linspace(0, len(frames.t) - 1, _INSTANTS).round().astype(int))
     sms, fixed, riding = frames.sms, [frames.tips], []
@@ -179,12 +180,12 @@ def seen_points(
 
 
 def _moved(points: FloatArray, pose: Any) -> FloatArray:
-    """Return points (k, 3) transformed by a pose."""
+    """Return points (k, 3) in the axes in which `pose` is given."""
     return np.asarray(points @ pose.rotation.T + pose.translation)
 
 
 def placed_outline(shape: Any, placement: Any) -> FloatArray:
-    """Return points (k, 3) whose hull is the shape at its placement."""
+    """Return points (k, 3) whose convex hull is the shape at its placement."""
     return _moved(outline(shape), placement)
 
 
@@ -194,7 +195,7 @@ def _corners(low: FloatArray, high: FloatArray) -> FloatArray:
 
 
 def _client_corners(client: DrawnClient, obstacles: Sequence[Obstacle]) -> FloatArray:
-    """Return the corners (8, 3) of the box about a client's shapes and the obstacles on it, body axes."""
+    """Return the corners (8, 3) of the box around a client's shapes and its obstacles, body axes."""
     shapes = [*client.shapes, *((obstacle.shape, obstacle.pose) for obstacle in obstacles if obstacle.moves)]
     if not shapes:
         return _corners(np.full(3, -BALL), np.full(3, BALL))
@@ -203,7 +204,7 @@ def _client_corners(client: DrawnClient, obstacles: Sequence[Obstacle]) -> Float
 
 
 def middle_and_radius(points: FloatArray) -> tuple[FloatArray, float]:
-    """Return the middle (3,) and half the diagonal [m] of the box about points (k, 3)."""
+    """Return the middle (3,) and half the diagonal [m] of the box around points (k, 3)."""
     low, high = points.min(axis=0), points.max(axis=0)
     return 0.5 * (low + high), max(0.5 * float(np.linalg.norm(high - low)), 1e-3)
 

@@ -1,4 +1,4 @@
-"""The marks of a run's events in the scene and on the time bar: hold point, contact, latch, stop."""
+"""The marks in the scene and on the time bar for a run's events, such as contact, latching and stop."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class Mark:
 
 
 def marks_of(tracking: Tracking, phases: Sequence[Phase]) -> list[Mark]:
-    """Return the marks of a recording: of the phases of a capture, and of the guard that stopped it."""
+    """Return the marks for the phases of a capture, and for a stop of the tracking by a guard."""
     marks = [_mark(phase) for phase in phases if phase.time > 0.0 or phase.name != "approach"]
     if tracking.stopped and not any(mark.stops for mark in marks):
         marks.append(Mark(tracking.stop_time, "stop", tracking.stopped))

@@ -1,4 +1,4 @@
-"""The shapes that are drawn besides the robot, their colours, and their encoding for Meshcat's page."""
+"""The shapes of a scene besides the robot's, their colours, and their encoding for Meshcat's page."""
 
 from __future__ import annotations
 
@@ -41,8 +41,8 @@ ASSISTANCE_STOPS = ("#8C3A00", "#B5B0A8", "#0072B2")
 USAGE_STOPS = ("#56B4E9", "#F0E442", "#D55E00")
 _TYPES = {"uint8": 0x12, "uint32": 0x16, "float32": 0x17}  # MessagePack types of arrays in Meshcat's page
 _SIDES = 20
-_SHARP = 200  # triangles; meshes with more are shaded smoothly
-INSIDE = 0.985  # scale of an object that coincides with another object, whose faces would flicker
+_SHARP = 200  # largest number of triangles of a mesh with sharp edges; larger meshes are shaded smoothly
+INSIDE = 0.985  # scale of an object that may coincide with another object, because such faces flicker
 
 
 def rgb(colour: str) -> FloatArray:
@@ -56,13 +56,13 @@ def pale(colour: str, strength: float) -> FloatArray:
 
 
 def blend(stops: tuple[str, ...], places: FloatArray | float) -> FloatArray:
-    """Return colours (..., 3) at places (...), 0 to 1, of a gradient."""
+    """Return the colours (..., 3) of a gradient at `places` (...) from 0 to 1."""
     at, columns = np.linspace(0.0, 1.0, len(stops)), np.array([rgb(stop) for stop in stops]).T
     return np.stack([np.interp(places, at, column) for column in columns], axis=-1)
 
 
 class Mesh(NamedTuple):
-    """The vertices (k, 3) [m], triangles (m, 3), and each vertex's place along the shape, 0 to 1."""
+    """A mesh: vertices (k, 3) [m], triangles (m, 3), and each vertex's place along the shape, 0 to 1."""
 
     vertices: FloatArray
     faces: np.ndarray[tuple[int, int], np.dtype[np.int64]]
@@ -78,11 +78,12 @@ class Mesh(NamedTuple):
 
 
 def tube(path: FloatArray, radii: FloatArray | float, sides: int = 8) -> Mesh:
-    """Make a tube around a path (k, 3); `radii` is a number or one per point, and zero makes a tip."""
+    """Make a tube around a path (k, 3); `radii` is one radius or one per point, and zero makes a tip."""
     k = len(path)
     radius = np.broadcast_to(radii, (k,))
     tangents = np.gradient(path, axis=0)
-    tangents /= np.maximum(np.linalg.norm(tangents, axis=1), 1e-12)[:, None]  # zero where the path turns back
+    # A tangent is zero where the path reverses.
+    tangents /= np.maximum(np.linalg.norm(tangents, axis=1), 1e-12)[:, None]
     normal = _any_normal(tangents[0])
     angles = np.linspace(0.0, 2.0 * np.pi, sides, endpoint=False)
     rings = []
@@ -104,15 +105,15 @@ def tube(path: FloatArray, radii: FloatArray | float, sides: int = 8) -> Mesh:
 
 
 def arrow(radius: float) -> Mesh:
-    """Make an arrow of length 1 from the origin along z, to be scaled."""
+    """Make an arrow of length 1 from the origin along z."""
     path = np.array([[0.0, 0.0, z] for z in (0.0, 0.74, 0.74, 1.0)])
-    # Two nearly coincident points make the shoulder of the head; `tube` needs distinct points.
+    # The head begins at two nearly coincident points, because `tube` needs distinct points.
     path[2, 2] += 1e-6
     return tube(path, np.array([radius, radius, 2.6 * radius, 0.0]), _SIDES)
 
 
 def turn_arrow(radius: float) -> Mesh:
-    """Make three quarters of a ring of radius 1 about z with a head: a turn by the right-hand rule."""
+    """Make an open ring of radius 1 about z with an arrow's head, for a positive rotation about z."""
     angles = np.append(np.linspace(0.0, 1.35 * np.pi, 40), np.linspace(1.35 * np.pi, 1.6 * np.pi, 10))
     radii = np.append(np.full(40, radius), np.linspace(2.8 * radius, 0.0, 10))
     return tube(np.column_stack([np.cos(angles), np.sin(angles), np.zeros_like(angles)]), radii, 12)
@@ -134,7 +135,7 @@ def nozzle(length: float) -> Mesh:
 
 
 def panel(length: float, width: float) -> tuple[Mesh, FloatArray]:
-    """Return a plane panel about the origin, z out of it, with the colours (k, 3) of cells and gaps."""
+    """Return a flat panel in the x-y plane about the origin, and the colours (k, 3) of cells and gaps."""
     edges, cells = [], []
     for side in (length, width):
         count = max(2, round(6.0 * side / max(length, width)))
@@ -152,7 +153,7 @@ def panel(length: float, width: float) -> tuple[Mesh, FloatArray]:
 
 
 def hull(points: FloatArray) -> Mesh:
-    """Make the hull of points (k, 3), its triangles counter-clockwise from outside, its edges sharp."""
+    """Make the convex hull of points (k, 3); triangles are counter-clockwise from outside."""
     from scipy.spatial import ConvexHull  # slow to load
 
     polytope = ConvexHull(points)
@@ -179,7 +180,7 @@ def along_z(direction: FloatArray) -> FloatArray:
 
 
 def _any_normal(direction: FloatArray) -> FloatArray:
-    """Return a unit vector perpendicular to a unit vector, continuous for small changes of direction."""
+    """Return a unit vector perpendicular to a unit vector."""
     axis = np.array([0.0, 0.0, 1.0]) if abs(direction[2]) < 0.9 else np.array([1.0, 0.0, 0.0])
     normal = np.cross(axis, direction)
     return np.asarray(normal / np.linalg.norm(normal))
@@ -191,13 +192,13 @@ def packed(numbers: NDArray[Any]) -> Any:
 
 
 def _attribute(rows: NDArray[Any]) -> dict[str, Any]:
-    """Return rows of three as an array of three.js."""
+    """Return an array (k, 3) as an attribute of three.js."""
     kind = f"{rows.dtype.name.capitalize()}Array"
     return {"itemSize": 3, "type": kind, "array": packed(rows), "normalized": False}
 
 
 def sphere(radius: float) -> dict[str, Any]:
-    """Return a ball as a geometry of three.js."""
+    """Return a sphere as a geometry of three.js."""
     return {"type": "SphereGeometry", "radius": radius, "widthSegments": 20, "heightSegments": 20}
 
 

@@ -1,11 +1,15 @@
 """Overlays on the moving robot: the coupling, the use of limits, and clearances.
 
-The coupling is shown by the dominant base motion u_1 scaled by sigma_1, as an arrow (translation) and a
-curved arrow (rotation) at the base's centre of mass; by the end-effector motion J*_v v_i of each principal
-joint direction; by the direction d to the target; and by the cone about d on which the paper's cost is zero,
-of half angle acos(c*).
+Four parts show the coupling:
 
-The signs of u_i and v_i are arbitrary. They are chosen to agree with the motion, and kept while it rests.
+- the dominant base motion u_1 times sigma_1, as an arrow (translation) and a curved arrow (rotation) at the
+  base's centre of mass;
+- the end-effector motion J*_v v_i of each principal joint direction v_i;
+- the direction d to the target;
+- the cone about d of half angle acos(c*), on which the paper's cost is zero.
+
+The singular vectors u_i and v_i have arbitrary signs. The signs are chosen to agree with the motion, and kept
+while the joints rest.
 """
 
 from __future__ import annotations
@@ -27,9 +31,9 @@ _LONGEST = 0.42  # length of the longest arrow, as a share of the robot's size
 
 
 def coupling_layer(stage: Stage, frames: Frames) -> Show:
-    """Draw arrows that follow the frames, each with its own node; the largest values set the scale."""
+    """Draw the arrows and the cone of the coupling; the largest values of the motion set their scale."""
     radius, longest, colours = 0.011 * stage.size, _LONGEST * stage.size, meshes.COLOURS
-    # They begin inside the base, so they must be visible through it.
+    # The arrows of the base motion begin inside the base, so they must be visible through it.
     look: dict[str, Any] = {"flat": True, "through": True, "opacity": 0.9}
     stage.draw("base motion u1/translation", meshes.arrow(1.3 * radius), colours["base_linear"], **look)
     stage.draw("base motion u1/rotation", meshes.turn_arrow(0.05), colours["base_turn"], **look)
@@ -76,21 +80,21 @@ def coupling_layer(stage: Stage, frames: Frames) -> Show:
 
 
 def _agreeing(V: FloatArray, rates: FloatArray, last: FloatArray | None) -> FloatArray:
-    """Return signs (n,) that align the columns of V with the motion, or at rest with the last ones."""
+    """Return signs (n,) that align the columns of V with the joint rates, or at rest with `last`."""
     alpha = V.T @ rates
-    if last is not None:  # slower joint motion [rad/s] has no direction to agree with
+    if last is not None:  # slower rates [rad/s] are rounding errors
         alpha = np.where(np.abs(alpha) < 1e-6, np.einsum("ij,ij->j", V, last), alpha)
     return np.where(alpha < 0.0, -1.0, 1.0)
 
 
 def _scales(frames: Frames) -> FloatArray:
-    """Return scales (3,) of the arrows: u_1's translation, its rotation, and principal motions."""
+    """Return the scales (3,) of the arrows for u_1's translation, u_1's rotation and principal motions."""
     states = frames.states[:: max(1, len(frames.t) // 60)]
     twists = np.array([state.coupling.sigma[0] * state.coupling.U[:, 0] for state in states])
     motions = [np.linalg.norm(state.J_star[:3] @ state.coupling.V, axis=0).max() for state in states]
     u1 = np.linalg.norm(twists.reshape(-1, 2, 3), axis=2).max(axis=0)
     largest = np.maximum([*u1, max(motions)], 1e-12)
-    # Rounding errors, which are small beside the other part of u_1, are not scaled up.
+    # A part of u_1 that is a rounding error beside the other part is not scaled up.
     real = largest > 1e-9 * largest[[1, 0, 2]]
     return np.asarray(real * np.array([1.1, 0.62, 1.0]) / largest)
 
@@ -110,7 +114,7 @@ def contact_layer(stage: Stage, forces: FloatArray) -> Show:
 
 
 def limit_layer(stage: Stage, sms: SpaceManipulator) -> Show:
-    """Draw a ball at each joint, coloured by the used share of its position or rate limit."""
+    """Draw a ball at each joint, coloured by the used share of the joint's position or rate limit."""
     names, ball = [f"joint limits/{i + 1}" for i in range(sms.n)], meshes.sphere(0.03 * stage.size)
     for name in names:
         stage.draw(name, ball, "#FFFFFF", opacity=0.85, flat=True, through=True)
@@ -126,9 +130,9 @@ def limit_layer(stage: Stage, sms: SpaceManipulator) -> Show:
 
 
 def clearance_layer(stage: Stage, sms: SpaceManipulator) -> Show:
-    """Draw a rod between the nearest two of the paper's points, or from a point to the base box.
+    """Draw a rod between the two nearest of the paper's points, or from a point to the base box.
 
-    Its colour is red at the paper's d_safe, and blue from 100 mm on.
+    The rod is red up to the paper's d_safe, and blue from a clearance of 100 mm on.
     """
     stack, half = PointStack(sms), 0.5 * np.array(sms.base_size)
     rod = meshes.tube(np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 1.0]]), 0.008 * stage.size)
@@ -136,9 +140,9 @@ def clearance_layer(stage: Stage, sms: SpaceManipulator) -> Show:
 
     def show(frames: Frames, k: int) -> None:
         values = stack.values(stack.at(frames.q[k], 0.0))[:, 0]
-        one, other = stack.ends[np.argmin(values)]
-        start, end = frames.points[k, one], frames.points[k, other]
-        if other < 0:  # the base box
+        first, second = stack.ends[np.argmin(values)]
+        start, end = frames.points[k, first], frames.points[k, second]
+        if second < 0:  # the base box
             box = frames.bases[k] * sms.base_box_placement
             end = box.act(np.clip(box.actInv(start), -half, half))
         scale = (1.0, 1.0, float(np.linalg.norm(end - start)))
@@ -150,7 +154,7 @@ def clearance_layer(stage: Stage, sms: SpaceManipulator) -> Show:
 
 
 def limit_usage(sms: SpaceManipulator, q: FloatArray, v: FloatArray) -> FloatArray:
-    """Return the larger used share (n,) of each joint's position range and rate limit, 0 to 1."""
+    """Return for each joint (n,) the used share of position range or rate limit, the larger one, 0 to 1."""
     limits = sms.limits
     with np.errstate(invalid="ignore"):  # a continuous joint has infinite limits
         middle, half = 0.5 * (limits.lower + limits.upper), 0.5 * (limits.upper - limits.lower)

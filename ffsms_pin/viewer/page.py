@@ -1,4 +1,4 @@
-"""The HTML page of a scene, with legend, time bar and speed."""
+"""The HTML page of a scene, with legend, time bar and controls."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ from ffsms_pin.viewer.scene import ROOT, Stage
 
 @dataclass(frozen=True)
 class Layer:
-    """A part of the scene: its label in the legend, its nodes, and the colour of its swatch as CSS."""
+    """A part of the scene: its label in the legend, its nodes, and its colour in the legend as CSS."""
 
     label: str
     nodes: tuple[str, ...]
@@ -79,7 +79,7 @@ INK = ("tracked path", "direction d")
 
 
 def chosen_layers(show: str | Sequence[str] | None) -> set[str]:
-    """Return the names of the layers for `show`: None for the default layers, "all", a name or several."""
+    """Return the layers' names for `show`: None for the default layers, "all", a name or several names."""
     if show is None:
         return set(LAYERS) - set(_OFF)
     if isinstance(show, str):
@@ -97,10 +97,10 @@ def staged(
     obstacles: Sequence[Obstacle],
     path: Path | None = None,
 ) -> tuple[Stage, dict[str, Any]]:
-    """Return an empty stage about a motion, its path and client, and the data of the cameras.
+    """Return an empty stage around a motion, its path and client, and the data of the cameras.
 
-    `camera` is the first camera. `page.js` places a camera so that the points `seen`, or `seen_riding` in
-    view "base", are in its picture.
+    `camera` is the first camera. `page.js` places a camera so that it shows the points `seen`, or for the
+    camera "base" the points `seen_riding`.
     """
     fixed, riding = seen_points(frames, client, obstacles, path)
     centre, radius = middle_and_radius(fixed)
@@ -119,7 +119,7 @@ def _outermost(points: FloatArray) -> list[list[float]]:
     """Return the corners of the hull of points (k, 3) [m]."""
     from scipy.spatial import ConvexHull  # slow to load
 
-    # "QJ" joggles the points, so that points in a plane have a hull, too.
+    # "QJ" joggles the points, because points in a plane have no hull otherwise.
     corners: FloatArray = points[ConvexHull(points, qhull_options="QJ").vertices]
     return [[round(float(x), 4) for x in corner] for corner in corners]
 
@@ -135,13 +135,13 @@ def facts(
 ) -> dict[str, Any]:
     """Return the data that `page.js` reads, and make the layers in `shown` visible.
 
-    `marks` are the events for the time bar, `looks` the data of the cameras and the background.
+    `marks` are the events for the time bar; `looks` are the readings and the data of cameras and background.
     """
-    layers, there = [], {path.split("/")[2] for path in stage.paths if path.startswith(f"{ROOT}/")}
+    layers, drawn = [], {path.split("/")[2] for path in stage.paths if path.startswith(f"{ROOT}/")}
     for name, layer in LAYERS.items():
-        nodes = [node for node in layer.nodes if node in there]
+        nodes = [node for node in layer.nodes if node in drawn]
         for node in nodes:
-            stage.tell(node, "visible", name in shown)
+            stage.set_property(node, "visible", name in shown)
         if nodes:
             layers.append({"name": name, "shown": name in shown, **asdict(layer)})
     scales = [{"label": "used share of a limit", "stops": list(USAGE_STOPS), "ends": ["0", "1"]}]
@@ -177,8 +177,8 @@ def readings(
 ) -> list[dict[str, Any]]:
     """Return the readings beside the time bar: labels, units, digits, and values per frame.
 
-    `aim` is the name of the target in the label of the distance. From the time `latched` [s] on there is no
-    distance. A path with the fastest timing has no times before it is planned, and thus no distance.
+    `aim` names the target in the label of the distance to it, which ends at the time `latched` [s]. The
+    distance from `path` needs the path's timing, which a path with the fastest timing gets by planning.
     """
     before = np.full(len(frames.t), True) if latched is None else frames.t < latched - 1e-9
     rows: list[tuple[str, str, int, FloatArray, str]] = [("entropy", "", 3, frames.entropy, "")]
@@ -205,7 +205,7 @@ def readings(
 
 
 def page(title: str, commands: Sequence[bytes], facts: dict[str, Any]) -> str:
-    """Return the text of the HTML file, with Meshcat's packed commands and the data for the legend."""
+    """Return the text of the HTML file, with Meshcat's packed commands and the data for `page.js`."""
     framed = b"".join(struct.pack("<I", len(command)) + command for command in commands)
     # Without a time stamp the same scene gives the same text. Level 9 takes three times as long for 1 % less.
     packed = base64.b64encode(gzip.compress(framed, 6, mtime=0)).decode("ascii")

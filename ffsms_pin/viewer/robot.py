@@ -1,4 +1,4 @@
-"""The robot in a scene, the outlines of its start and end, and its motion."""
+"""The robot in a scene, the outlines of its arm at start and end, and the animation."""
 
 from __future__ import annotations
 
@@ -26,17 +26,17 @@ from ffsms_pin.viewer.overlays import clearance_layer, contact_layer, coupling_l
 from ffsms_pin.viewer.scene import Stage
 
 _ROOT = 1  # the joint of the base
-# Unit vectors to faces and corners of a cube, the directions in which an outline is widened.
+# The unit vectors to faces and corners of a cube, along which an outline is widened.
 _CUBE = (2.0 * np.array([*np.ndindex(2, 2, 2)]) - 1.0) / np.sqrt(3.0)
 _DIRECTIONS = np.vstack([np.eye(3), -np.eye(3), _CUBE])
 
 
 def robot_layer(stage: Stage, sms: SpaceManipulator, name: str, ghost: str | None = None) -> environment.Show:
-    """Draw the robot below a node; with `ghost`, a colour "#RRGGBB", only the outlines of its arm."""
+    """Draw the robot below the node `name`; with `ghost`, a colour "#RRGGBB", only its arm's outlines."""
     shapes, data = visual_shapes(sms), sms.model.createData()
     places, items = pin.GeometryData(shapes), shapes.geometryObjects
     names = [f"{name}/visuals/{item.name}" for item in items]
-    frames = sms.model.frames  # the plain shapes of a robot without shapes have no frame
+    frames = sms.model.frames  # the placeholder shapes of a robot without shapes have no frame
     links = [frames[i].name if (i := item.parentFrame) < len(frames) else item.name for item in items]
     stage.titles.update(zip(names, links, strict=True))
     for node, item in zip(names, items, strict=True):
@@ -45,7 +45,7 @@ def robot_layer(stage: Stage, sms: SpaceManipulator, name: str, ghost: str | Non
         try:
             if ghost is None:
                 _draw(stage, node, item)
-            else:  # hulls need little data
+            else:  # convex hulls, because they need little data
                 line = 0.005 * stage.size * _DIRECTIONS / np.asarray(item.meshScale)
                 shape = hull(_corners(item))
                 larger = hull((shape.vertices[:, None] + line).reshape(-1, 3))
@@ -95,7 +95,7 @@ def _face(place: FloatArray, half: FloatArray) -> tuple[int, int]:
 
 
 def _draw_panel(stage: Stage, name: str, box: pin.SE3, half: FloatArray, face: tuple[int, ...]) -> None:
-    """Draw a panel a little outside of a box's face."""
+    """Draw a panel slightly above the face of a box."""
     normal = np.eye(3)[face[0]] * (1.0 if face[1] else -1.0)
     across = np.eye(3)[(face[0] + 1) % 3]
     axes = np.column_stack([across, np.cross(normal, across), normal])
@@ -105,7 +105,7 @@ def _draw_panel(stage: Stage, name: str, box: pin.SE3, half: FloatArray, face: t
 
 
 def _draw(stage: Stage, node: str, item: Any) -> None:
-    """Draw a shape: a file that the page can read, else the triangles of a mesh or a hull."""
+    """Draw a shape from its file if the page can read it, otherwise from the triangles of mesh or hull."""
     colour, opacity = np.array(item.meshColor[:3]), float(item.meshColor[3])
     path = File(item.meshPath)
     kind = path.suffix.lower() if path.is_file() else ""
@@ -126,7 +126,8 @@ def _corners(item: Any) -> FloatArray:
     """Return points (k, 3) of a shape in its own axes without its scale, which `place` applies."""
     if not isinstance(item.geometry, coal.BVHModelBase):
         return outline(item.geometry)
-    scale = item.meshScale if File(item.meshPath).is_file() else np.ones(3)  # the points are scaled already
+    # The points of a mesh from a file have its scale.
+    scale = item.meshScale if File(item.meshPath).is_file() else np.ones(3)
     return np.array(item.geometry.vertices(), dtype=np.float64) / scale
 
 
@@ -151,9 +152,9 @@ def moving_layers(
     latched: float | None = None,
     path: Path | None = None,
 ) -> list[environment.Show]:
-    """Draw all moving objects: the robot and its environment. Obstacles on a client are drawn with it.
+    """Draw the robot and its environment, and return the functions that move them to a frame.
 
-    From the time `latched` [s] on no target is drawn.
+    Obstacles on a client are drawn with the client. From the time `latched` [s] on the target is hidden.
     """
     sms, around_it = frames.sms, [obstacle for obstacle in obstacles if client is None or not obstacle.moves]
     shows: list[environment.Show] = [
@@ -190,7 +191,7 @@ def moving_layers(
 def draw_motion(
     stage: Stage, frames: Frames, plan: Frames | None, tracked: bool, client: DrawnClient | None
 ) -> None:
-    """Draw the fixed objects of a motion: the robot at its start and end, paths, the base's trail."""
+    """Draw the objects that do not move: the robot at its start and end, paths, the base's trail."""
     for name, row in (("start", 0), ("end", -1)):
         robot_layer(stage, frames.sms, name, COLOURS[name])(frames, row)
     if plan is not None:
@@ -206,12 +207,12 @@ def draw_motion(
     environment.add_base_trail(stage, frames)
 
 
-def film(stage: Stage, frames: Frames, shows: Sequence[environment.Show]) -> None:
-    """Set the scene to the first frame, for a page that does not play, and film all frames."""
+def animate(stage: Stage, frames: Frames, shows: Sequence[environment.Show]) -> None:
+    """Record all frames as key frames; the first frame is also the scene of a page that does not play."""
     for show in shows:
         show(frames, 0)
     for k, t in enumerate(frames.t - frames.t[0]):
-        stage.film.time = float(t)
+        stage.key_frames.time = float(t)
         for show in shows:
             show(frames, k)
     stage.play()

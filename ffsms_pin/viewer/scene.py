@@ -18,19 +18,18 @@ ROOT = "/ffsms"
 _GONE = 1e-6  # scale of a hidden object, because a scale of zero has no inverse
 
 
-class Film:
-    """The tracks of key frames, by the path of the node and the name of its property in three.js.
+class KeyFrames:
+    """The key frames of an animation, by node and property in three.js.
 
-    `time` [s] is that of the frame that is being filmed; while it is a number, motions are stored as key
-    frames.
+    `time` [s] is the time of the recorded frame, or None if no frame is being recorded.
     """
 
     def __init__(self) -> None:
         self.time: float | None = None
         self._tracks: dict[tuple[str, str, str], tuple[list[float], list[FloatArray]]] = {}
 
-    def key(self, path: str, name: str, kind: str, value: FloatArray) -> None:
-        """Add a key frame of a node's property, such as "position"; `kind` is its type in three.js."""
+    def add(self, path: str, name: str, kind: str, value: FloatArray) -> None:
+        """Add a key frame of a node's property, such as "position", whose type in three.js is `kind`."""
         assert self.time is not None
         times, values = self._tracks.setdefault((path, name, kind), ([], []))
         times.append(self.time)
@@ -53,22 +52,22 @@ class Film:
 
 
 class Stage:
-    """A scene about a centre (3,) [m], about which the page's camera turns.
+    """A scene whose camera turns about a centre (3,) [m].
 
-    `size` is the approximate size of the robot [m], to which arrows and markers are scaled. While `film` has
-    a time, motions of nodes are stored in it as key frames.
+    `size` is the approximate size of the robot [m], which sets the size of arrows and markers. While
+    `key_frames` has a time, motions of nodes are recorded there.
     """
 
     def __init__(self, centre: FloatArray, size: float) -> None:
-        self.film, self.size = Film(), size
-        # By type, path and property, so that a later command replaces an earlier one.
+        self.key_frames, self.size = KeyFrames(), size
+        # The keys are type, path and property, so that a later command replaces an earlier command.
         self._commands: dict[tuple[str, str, str], bytes] = {}
         self._opacity: dict[str, float] = {}
         self.titles: dict[str, str] = {}  # names of nodes, shown under the pointer
         self.trails: list[dict[str, Any]] = []  # tubes that are drawn up to the current time
         self.place(ROOT, -centre)  # the camera turns about the origin
         for name in ("/Grid", "/Axes"):
-            self.tell(name, "visible", False)
+            self.set_property(name, "visible", False)
 
     @property
     def commands(self) -> list[bytes]:
@@ -81,14 +80,14 @@ class Stage:
         return list(dict.fromkeys(path for _, path, _ in self._commands))
 
     def play(self) -> None:
-        """End the film, and make the page play it in a loop."""
-        self.film.time = None
+        """End the recording of key frames, and make the page play them in a loop."""
+        self.key_frames.time = None
         options = {"play": True, "repetitions": 1_000_000}
-        self._send("set_animation", "", animations=self.film.animations(), options=options)
+        self._send("set_animation", "", animations=self.key_frames.animations(), options=options)
 
     def _send(self, kind: str, path: str, **values: Any) -> None:
         key = kind, path, values.get("property", "")
-        self._commands.pop(key, None)  # the command goes to the end
+        self._commands.pop(key, None)  # the new command is the last one
         self._commands[key] = bytes(umsgpack.packb({"type": kind, "path": path, **values}))
 
     def draw(
@@ -100,9 +99,10 @@ class Stage:
         flat: bool = False,
         through: bool = False,
     ) -> None:
-        """Draw a mesh in one colour (3,) or one per vertex (k, 3), or a geometry of three.js or a mesh file.
+        """Draw a shape in one colour (3,) or "#RRGGBB", or in one colour per vertex (k, 3).
 
-        `flat` disables shading; an object drawn `through` is visible through objects in front of it.
+        The shape is a mesh, or a dict with a geometry of three.js or a mesh file. `flat` disables shading.
+        With `through`, the shape is visible through objects in front of it.
         """
         colours = rgb(colour) if isinstance(colour, str) else colour
         plain = colours.ndim == 1
@@ -122,13 +122,13 @@ class Stage:
         }
         thing = {"type": "Mesh", "geometry": f"{name} geometry", "material": f"{name} material"}
         self._object(name, thing, [{"uuid": f"{name} geometry", **geometry}], [material])
-        if through:  # drawn after all others, so that no transparent object tints it
-            self.tell(f"{name}/<object>", "renderOrder", 1)
+        if through:  # drawn after all other objects, so that no transparent object tints it
+            self.set_property(f"{name}/<object>", "renderOrder", 1)
 
     def outline(self, name: str, shape: Mesh, larger: Mesh, colour: str) -> None:
-        """Draw the silhouette of a shape as a line: the part of `larger` that is outside of the shape.
+        """Draw the silhouette of a shape as a line, the part of `larger` that is outside of the shape.
 
-        The shape itself writes depth only, so it hides the inner part of `larger`. Both are drawn after all
+        The shape itself is drawn invisibly and hides the inner part of `larger`. Both are drawn after all
         other objects, so they hide no other object.
         """
         common = {"type": "MeshBasicMaterial", "transparent": True}
@@ -141,7 +141,7 @@ class Stage:
             thing = {"type": "Mesh", "geometry": f"{node} geometry", "material": f"{node} material"}
             geometry = {"uuid": f"{node} geometry", **mesh.geometry(None)}
             self._object(node, thing, [geometry], [{"uuid": f"{node} material", **material}])
-            self.tell(f"{node}/<object>", "renderOrder", order)
+            self.set_property(f"{node}/<object>", "renderOrder", order)
 
     def collada(self, name: str, text: str, resources: dict[str, str]) -> None:
         """Draw a COLLADA file in its own colours; `resources` are its textures as data URLs by name."""
@@ -157,21 +157,21 @@ class Stage:
     def place(
         self, name: str, position: FloatArray, rotation: FloatArray | None = None, scale: Any = 1.0
     ) -> None:
-        """Move a node at once or, while the scene is filming, in the current frame."""
+        """Move a node; while key frames are recorded, only in the current frame."""
         size = np.broadcast_to(np.asarray(scale, dtype=np.float64), (3,))
         size = np.where(np.abs(size) < _GONE, _GONE, size)
-        turn, path, film = np.eye(3) if rotation is None else rotation, self._path(name), self.film
-        if film.time is None:
+        turn, path, keys = np.eye(3) if rotation is None else rotation, self._path(name), self.key_frames
+        if keys.time is None:
             matrix = np.eye(4)
             matrix[:3, :3], matrix[:3, 3] = turn * size, position
             self._send("set_transform", path, matrix=matrix.T.ravel().tolist())
             return
-        film.key(path, "position", "vector3", position)
-        film.key(path, "quaternion", "quaternion", pin.Quaternion(turn).coeffs())
-        film.key(path, "scale", "vector3", size)
+        keys.add(path, "position", "vector3", position)
+        keys.add(path, "quaternion", "quaternion", pin.Quaternion(turn).coeffs())
+        keys.add(path, "scale", "vector3", size)
 
-    def tell(self, name: str, property: str, value: Any) -> None:
-        """Set a three.js property of a node; a name that begins with "/" is relative to the root."""
+    def set_property(self, name: str, property: str, value: Any) -> None:
+        """Set a three.js property of a node; a name that begins with "/" is an absolute path."""
         self._send("set_property", self._path(name), property=property, value=value)
 
     @staticmethod
@@ -179,11 +179,11 @@ class Stage:
         return name if name.startswith("/") else f"{ROOT}/{name}"
 
     def tint(self, name: str, colour: FloatArray) -> None:
-        """Change the colour of a mesh at once or, while the scene is filming, from the current frame on."""
-        if self.film.time is None:
-            self.tell(name, "color", [*colour.tolist(), self._opacity[name]])
+        """Change the colour of a mesh; while key frames are recorded, from the current frame on."""
+        if self.key_frames.time is None:
+            self.set_property(name, "color", [*colour.tolist(), self._opacity[name]])
         else:
-            self.film.key(self._path(f"{name}/<object>"), "material.color", "color", colour)
+            self.key_frames.add(self._path(f"{name}/<object>"), "material.color", "color", colour)
 
 
 def _packed_colour(colour: FloatArray) -> int:

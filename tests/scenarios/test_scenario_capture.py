@@ -91,7 +91,7 @@ def test_the_scene_holds_the_client(outcome: Any) -> None:
     scene = viewer.view_capture(outcome, fps=2.0)
     assert scene.layers["client"]
     motion = client_motion(outcome.capture.whole)
-    times, rows = scene._stage.film._tracks["/ffsms/client", "position", "vector3"]
+    times, rows = scene._stage.key_frames._tracks["/ffsms/client", "position", "vector3"]
     for t, row in zip(times, rows, strict=True):
         np.testing.assert_allclose(row, motion.pose(t).translation, atol=1e-9)
 
@@ -108,10 +108,10 @@ def test_a_results_folder_shows_the_client(outcome: Any, tmp_path: Path) -> None
     assert flown.layers["client"]
     assert planned.layers["client"]
     assert (flown.duration, planned.duration) == pytest.approx((10.0, 6.0))
-    _, rows = flown._stage.film._tracks["/ffsms/client", "position", "vector3"]
+    _, rows = flown._stage.key_frames._tracks["/ffsms/client", "position", "vector3"]
     last = client_motion(outcome.capture.whole).position[-1]
     np.testing.assert_allclose(rows[-1], last, atol=1e-9)
-    _, rows = planned._stage.film._tracks["/ffsms/client", "position", "vector3"]
+    _, rows = planned._stage.key_frames._tracks["/ffsms/client", "position", "vector3"]
     np.testing.assert_allclose(rows[-1], outcome.capture.client.pose(6.0).translation, atol=1e-9)
 
 

@@ -35,7 +35,7 @@ def moved(equipped: ffsms.SpaceManipulator) -> opt.Trajectory:
 
 
 def track(scene: View, path: str, name: str) -> tuple[Any, Any]:
-    times, rows = scene._stage.film._tracks[
+    times, rows = scene._stage.key_frames._tracks[
         f"/ffsms/{path}", name, "vector3" if name != "quaternion" else name
     ]
     return np.array(times), np.array(rows)
