@@ -98,7 +98,8 @@ def view(
         all layers.
     camera : str
         First view, a name in `CAMERAS`: "free" (oblique; planar motions from above), "front" (from +x),
-        "side" (from -y), "top" (from +z), or "base", which turns with the base. The page has a control for it.
+        "side" (from -y), "top" (from +z), or "base", which turns with the base. The page has a control
+        for it.
     background : str
         "dark" or "white". The page has a control for it.
     speed : float
