@@ -1,4 +1,4 @@
-"""The export of robots and motions: URDF, MuJoCo's MJCF, CSV, pandas data frames, ROS 2 messages."""
+"""The export of robots (URDF, MuJoCo's MJCF) and of motions (CSV, pandas data frames, ROS 2 messages)."""
 
 from ffsms_pin.export.mjcf import to_mjcf
 from ffsms_pin.export.ros import to_joint_trajectory

@@ -1,4 +1,4 @@
-"""The links, joints and shapes of a robot, from Pinocchio's model, for export to files."""
+"""The links, joints and shapes of a robot's Pinocchio model, for export to files."""
 
 from __future__ import annotations
 
@@ -16,15 +16,28 @@ from ffsms_pin.geometry.shapes import ShapeKind, visual_shapes
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.system.urdf_elements import unused
 
-NO_LIMIT = 10.0 * LARGEST_POSITIVE  # an infinite limit in files that need a number; it is read as no limit
+NO_LIMIT = 10.0 * LARGEST_POSITIVE  # number for an infinite limit in a file, which `load` reads as no limit
 _CARRIERS = (pin.FrameType.BODY, pin.FrameType.OP_FRAME)
 
 
 class ExportedLink(NamedTuple):
-    """A link: the first link of a joint moves with the joint, other links are fixed to their parents.
+    """A link of an exported robot.
 
-    `place` is the pose of the link in the joint's axes; `parent` is an index into the links, None for the
-    base.
+    The first link of a joint moves with the joint; all other links are fixed to their parents.
+
+    Attributes
+    ----------
+    name : str
+    joint : int
+        The index in Pinocchio's model of the joint that moves the link.
+    place : pinocchio.SE3
+        The pose of the link in the joint's frame.
+    parent : int or None
+        The index of the parent in `Links`, None for the base.
+    joint_name : str
+        The name of the joint between the link and its parent.
+    moves : bool
+        True for the first link of a joint.
     """
 
     name: str
@@ -42,16 +55,17 @@ class ExportedLink(NamedTuple):
 
 
 class Links(list[ExportedLink]):
-    """The links of a robot, one for each body frame; the links of a joint are ordered parents first.
+    """The links of a robot, one for each body frame, parents before their children.
 
-    `moving` maps each joint to the index of its first link. A `_` is appended to a name that is taken.
+    `moving` maps each joint to the index of its first link. If a name is already used or in `taken`, a `_` is
+    appended to it.
     """
 
     def __init__(self, sms: SpaceManipulator, taken: Collection[str] = ()) -> None:
         model, frames = sms.model, list(sms.model.frames)
         self.moving: dict[int, int] = {}
         self._of_frame: dict[int, int] = {}
-        # The last name is for a joint without a frame.
+        # The last entry is for a joint without a frame.
         self._parents = [*(int(frame.parentFrame) for frame in frames), 0]
         names = set(taken)
         for j in range(1, model.njoints):
@@ -65,7 +79,7 @@ class Links(list[ExportedLink]):
             self.moving[j] = len(self)
             self._of_frame |= {i: len(self) for i in (first, at) if i is not None}
             self.append(ExportedLink(name, j, pin.SE3.Identity(), parent, model.names[j], True))
-            for i in own:  # links that are fixed to it, because the next joints may be on them
+            for i in own:  # links that are fixed to the first link; they may carry the next joints
                 frame, fixed = frames[i], frames[self._parents[i]]
                 if frame.type not in _CARRIERS or i in self._of_frame:
                     continue
@@ -78,10 +92,10 @@ class Links(list[ExportedLink]):
                 self.append(ExportedLink(name, j, frame.placement, parent, via, False))
 
     def shapes(self, sms: SpaceManipulator, kind: ShapeKind) -> Iterator[tuple[int, Any, Any]]:
-        """Yield the index of the link, the pose in the link, and the shape for each shape of the robot.
+        """Yield each shape (pinocchio.GeometryObject) of the robot, after its link's index and pose in it.
 
-        Shapes are pinocchio.GeometryObject; a robot without visual shapes yields plain shapes. Raises
-        `GeometryError` if a collision mesh is missing or cannot be read.
+        A robot without visual shapes yields placeholder shapes. `GeometryError` is raised if a collision mesh
+        is missing or cannot be read.
         """
         if kind == "visual":
             shapes = visual_shapes(sms)
@@ -103,7 +117,7 @@ class Links(list[ExportedLink]):
 
 
 def joint_axes(sms: SpaceManipulator) -> list[FloatArray]:
-    """Return the axes (3,) of the n actuated joints in their own frames."""
+    """Return the unit axes (3,) of the n actuated joints, each in its joint's frame."""
     model, data, listed = sms.model, sms.model.createData(), []
     pin.computeJointJacobians(model, data, pin.neutral(model))
     for j, turns in enumerate(sms.layout.turns, start=2):
@@ -113,7 +127,7 @@ def joint_axes(sms: SpaceManipulator) -> list[FloatArray]:
 
 
 def triangles(item: Any) -> tuple[FloatArray, Any]:
-    """Return corners (k, 3) and triangles (m, 3) of a mesh, or of the hull of another shape."""
+    """Return corners (k, 3) and triangles (m, 3) of a mesh, or of another shape's convex hull."""
     shape = item.geometry
     if isinstance(shape, coal.BVHModelBase):
         return mesh_triangles(shape)

@@ -15,8 +15,8 @@ from ffsms_pin.geometry.shapes import ShapeKind
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.system.urdf_elements import INERTIA_KEYS, spelt
 
-# Visual shapes have no contacts. Collision shapes have contacts with bodies of the world, whose `contype` is
-# 1 by default, but not with other shapes of the robot: 0 & 1 = 0 for both.
+# Two geoms collide if the contype of one and the conaffinity of the other have a common bit. The default of
+# both is 1, so collision shapes collide with other bodies of a world, but not with each other.
 _KINDS: dict[ShapeKind, dict[str, str]] = {
     "visual": {"group": "2", "contype": "0", "conaffinity": "0"},
     "collision": {"group": "3", "contype": "0", "conaffinity": "1"},
@@ -26,10 +26,10 @@ _KINDS: dict[ShapeKind, dict[str, str]] = {
 def to_mjcf(
     sms: SpaceManipulator, timestep: float = 1e-3, actuators: bool = True, shapes: bool = True
 ) -> str:
-    """Return the robot as MJCF text: a free base, joints and bodies with their names, no gravity, RK4.
+    """Return the robot as MJCF text, with a free base, without gravity, and with the integrator RK4.
 
-    Joints have damping, friction and position limits, motors have torque limits; MuJoCo has no rate limits.
-    The end effector is the site `end_effector`.
+    Joints and bodies keep their names. Joints have damping, friction and position limits, and motors have
+    torque limits; MuJoCo has no rate limits. The end effector is the site `end_effector`.
 
     Parameters
     ----------
@@ -37,11 +37,11 @@ def to_mjcf(
     timestep : float
         Time step of the model [s].
     actuators : bool
-        Add a motor to each joint, whose control is its torque [N m].
+        Add a motor to each joint; its control is the joint's torque [N m] or force [N].
     shapes : bool
         Write the shapes: visual shapes in group 2, collision shapes in group 3, which MuJoCo's viewer hides
-        at first. The text contains the triangles of meshes, so it needs no other file (MuJoCo reads no
-        COLLADA). Shapes of the robot do not collide with each other and have no mass.
+        at first. The text contains the triangles of meshes and needs no other file. The robot's shapes do
+        not collide with each other and have no mass.
 
     Raises
     ------
@@ -50,8 +50,8 @@ def to_mjcf(
 
     Notes
     -----
-    MuJoCo's `qpos` begins with the base's position and its quaternion (w, x, y, z); the linear part of its
-    `qvel` has inertial axes, the angular part the base's own.
+    MuJoCo's `qpos` begins with the base's position and quaternion (w, x, y, z). MuJoCo's `qvel` begins with
+    the base's linear velocity in inertial axes, then its angular velocity in the base's axes.
     """
     positive("timestep", timestep, "s")
     model, links, axes = sms.model, Links(sms, ["world"]), joint_axes(sms)
@@ -64,7 +64,7 @@ def to_mjcf(
         if link.parent is None:
             body = SubElement(world, "body", {"name": link.name})
             SubElement(body, "freejoint", {"name": link.joint_name})
-        elif link.moves:  # directly on the moving body, because MuJoCo would reorder joints otherwise
+        elif link.moves:  # child of a moving body, because MuJoCo would reorder the joints otherwise
             on = bodies[links.moving[int(model.parents[link.joint])]]
             body = SubElement(on, "body", {"name": link.name, **_place(model.jointPlacements[link.joint])})
             _joint(body, sms, link.joint - 2, axes[link.joint - 2])
@@ -100,14 +100,14 @@ def _joint(body: Element, sms: SpaceManipulator, i: int, axis: Any) -> None:
         limited = {"limited": "true", "range": spelt(np.clip(bounds, -NO_LIMIT, NO_LIMIT))}
     kind = "hinge" if sms.layout.turns[i] else "slide"
     attributes = {"name": sms.joint_names[i], "type": kind, "axis": spelt(axis)}
-    rubbing = {
+    losses = {
         "damping": spelt(sms.joint_damping[i]),
         "frictionloss": spelt(sms.joint_friction[i]),
     }
     SubElement(
         body,
         "joint",
-        {**attributes, **limited, "armature": spelt(sms.model.armature[6 + i]), **rubbing},
+        {**attributes, **limited, "armature": spelt(sms.model.armature[6 + i]), **losses},
     )
 
 
@@ -124,7 +124,7 @@ def _place(pose: Any) -> dict[str, str]:
 
 
 def _shape(item: Any, assets: Element, meshes: dict[Any, str]) -> dict[str, str]:
-    """Return type and size of a shape; a mesh becomes an asset, shared by shapes with the same file."""
+    """Return type and size of a shape; a mesh becomes an asset, which shapes with the same file share."""
     shape = item.geometry
     if isinstance(shape, coal.Box):
         return {"type": "box", "size": spelt(shape.halfSide)}
@@ -141,6 +141,6 @@ def _shape(item: Any, assets: Element, meshes: dict[Any, str]) -> dict[str, str]
         meshes[known] = name = f"mesh_{len(meshes)}"
         vertex = " ".join(map(str, corners.astype(np.float32).ravel()))  # the precision of mesh files
         face = " ".join(map(str, faces.ravel()))
-        # As a shell, because a mesh that is not closed has no volume.
+        # A shell, because an open mesh has no volume, which MuJoCo rejects.
         SubElement(assets, "mesh", {"name": name, "inertia": "shell", "vertex": vertex, "face": face})
     return {"type": "mesh", "mesh": meshes[known]}

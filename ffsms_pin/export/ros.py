@@ -1,4 +1,4 @@
-"""The export of plans as ROS 2 messages in text form, without an installation of ROS."""
+"""The export of plans as ROS 2 messages in text form; ROS need not be installed."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from ffsms_pin.robot import SpaceManipulator
 def to_joint_trajectory(sms: SpaceManipulator, plan: Trajectory, every: int = 1, frame: str = "") -> str:
     """Return a plan as YAML text of ROS 2's `trajectory_msgs/JointTrajectory`, for `ros2 topic pub`.
 
-    The points hold positions [rad], velocities [rad/s] and accelerations [rad/s^2] of the joints, but not the
-    base's motion, which a joint controller cannot command.
+    The points have positions [rad or m], velocities and accelerations of the joints. The base's motion is
+    left out, because a joint controller cannot command it.
 
     Parameters
     ----------
     sms : SpaceManipulator
     plan : Trajectory
     every : int
-        Spacing of the nodes in the message, which also has the last node.
+        The message has every `every`-th node of the plan, and the last node.
     frame : str
         The message's `header.frame_id`.
     """

@@ -31,14 +31,14 @@ MOMENTUM = (
 )
 MODE = "mode"  # the only column of text, missing for a floating base
 
-# A plan is read back to rounding. The joint accelerations of a flight vary within a step, so its rates and
-# positions agree only within the error of the trapezoidal rule.
+# A plan's rates integrate to its positions up to rounding. The joint accelerations of a simulated motion vary
+# within a step, so its rates and positions agree only within the error of the trapezoidal rule.
 _JOINT_TOLERANCE = 1e-6  # [rad or m]
 _BASE_TOLERANCE = 1e-5  # [rad and m]
 
 
 def to_csv(sms: SpaceManipulator, motion: Trajectory | Tracking, path: str | os.PathLike[str]) -> None:
-    """Write a motion as CSV, one row per node; numbers keep all their digits."""
+    """Write a motion as CSV, one row per node, with numbers in full precision."""
     table = _columns(sms, motion)
     text = io.StringIO()
     rows = csv.writer(text, lineterminator="\n")
@@ -53,18 +53,17 @@ def to_csv(sms: SpaceManipulator, motion: Trajectory | Tracking, path: str | os.
 def read_csv(sms: SpaceManipulator, path: str | os.PathLike[str]) -> Trajectory:
     """Read a trajectory from a CSV file with the columns that `to_csv` writes; other columns are ignored.
 
-    The start is read from the first row and the motion from the joint rates. The base's motion is integrated
-    by the momentum equation with the momentum and the mode of the table; without these columns the momentum
-    is zero and the base floats. The target is the last position of the end effector.
+    The first row gives the start configuration, and the joint rates give the motion. The base's motion
+    follows from the momentum equation with the momentum and the mode in the file; without these columns the
+    momentum is zero and the base floats. The target is the last position of the end effector.
 
     Raises
     ------
     ResultError
         The file cannot be read.
     InvalidValue
-        A column is missing, the times are not equally spaced from zero, or a number is not finite; or, with
-        the line in the message, positions and rates of a joint contradict each other, or the base's pose
-        contradicts the momentum equation.
+        A column is missing, the times are not equally spaced from zero, a number is not finite, positions and
+        rates of a joint contradict each other, or the base's pose contradicts the momentum equation.
     """
     path = path_like("path", path)
     try:
@@ -75,7 +74,7 @@ def read_csv(sms: SpaceManipulator, path: str | os.PathLike[str]) -> Trajectory:
     except (UnicodeDecodeError, csv.Error) as error:
         raise ResultError(path, f"cannot be read as CSV ({error})") from None
     if len(rows) < 2 or any(len(row) != len(rows[0]) for row in rows):
-        raise ResultError(path, "must have a header line, and as many numbers in each further line")
+        raise ResultError(path, "must have a header line, and rows with one entry for each column of it")
     columns = dict(zip(rows[0], zip(*rows[1:], strict=True), strict=True))
     mode = _mode(columns.pop(MODE, ()), path)
     return _trajectory(sms, columns, mode, str(path))
@@ -92,7 +91,7 @@ def to_dataframe(sms: SpaceManipulator, motion: Trajectory | Tracking) -> Any:
 
 
 def _columns(sms: SpaceManipulator, motion: Trajectory | Tracking) -> dict[str, Any]:
-    """Return columns (N + 1,) by name: time, pose of the root frame, position and rate of each joint, ..."""
+    """Return the columns (N + 1,) of a motion by name, with units in the names."""
     if motion.q.shape[1] != sms.nq:
         raise InvalidValue("motion", motion.q.shape, f"must be of this robot, whose q has {sms.nq} entries")
     joints = np.stack([sms.joint_positions(q) for q in motion.q])
@@ -136,35 +135,35 @@ def _wheel_column(name: str) -> str:
 
 
 def _mode(column: Sequence[str], path: Path) -> str:
-    """Return the mode of a table, from its column of that name."""
+    """Return the mode from the column `MODE` of a table; without the column, "floating"."""
     if not column:
         return "floating"
-    for k, word in enumerate(column):
-        if word not in MODES or word != column[0]:
-            wanted = f"must be one of {', '.join(MODES)}, the same in all rows"
-            raise InvalidValue(f"{path}: line {k + 2}: column '{MODE}'", word, wanted)
+    for k, mode in enumerate(column):
+        if mode not in MODES or mode != column[0]:
+            expected = f"must be one of {', '.join(MODES)}, the same in all rows"
+            raise InvalidValue(f"{path}: line {k + 2}: column '{MODE}'", mode, expected)
     return column[0]
 
 
 def _trajectory(
     sms: SpaceManipulator, columns: dict[str, tuple[str, ...]], mode: str, source: str
 ) -> Trajectory:
-    """Return the trajectory with the start and the joint rates of a table; see `read_csv`."""
+    """Return the trajectory with the start and the joint rates of the columns; see `read_csv`."""
     units = _units(sms)
     positions = [f"{name}.position [{position}]" for name, (position, *_) in units.items()]
     rate_names = [f"{name}.rate [{rate}]" for name, (_, rate, _) in units.items()]
-    wanted = [TIME, *BASE, *positions, *rate_names]
-    for name in wanted:
+    required = [TIME, *BASE, *positions, *rate_names]
+    for name in required:
         if name not in columns:
             raise InvalidValue(source, sorted(columns), f"must have a column '{name}'")
     wheels = [] if sms.wheels is None else [_wheel_column(name) for name in sms.wheels.names]
     for names in (MOMENTUM, wheels):
-        if (there := [name for name in names if name in columns]) and len(there) < len(names):
-            lacking = next(name for name in names if name not in columns)
-            raise InvalidValue(source, there, f"must have a column '{lacking}' beside those")
-        wanted += there
+        if (present := [name for name in names if name in columns]) and len(present) < len(names):
+            missing = next(name for name in names if name not in columns)
+            raise InvalidValue(source, present, f"must have a column '{missing}', too, or none of these")
+        required += present
     table = dict[str, FloatArray]()
-    for name in wanted:
+    for name in required:
         try:
             table[name] = column = np.array(columns[name], dtype=np.float64)
         except ValueError as error:
@@ -197,10 +196,10 @@ def _trajectory(
 def _checked_joints(
     sms: SpaceManipulator, table: dict[str, FloatArray], columns: list[str], rates: FloatArray, source: str
 ) -> FloatArray:
-    """Return the allowed error of the integrated rates (K, n) at each row (K,); raise if it is exceeded.
+    """Check that rates (K, n) integrate to the joint positions; return the allowed error per row (K,).
 
-    The error of the trapezoidal rule is a twelfth of the second difference of the rates, times the step. An
-    eighth is allowed, which a single wrong rate exceeds.
+    The error of the trapezoidal rule is a twelfth of the rates' second difference times the step. An eighth
+    is allowed, which a single wrong rate exceeds. `InvalidValue` names the first row with a larger error.
     """
     dt = float(table[TIME][-1]) / (len(rates) - 1)
     bends = np.abs(np.diff(rates, n=2, axis=0, prepend=rates[:1], append=rates[-1:]))
@@ -214,7 +213,7 @@ def _checked_joints(
         if len(beyond := np.flatnonzero(np.abs(off) > allowed[:, i])):
             k = int(beyond[0])
             message = f"contradicts the joint's rates, which integrate to {reached[k]:.6g} from the first row"
-            remedy = "rates are those at the row's time and change linearly between rows"
+            remedy = "give the rates at the rows' times; between rows they change linearly"
             place = f"{source}: line {k + 2} (t = {table[TIME][k]:.4g} s): '{name}'"
             raise InvalidValue(place, float(table[name][k]), f"{message}; {remedy}")
     return np.asarray(allowed.sum(axis=1))
@@ -223,25 +222,25 @@ def _checked_joints(
 def _check_base(
     sms: SpaceManipulator, motion: Trajectory, base: FloatArray, drift: FloatArray, source: str
 ) -> None:
-    """Raise unless root poses (K, 7) agree with a motion whose joints have errors up to `drift` (K,)."""
+    """Check that root poses (K, 7) agree with a motion; `drift` (K,) are the allowed joint errors."""
     length = max(1.0, sms.arm_stack().length)
     allowed = _BASE_TOLERANCE + 2.0 * length * (drift - sms.n * _JOINT_TOLERANCE)
-    ways = np.linalg.norm(base[:, :3] - motion.q[:, :3], axis=1)
+    distances = np.linalg.norm(base[:, :3] - motion.q[:, :3], axis=1)
     units = base[:, 3:] / np.linalg.norm(base[:, 3:], axis=1)[:, None]
     parallel = np.abs(np.einsum("kx,kx->k", units, motion.q[:, 3:7]))
     angles = 2.0 * np.arccos(np.minimum(parallel, 1.0))
     # Rounding makes the angle between equal quaternions 1e-8.
-    beyond = np.flatnonzero((ways > allowed) | (angles > allowed))
+    beyond = np.flatnonzero((distances > allowed) | (angles > allowed))
     if not len(beyond):
         return
-    k, worst = int(beyond[0]), int(beyond[np.argmax(np.maximum(ways, angles)[beyond])])
+    k, worst = int(beyond[0]), int(beyond[np.argmax(np.maximum(distances, angles)[beyond])])
     columns = f"'{MOMENTUM[0]}', ..."
-    given = f"the momentum of the columns {columns}" if motion.momentum.any() else "zero momentum"
+    momentum = f"the momentum of the columns {columns}" if motion.momentum.any() else "zero momentum"
     message = (
-        f"is not where the joints move it in mode '{motion.mode}' with {given}: it is {ways[worst]:.3g} m and"
-        f" {angles[worst]:.3g} rad off at t = {motion.t[worst]:.4g} s; a Trajectory's base follows its"
-        f" joints, so give the motion's columns {columns} and '{MODE}', or load a flight that wheels,"
-        " thrusters, a client or another robot moved from its npz file (Tracking.load)"
+        f"is not where the joints move it in mode '{motion.mode}' with {momentum}, but up to"
+        f" {distances[worst]:.3g} m and {angles[worst]:.3g} rad away (t = {motion.t[worst]:.4g} s); give the"
+        f" motion's columns {columns} and '{MODE}', or, if wheels, thrusters, a client or another robot moved"
+        " the base, load the npz file of the motion with Tracking.load"
     )
     place = f"{source}: line {k + 2} (t = {motion.t[k]:.4g} s): base"
     raise InvalidValue(place, base[k].tolist(), message)

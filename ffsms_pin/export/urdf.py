@@ -1,4 +1,4 @@
-"""The free-floating system as a URDF, with its meshes in a folder beside the file."""
+"""The export of a robot, satellite included, as a URDF with its meshes in a folder beside the file."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ from ffsms_pin.system.urdf_elements import add_inertial, add_origin, spelt
 def to_urdf(sms: SpaceManipulator, path: str | os.PathLike[str]) -> None:
     """Write the robot as a URDF whose root link is the satellite.
 
-    Links, joints and end effector keep their names, shapes their poses and colours. The inertia of a moving
-    link includes the links that are fixed to it. Limits are those of `sms.limits`; an infinite limit is
-    written as 1e13. Meshes are copied into a folder beside the file, NAME_meshes, so that both can be used on
-    another machine; textures are not copied. An SRDF is copied, too.
+    Links, joints and end effector keep their names, and shapes keep their poses and colours. The inertia of a
+    moving link includes the links that are fixed to it. Limits are those of `sms.limits`; an infinite limit
+    is written as 1e13. Meshes are copied into a folder NAME_meshes beside the file, but their textures are
+    not. An SRDF is copied, too.
 
-    A URDF cannot hold acceleration limits, wheels, thrusters, or a base box other than the first box of the
-    base link; pass them to `load` again. Readers may order the joints of a branching arm by their names.
+    A URDF cannot have acceleration limits, wheels, thrusters, or a base box other than the first box of the
+    base link; pass them to `load` again. Other programs may order the joints of a branching arm by name.
 
     Parameters
     ----------
@@ -40,19 +40,19 @@ def to_urdf(sms: SpaceManipulator, path: str | os.PathLike[str]) -> None:
     Raises
     ------
     GeometryError
-        A collision mesh is missing, or a URDF cannot hold a shape.
+        A collision mesh is missing, or a shape has no counterpart in URDF.
     ResultError
         A file cannot be written.
 
     Warns
     -----
     FfsmsWarning
-        A joint has a rotor's inertia (`armature`), which a URDF cannot hold, or a visual mesh is missing.
+        A joint has a rotor's inertia (`armature`), which a URDF cannot have, or a visual mesh is missing.
     """
     path = path_like("path", path)
     model = sms.model
     if np.any(model.armature):
-        text = "a URDF cannot hold rotor inertia (armature), so it is missing from the file"
+        text = "the rotor inertia (armature) is left out of the file, because a URDF cannot have it"
         warnings.warn(text, FfsmsWarning, stacklevel=2)
     robot, links = Element("robot", {"name": model.name or "robot"}), Links(sms)
     elements = [SubElement(robot, "link", {"name": link.name}) for link in links]
@@ -100,7 +100,7 @@ class _Meshes:
         self._files: dict[str, Path | bytes] = {}
 
     def add(self, item: Any) -> str:
-        """Add the mesh of a shape, as a copy or a new OBJ file, and return its name in the URDF."""
+        """Add the mesh of a shape, as a copy or a new OBJ file, and return its path in the URDF."""
         source = Path(item.meshPath)
         content: Path | bytes = source
         if not os.path.isfile(source):
@@ -125,7 +125,7 @@ class _Meshes:
 
 
 def _geometries(item: Any, meshes: _Meshes) -> list[tuple[Any, str, dict[str, str]]]:
-    """Return pose in the shape's axes, URDF tag and attributes of each part; a capsule has three parts."""
+    """Return each part's pose in the shape's axes, URDF tag and attributes; a capsule has three parts."""
     shape, here = item.geometry, pin.SE3.Identity()
     if isinstance(shape, coal.Box):
         return [(here, "box", {"size": spelt(2.0 * shape.halfSide)})]
