@@ -27,11 +27,11 @@ class Campaign:
     source: str  #: path of the scenario file
     content: Mapping[str, Any]  #: tables of the file without [campaign]
     draws: Mapping[str, Any]  #: distributions by key, such as {"plant.arm_mass": {"uniform": [0.8, 1.2]}}
-    runs: int
+    runs: int  #: number of runs
     seed: int = 1  #: seed of the first run
     compare: bool = False  #: True to run each drawn scenario twice: planned once and re-planned
     allow_import: bool = False  #: the argument of `ffsms_pin.scenario`
-    hash: str = ""  #: digest under which results are stored
+    hash: str = ""  #: `digest` of the stored results
 
     @classmethod
     def read(
@@ -43,7 +43,7 @@ class Campaign:
         compare: bool = False,
         allow_import: bool = False,
     ) -> Campaign:
-        """Read a campaign from a scenario file; `seed` replaces the seed in the file."""
+        """Read a campaign from a scenario file or packaged scenario; `seed` replaces the file's seed."""
         plain = scenario(name_or_path, allow_import=allow_import)
         content, source = read(plain.source), str(plain.source.absolute())
         first = whole("seed", plain.campaign.get("seed", 1) if seed is None else seed, 0)
@@ -51,7 +51,7 @@ class Campaign:
         if compare:
             content.setdefault("reference", {})["kind"] = "re-planning"
         campaign = cls(source, content, draws, whole("runs", runs, 1), first, compare, allow_import)
-        campaign.scenario(first).load()  # raises for unknown keys and robots before any run
+        campaign.scenario(first).load()  # raises errors in keys or robot before the first run
         return campaign
 
     @classmethod
@@ -71,14 +71,14 @@ class Campaign:
         return range(self.seed, self.seed + self.runs)
 
     def scenario(self, seed: int) -> Scenario:
-        """Return the scenario of a seed; `InvalidScenario` if a drawn key or value does not fit."""
+        """Return the scenario of a seed; raise `InvalidScenario` if a drawn key or value is invalid."""
         content = drawn_content(Path(self.source), self.content, self.draws, seed)
         return scenario_of(Path(self.source), content, allow_import=self.allow_import)
 
     def digest(self) -> str:
-        """Return the SHA-256 of the file, the distributions, the files that it names, and the versions.
+        """Return the SHA-256 of all inputs: file, distributions, named files, and versions of packages.
 
-        The files of a user's own terms and limits belong to them, but not the modules that these import.
+        Named files include those with a user's own terms and limits, but not the modules that they import.
         """
         names = [self.content.get(table, {}).get("model") for table in ("robot", "plant")]
         names += [row.get("file") for row in self.content.get("obstacle", [])]

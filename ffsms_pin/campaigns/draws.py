@@ -1,4 +1,4 @@
-"""The draws of keys of a scenario file from the distributions in [campaign.draw]."""
+"""Random values for keys of a scenario file, from the distributions in [campaign.draw]."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _ADVICE = "write { uniform = [low, high] }, { normal = [mean, deviation] } or { 
 
 
 def flat_draws(table: Mapping[str, Any], path: str = "") -> Iterator[tuple[str, Any]]:
-    """Yield drawn keys and their distributions from nested tables, such as `plant.arm_mass`."""
+    """Yield each drawn key, such as "plant.arm_mass", and its distribution from nested tables."""
     for name, value in table.items():
         if isinstance(value, Mapping) and value and not set(value) & set(_KINDS):
             yield from flat_draws(value, f"{path}{name}.")
@@ -31,7 +31,10 @@ def flat_draws(table: Mapping[str, Any], path: str = "") -> Iterator[tuple[str, 
 
 
 def drawn_columns(draws: Mapping[str, Any], seed: int) -> dict[str, Any]:
-    """Return a seed's drawn values as columns: entries of lists are numbered, other choices are JSON."""
+    """Return a seed's drawn values as columns by name.
+
+    A drawn list has a numbered column for each entry. Choices other than texts and numbers are JSON.
+    """
     columns: dict[str, Any] = {}
     for key, distribution in draws.items():
         value = _draw(distribution, _stream(key, seed))
@@ -78,12 +81,12 @@ def drawn_content(
 
 
 def _stream(key: str, seed: int) -> np.random.Generator:
-    """Return the random stream of a key, which does not depend on the other draws in the file."""
+    """Return the random generator of a key, which does not depend on the other draws in the file."""
     return np.random.default_rng([seed, zlib.crc32(key.encode())])
 
 
 def _draw(distribution: Any, rng: np.random.Generator) -> Any:
-    """Draw a number, a list of numbers or one of the choices; `ValueError` if that is not possible."""
+    """Draw a number, a list of numbers or a choice; raise `ValueError` if the distribution is invalid."""
     if (
         not isinstance(distribution, Mapping)
         or len(distribution) != 1
@@ -103,7 +106,7 @@ def _draw(distribution: Any, rng: np.random.Generator) -> Any:
 
 
 def _set(table: Any, key: str, value: Any) -> None:
-    """Set a key of nested tables; a number in the key is an index of a list, from 1."""
+    """Set a key of nested tables, such as "fault.1.time"; list indices in the key begin at 1."""
     *path, last = key.split(".")
     for name in path:
         table = (
@@ -111,6 +114,6 @@ def _set(table: Any, key: str, value: Any) -> None:
         )
     if isinstance(table, list):
         table[range(len(table)).index(int(last) - 1)] = value
-    else:  # the drawn value replaces that of the file, also one in another unit
+    else:  # the drawn value also replaces a value in the other unit (rad or deg)
         table.pop(last.removesuffix(DEGREES) if last.endswith(DEGREES) else last + DEGREES, None)
         table[last] = value

@@ -14,7 +14,7 @@ _SHOWN = ("seed", "outcome", "error")  # columns of the worst runs
 
 
 def by_method(table: dict[str, Any]) -> dict[str, dict[str, Any]]:
-    """Return the table of each method if the campaign compares, else one table without a name."""
+    """Return the tables by method if the campaign compares methods, otherwise the table under ""."""
     columns = dict(table)
     methods = columns.pop("method", np.full(len(table["seed"]), "", object))
     names = dict.fromkeys(methods.tolist())
@@ -22,7 +22,7 @@ def by_method(table: dict[str, Any]) -> dict[str, dict[str, Any]]:
 
 
 def report(table: dict[str, Any]) -> dict[str, Any]:
-    """Return the numbers of a campaign for JSON, by method if the campaign compares methods."""
+    """Return the report of a table of runs for JSON, by method if the campaign compares methods."""
     if "method" in table:
         return {method: report(part) for method, part in by_method(table).items()}
     outcomes, errors = Counter(table["outcome"].tolist()), Counter(filter(None, table["error"].tolist()))

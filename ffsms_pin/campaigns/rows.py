@@ -1,4 +1,4 @@
-"""The run of a scenario as one row of numbers."""
+"""The run of a scenario as one row of a campaign's table."""
 
 from __future__ import annotations
 
@@ -15,22 +15,22 @@ from ffsms_pin.scenarios.closed_loop import ClosedLoop, controller, flown, plann
 from ffsms_pin.scenarios.definition import Scenario
 from ffsms_pin.simulation import Tracking
 
-# Tables without influence on the plan.
+# The tables of a scenario file that do not affect the plan.
 _LOOP: tuple[str, ...] = ("control", "reference", "plant", "friction", "actuator", "sensors", "wrist")
 _LOOP += ("estimator", "disturbance", "capture", "fault", "guards", "attitude", "learn")
 _last: dict[str, Any] = {}  # the last plan of this process and its inputs
 
 
 def run_numbers(scenario: Scenario, once: bool = False, files: str = "") -> dict[str, Any]:
-    """Plan and follow a scenario, and return its outcome, the reason of a stop, and numbers of the run.
+    """Plan and simulate a scenario; return the outcome, the reason of a stop, and numbers of the run.
 
     Parameters
     ----------
     scenario : Scenario
     once : bool
-        True to follow the plan made once even if the scenario re-plans.
+        True to track the first plan without re-planning, even if the scenario re-plans.
     files : str
-        A hash of the scenario's files; runs with equal planning inputs share one plan.
+        A hash of the scenario's files. Consecutive runs with the same files and planning inputs share a plan.
     """
     with scenario.named(), warnings.catch_warnings():
         warnings.simplefilter("ignore", FfsmsWarning)  # each run would repeat the warnings
@@ -60,7 +60,7 @@ def run_numbers(scenario: Scenario, once: bool = False, files: str = "") -> dict
 
 
 def _loop_numbers(loop: ClosedLoop, plan: Trajectory, tracking: Tracking) -> dict[str, float]:
-    """Return the numbers of a complete or stopped closed loop."""
+    """Return the numbers of a closed-loop simulation, which may have been stopped."""
     if len(tracking.t) < 2:
         return {}
     late = tracking.t >= ARRIVAL_SHARE * plan.duration - 1e-9

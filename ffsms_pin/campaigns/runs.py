@@ -38,14 +38,14 @@ def campaign(
     scheduler: str | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Path:
-    """Run the missing seeds of a campaign in a folder, and write the table of all runs.
+    """Run the missing seeds of a campaign in a folder, write the table of all runs, and return its path.
 
-    `jobs` is the number of processes: 1 runs in this process; the default is the number of cores, or 1
-    without Dask. `scheduler` is the address of a Dask scheduler, such as "tcp://host:8786"; its workers need
-    the folder under the same path. `progress` is called with the numbers of completed and of all runs.
+    `jobs` is the number of processes; 1 means this process. The default is the number of cores, or 1 without
+    Dask. `scheduler` is the address of a Dask scheduler, such as "tcp://host:8786", whose workers need the
+    folder under the same path. `progress` is called with the number of completed runs and that of all runs.
     """
     if scheduler is not None and jobs is not None:
-        raise InvalidValue("jobs", jobs, "must be left out with a scheduler: its workers run the chunks")
+        raise InvalidValue("jobs", jobs, "must be left out, because the scheduler's workers do the runs")
     jobs = (usable_cores() if installed("cluster") else 1) if jobs is None else whole("jobs", jobs, 1, 1024)
     if not (alone := scheduler is None and jobs == 1):
         require("cluster", "a campaign in several processes")
@@ -68,7 +68,7 @@ def campaign(
 
 
 def read_table(folder: str | os.PathLike[str]) -> dict[str, Any]:
-    """Return the columns of the runs in a folder, arrays by name, in the order of the seeds."""
+    """Return the table of the runs in a folder: columns by name, in the order of the seeds."""
     of = Campaign.open(folder)
     rows = [row for seeds in _chunks(of) for row in _read(of, Path(folder), seeds) or ()]
     if not rows:
@@ -81,9 +81,9 @@ def read_table(folder: str | os.PathLike[str]) -> dict[str, Any]:
 
 
 def _chunks(of: Campaign) -> list[range]:
-    """Return the seeds in chunks of at most 16; each chunk is written atomically.
+    """Return the seeds in chunks of at most 16; each chunk has a file of its own.
 
-    The size of a chunk depends only on its position, so that an extended campaign keeps its chunks.
+    The size of a chunk depends only on the number of earlier runs, so an extended campaign keeps its chunks.
     """
     chunks, start = [], 0
     while start < of.runs:
@@ -94,7 +94,7 @@ def _chunks(of: Campaign) -> list[range]:
 
 
 def _run(of: Campaign, folder: Path, seeds: range, rows: list[Any] | None = None) -> range:
-    """Write the rows of a chunk; run its seeds unless the rows are given."""
+    """Write the file of a chunk, and return its seeds; run them unless `rows` are given."""
     rows = [row for seed in seeds for row in _rows(of, seed)] if rows is None else rows
     chunk = {"campaign": of.hash, "seeds": list(seeds), "rows": rows}
     write_content(folder / "chunks" / f"{seeds[0]:010d}.json", json.dumps(chunk) + "\n")
@@ -111,14 +111,14 @@ def _read(of: Campaign, folder: Path, seeds: range) -> list[Any] | None:
 
 
 def _rows(of: Campaign, seed: int, error: str = "") -> list[Any]:
-    """Return the rows of a seed, one per method; `error` is set if the seed killed its process."""
+    """Run a seed and return its rows, one per method; with `error`, report a run that killed its process."""
     rows = []
     for method in ("planned once", "re-planned") if of.compare else ("",):
         row = {"seed": seed, **({"method": method} if method else {}), **drawn_columns(of.draws, seed)}
         numbers: dict[str, Any] = {"outcome": "killed", "error": error, "final_error_m": None}
         try:
             numbers = numbers if error else run_numbers(of.scenario(seed), method == "planned once", of.hash)
-        except Exception as problem:  # any exception, because the other runs continue
+        except Exception as problem:  # any error, so that the other runs continue
             numbers |= {"outcome": "failed", "error": f"{type(problem).__name__}: {problem}"}
         rows.append(row | numbers)
     return rows
@@ -151,7 +151,8 @@ def _on_dask(of: Campaign, folder: Path, missing: list[range], jobs: int, addres
                     yield future.result()
                 except KilledWorker:
                     suspects.append(seeds)
-            for seeds in suspects:  # each seed alone, because Dask blames a worker's death on all its tasks
+            # Dask fails all tasks of a worker that dies, so each seed of these chunks is run alone.
+            for seeds in suspects:
                 rows: list[Any] = []
                 for seed in seeds:
                     try:
@@ -161,10 +162,10 @@ def _on_dask(of: Campaign, folder: Path, missing: list[range], jobs: int, addres
                 yield _run(of, folder, seeds, rows)
         except (CancelledError, comm.core.CommClosedError):
             raise ClusterError(
-                f"the scheduler at {address} is gone; run the same command again to continue"
+                f"the scheduler at {address} has stopped; run the campaign again to continue"
             ) from None
 
 
 async def _end(cluster: Any) -> None:
-    """End the workers at once, because a closing cluster waits for unfinished runs, even after Ctrl-C."""
+    """Stop the workers first, because a closing cluster waits for unfinished runs, even after Ctrl-C."""
     await asyncio.gather(*(nanny.close(timeout=0.5) for nanny in cluster.workers.values()))

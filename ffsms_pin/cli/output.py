@@ -238,6 +238,6 @@ def _move_files(source: Path, target: Path) -> None:
             with (source / file).open("rb") as content:
                 write_atomically(target / file, partial(shutil.copyfileobj, content))
     except OSError as error:
-        message = f"cannot take all results ({error}); those that are not there are in {source}"
+        message = f"not all results could be moved there ({error}); all of them are kept in {source}"
         raise ResultError(target, message) from None
     shutil.rmtree(source, ignore_errors=True)

@@ -52,7 +52,7 @@ def test_info_refuses_options_of_a_robot_for_a_client(
     assert "one rigid body of 5 kg, a client" in capsys.readouterr().out
     for option, value in (("--joints-deg", "1"), ("--end-effector", "body")):
         assert main(["info", client, option, value]) == 2
-        assert f"{option} is for robots, and no joint of '{client}' moves" in capsys.readouterr().err
+        assert f"{option} needs a robot, but no joint of '{client}' moves" in capsys.readouterr().err
 
 
 def test_help_and_version(capsys: pytest.CaptureFixture[str]) -> None:

@@ -113,7 +113,7 @@ def test_nothing_moves_where_something_cannot(tmp_path: Path) -> None:
     out = tmp_path / "out"
     (out / "b").mkdir(parents=True)
     (out / "a").write_text("old")
-    with pytest.raises(ResultError, match=r"out/b: is a folder.*they are in .*out/\.out") as caught:
+    with pytest.raises(ResultError, match=r"out/b: is a folder.*kept in .*out/\.out") as caught:
         fill(out)
     assert texts(out) == {"a": "old"}
     assert texts(Path(str(caught.value).rpartition(" ")[2])) == {"a": "new", "b": "new"}

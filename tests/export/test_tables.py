@@ -168,8 +168,8 @@ def _changed(path: Path, column: str, line: int, value: str | None) -> None:
         ("joint_2.position [rad]", 9, "0.5", r"line 9 \(t = 0.07 s\): 'joint_2.position.*rates.*linearly"),
         ("joint_2.rate [rad/s]", 9, "0.1", r"line 9 .*'joint_2.position"),
         ("base.x [m]", 40, "0.5", r"line 40 \(t = 0.38 s\): base is not where.*momentum"),
-        ("momentum.x [kg m/s]", 2, "0.0", r"base is not where .* rad off at t = 6 s"),
-        ("momentum.y [kg m/s]", 0, None, r"must have a column 'momentum.y \[kg m/s\]' beside"),
+        ("momentum.x [kg m/s]", 2, "0.0", r"base is not where .* rad away \(t = 6 s\)"),
+        ("momentum.y [kg m/s]", 0, None, r"must have a column 'momentum.y \[kg m/s\]', too"),
     ],
 )
 def test_a_table_that_contradicts_itself_is_refused_with_its_line(

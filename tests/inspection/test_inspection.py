@@ -135,10 +135,10 @@ def test_info_lists_the_faults_and_repairs_them(tmp_path: Path, capsys: pytest.C
     ("arguments", "words"),
     [
         (["BROKEN", "--repair", "OUT"], "cannot be repaired"),
-        (["BROKEN", "--rate", "0.2"], "--rate is for joints of a repaired file: add --repair OUT"),
+        (["BROKEN", "--rate", "0.2"], "--rate needs --repair OUT, because it is for the repaired file"),
         (
             ["satellite_ur5", "--repair", "OUT"],
-            "--repair is for a URDF file, which 'satellite_ur5' is not",
+            "--repair needs a URDF file, which 'satellite_ur5' is not",
         ),
         (["none.urdf", "--repair", "OUT"], "no robot 'none.urdf'"),
     ],
