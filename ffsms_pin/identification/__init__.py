@@ -1,4 +1,4 @@
-"""Identification: masses, centres of mass and inertias from the robot's own motion."""
+"""The identification of masses, centres of mass and inertias from the robot's own motion."""
 
 from ffsms_pin.identification.comparison import compared
 from ffsms_pin.identification.exciting import exciting_motion

@@ -1,4 +1,4 @@
-"""The bodies with unknown inertial parameters: their names, their columns, and their priors."""
+"""The bodies with unknown inertial parameters, and their priors."""
 
 from __future__ import annotations
 
@@ -29,14 +29,14 @@ class UnknownBody:
     name : str
         "base", "payload", or the name of a link or joint.
     index : int
-        The index of the body in the model, or of the body that carries the payload: 0 is the base, i the
-        body of joint i - 1.
+        The index of the body, for a payload that of the body that carries it. The base has index 0, the body
+        that joint i moves (i from 0) has index i + 1.
     added : bool
-        True for a payload, which adds to the body `index`; False for that body itself.
+        True for a payload, whose parameters add to those of the body `index`.
     believed : ndarray, shape (10,)
         The prior parameters in the frame of body `index`.
     deviation : ndarray, shape (10,)
-        Standard deviations of `believed`.
+        The standard deviations of the prior parameters.
     free : ndarray of bool, shape (10,)
         True for the parameters that are estimated; the others are known.
     """
@@ -50,7 +50,7 @@ class UnknownBody:
 
 
 class Known(NamedTuple):
-    """The robot with the inertias of `known`, the known masses by body name, and the prior of the payload."""
+    """The robot with the known inertias, the known masses [kg] by body, and the payload's prior inertia."""
 
     sms: SpaceManipulator
     masses: dict[str, float]
@@ -58,7 +58,7 @@ class Known(NamedTuple):
 
 
 def known_bodies(sms: SpaceManipulator, known: Mapping[str, Any]) -> Known:
-    """Return the model, known masses and prior payload that follow from the argument `known`."""
+    """Check the argument `known` of `Identifier`, and return its values by kind."""
     instance("known", known, Mapping)
     inertias, masses, payload = list(sms.model.inertias)[1:], dict[str, float](), None
     for name, value in known.items():
@@ -75,10 +75,10 @@ def known_bodies(sms: SpaceManipulator, known: Mapping[str, Any]) -> Known:
 
 
 def unknown_bodies(known: Known, unknown: Sequence[str], spread: float) -> list[UnknownBody]:
-    """Return the unknown bodies by name.
+    """Return the bodies named in `unknown`, with their priors.
 
-    The prior deviations are `spread` times a body's own mass, first moments and inertia; for a payload
-    without a prior they have the size of the whole robot's.
+    The prior deviations are `spread` times the body's mass, first moments and inertia. A payload without a
+    prior has deviations of the size of the whole robot's mass and the base's radius of gyration.
     """
     if isinstance(unknown, str) or not isinstance(unknown, Sequence) or not unknown:
         example = "a list of names such as ['base'], ['base', 'payload'] or link names"
@@ -86,10 +86,10 @@ def unknown_bodies(known: Known, unknown: Sequence[str], spread: float) -> list[
     spread = positive("spread", spread)
     bodies = [_unknown(known, name, spread) for name in unknown]
     if strangers := [name for name in known.masses if name not in unknown]:
-        text = f"holds the mass of '{strangers[0]}', which is not among the unknown bodies; to change the"
-        raise InvalidValue("known", known.masses, f"{text} model, give its inertia, too (pinocchio.Inertia)")
+        text = f"has the mass of '{strangers[0]}', which is not among the unknown bodies; to change the model"
+        raise InvalidValue("known", known.masses, f"{text}, give mass and inertia (pinocchio.Inertia)")
     if known.payload is not None and PAYLOAD not in unknown:
-        text = "holds an inertia of the payload, which is not among the unknown bodies; add a known payload"
+        text = "has an inertia of the payload, which is not among the unknown bodies; add a known payload"
         raise InvalidValue("known", known.payload, f"{text} to the robot with sms.with_inertias")
     indices = [body.index for body in bodies]
     if len(set(indices)) < len(indices):
@@ -127,7 +127,7 @@ def _scales(mass: float, length: float) -> FloatArray:
 
 
 def _index(sms: SpaceManipulator, name: Any, argument: str) -> int:
-    """Return the index of a body by the name of its link or joint, or "base"."""
+    """Return the index (see `UnknownBody`) of the body that a link, joint or "base" names."""
     model = sms.model
     names = {"base": 0} | {str(model.names[j]): j - 1 for j in range(2, model.njoints)}
     for frame in model.frames:

@@ -13,16 +13,16 @@ from ffsms_pin.identification.identifier import Identifier
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.system.regressors import PER_BODY
 
-_NOTHING = 1e-6  # share of the robot's mass below which a body counts as massless
+_NOTHING = 1e-6  # share of the robot's mass below which a body is treated as massless
 
 
 def compared(identifier: Identifier, plant: SpaceManipulator) -> dict[str, Any]:
-    """Return prior, estimated and true mass, centre of mass and inertia of each unknown body by its name.
+    """Return prior ("believed"), estimated ("learnt") and true mass properties of the unknown bodies.
 
-    The true payload is the difference between the plant's link and the model's. Masses are in kg, centres of
-    mass in the frame of the link [m], inertias about the centres of mass (3, 3) [kg m^2]; a massless body has
-    None for both. If the estimate is inconsistent because of an external force, it is None and the note has
-    the reason.
+    The properties are the mass [kg], the centre of mass in the link's frame (3,) [m], and the inertia about
+    the centre of mass (3, 3) [kg m^2]; the last two are None for a massless body. A true payload is the
+    difference between the plant's link and the model's link. If an external force made the estimate
+    inconsistent, the estimate is None and the note has the reason.
     """
     note, estimate = "", None
     try:

@@ -1,8 +1,9 @@
-"""The physical consistency of inertial parameters: some mass distribution has them.
+"""The physical consistency of inertial parameters.
 
-A body's ten parameters belong to a mass distribution if and only if its pseudo-inertia, the (4, 4) matrix
-[[1/2 tr(I) 1 - I, m c], [(m c)^T, m]], is positive definite. Written as L L^T with a lower triangle L whose
-diagonal is exponential, ten free numbers give every such body and no other.
+A body's ten parameters are consistent, which means that some mass distribution has them, if and only if the
+pseudo-inertia is positive definite. The pseudo-inertia is the (4, 4) matrix [[1/2 tr(I) 1 - I, m c], [(m
+c)^T, m]] with the inertia I about the link's origin and the centre of mass c. A lower triangular factor L
+with an exponential diagonal, L L^T, maps ten free numbers onto all consistent bodies.
 
 References
 ----------
@@ -25,7 +26,7 @@ _BELOW = np.tril_indices(4, -1)
 
 
 def consistent(parameters: FloatArray, scale: FloatArray) -> bool:
-    """Return whether parameters (10,) belong to a mass distribution; `scale` (10,) is their magnitude."""
+    """Return whether parameters (10,) are consistent; `scale` (10,) are their typical magnitudes."""
     unit = _unit(scale)
     return bool(np.linalg.eigvalsh(pseudo_inertia(parameters) / np.outer(unit, unit))[0] > _LEAST)
 
@@ -39,8 +40,9 @@ def nearest_consistent(
 ) -> FloatArray:
     """Return the consistent parameters (b, 10) nearest to an estimate (b, 10) in the metric `information`.
 
-    `information` (k, k) belongs to the k parameters that `free` (b, 10) marks; the others are known. A
-    consistent estimate is returned unchanged. The search begins at `near` (b, 10), if it is given.
+    A consistent estimate is returned unchanged. `information` (k, k) is that of the k unknown parameters,
+    which are True in `free` (b, 10); the others keep their values. `scales` (b, 10) are typical magnitudes.
+    The search begins at `near` (b, 10) if it is given.
     """
     if all(map(consistent, estimate, scales)):
         return estimate
@@ -48,8 +50,8 @@ def nearest_consistent(
 
     units = [_unit(scale) for scale in scales]
     root = np.linalg.cholesky(information + 1e-14 * np.trace(information) * np.eye(len(information))).T
-    held = np.flatnonzero(~free.ravel())
-    stiff = 1e6 / scales.ravel()[held]  # weight that fixes known parameters
+    fixed = np.flatnonzero(~free.ravel())
+    stiff = 1e6 / scales.ravel()[fixed]  # weights that fix known parameters
     unknown = np.flatnonzero(free.ravel())
 
     def bodies(p: FloatArray) -> FloatArray:
@@ -61,14 +63,14 @@ def nearest_consistent(
 
     def residual(p: FloatArray) -> FloatArray:
         off = (bodies(p) - estimate).ravel()
-        return np.concatenate([root @ off[unknown], stiff * off[held]])
+        return np.concatenate([root @ off[unknown], stiff * off[fixed]])
 
     def slopes(p: FloatArray) -> FloatArray:
         J = np.zeros((p.size, p.size))
         for k, (numbers, unit) in enumerate(zip(p.reshape(-1, PER_BODY), units, strict=True)):
             own = slice(PER_BODY * k, PER_BODY * (k + 1))
             J[own, own] = _slopes(_lower(numbers), unit)
-        return np.vstack([root @ J[unknown], stiff[:, None] * J[held]])
+        return np.vstack([root @ J[unknown], stiff[:, None] * J[fixed]])
 
     start = []
     for parameters, unit in zip(estimate if near is None else near, units, strict=True):
@@ -82,7 +84,7 @@ def nearest_consistent(
 
 
 def _slopes(L: FloatArray, unit: FloatArray) -> FloatArray:
-    """Return the Jacobian (10, 10) of a body's parameters by its ten free numbers."""
+    """Return the Jacobian (10, 10) of a body's parameters with respect to its ten free numbers."""
     changes = np.zeros((PER_BODY, 4, 4))
     diagonal, below = np.arange(4), np.arange(4, PER_BODY)
     changes[diagonal, diagonal, diagonal] = np.diag(L)

@@ -1,9 +1,9 @@
-"""The exciting motions: joint motions that minimise the uncertainty of the unknown parameters.
+"""Exciting motions, which minimise the uncertainty of unknown inertial parameters.
 
-The joint motions are window functions times harmonics, and begin and end at rest at the start. The
-coefficients minimise the expected standard deviations of the parameters, mostly the largest ones. Joint
-ranges, rates and accelerations are kept by scaling each joint's motion, all other limits by scaling the whole
-motion until the planner's check finds no violation.
+A joint's motion is a window function times a sum of harmonics, so it begins and ends at the start position
+at rest. The coefficients of the harmonics minimise the expected standard deviations of the parameters, mostly
+the largest ones. Each joint's motion is scaled to keep its range, rate and acceleration; the whole motion is
+scaled until it keeps all other limits.
 
 References
 ----------
@@ -31,13 +31,13 @@ from ffsms_pin.opt.trajectory import Trajectory, measure
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.simulation import Sensors
 
-_WIDEST = np.pi / 2.0  # [rad or m] range assumed for a joint without limits
+_WIDEST = np.pi / 2.0  # [rad or m] largest displacement to either side
 _SHARE = 0.95  # used share of ranges, rates and accelerations
-_SIZES = (1.0, 0.8, 0.6, 0.45, 0.3, 0.2, 0.1)  # scale factors, tried until all limits are kept
-_NODES = 80  # instants at which a candidate is evaluated
-_SAMPLES = 100.0  # [1/s] sampling rate assumed for the expected deviations
-_WORST = 8.0  # exponent of the power mean of the deviations: a large one emphasises the largest
-_TRIED = 3  # candidates whose limits are checked
+_SIZES = (1.0, 0.8, 0.6, 0.45, 0.3, 0.2, 0.1)  # scale factors, tried in this order until all limits are kept
+_NODES = 80  # number of instants at which a candidate is evaluated
+_SAMPLES = 100.0  # [1/s] assumed sampling rate of the measurements
+_WORST = 8.0  # exponent of the power mean of the deviations; a large exponent emphasises the largest
+_TRIED = 3  # number of random candidates that are checked against all limits
 
 
 def exciting_motion(
@@ -58,16 +58,16 @@ def exciting_motion(
     iterations: int = 8,
     seed: int = 0,
 ) -> Trajectory:
-    """Return a joint motion that excites the unknown parameters as well as the limits allow.
+    """Return a joint motion whose measurement gives the most information on the unknown parameters.
 
     Parameters
     ----------
     sms : SpaceManipulator
         The prior model.
     q0 : array_like, shape (nq,)
-        The start configuration, to which the joints return.
+        The start configuration; the joints return to it.
     duration : float
-        [s]
+        The duration of the motion [s].
     unknown, known, sensors, spread
         Arguments of `Identifier`.
     dt : float
@@ -79,16 +79,16 @@ def exciting_motion(
     locked : sequence of str
         The names of joints that cannot move.
     harmonics : int
-        The number of frequencies of a joint's motion, multiples of 1 / `duration`.
+        The number of harmonics of 1 / `duration` in a joint's motion.
     starts, iterations : int
-        The number of random candidates, and of descent steps from the best candidate.
+        The number of random candidates, and the number of descent steps from the best candidate.
     seed : int
         The seed of the candidates.
 
     Returns
     -------
     Trajectory
-        Its `clear` is True: all limits are kept.
+        The motion, which keeps all limits.
 
     Raises
     ------
@@ -121,7 +121,7 @@ class _Search:
         self.identifier, self.problem, self.sms = identifier, problem, problem.sms
         self.shape = (2 * harmonics, self.sms.n)
         orders = np.arange(1, harmonics + 1)
-        #: Scale of the drawn coefficients: fast harmonics are small because accelerations are limited.
+        #: The scale of the drawn coefficients, small for fast harmonics because accelerations are limited.
         self.weights = np.concatenate([1.0 / orders**2, 1.0 / (orders + 1.0) ** 2])[:, None]
         self.note = ""
         self._shown: Any = None
@@ -141,7 +141,7 @@ class _Search:
         return window * waves, rate * (slope * waves + window * slopes)
 
     def rates(self, coefficients: FloatArray, nodes: int) -> FloatArray:
-        """Return joint rates (nodes, n) that keep ranges, rates and accelerations of the joints."""
+        """Return joint rates (nodes, n), scaled so that ranges, rates and accelerations are kept."""
         basis, slope = self._basis(nodes)
         c = coefficients.reshape(self.shape)
         travel, rates = basis.T @ c, slope.T @ c
@@ -159,7 +159,7 @@ class _Search:
         return np.asarray(rates)
 
     def deviations(self, rates: FloatArray, dt: float) -> FloatArray:
-        """Return the expected deviations (k,) of the parameters as shares of their prior deviations."""
+        """Return the deviations (k,) expected after a motion, as shares of the prior deviations."""
         problem = self.problem
         motion = rolled_out(self.sms, problem.stack, problem.q0, rates, dt, problem.momentum)
         q, v = configurations(self.sms, problem.q0, motion), velocities(motion)
@@ -172,7 +172,7 @@ class _Search:
         return float(np.mean(left**_WORST) ** (1.0 / _WORST))
 
     def first(self, coefficients: FloatArray) -> float:
-        """Return the sum of the logarithms of the deviations, and store which parameters are observable."""
+        """Return the sum of the deviations' logarithms, and add to the set of observable parameters."""
         left = self.deviations(self.rates(coefficients, _NODES), self._coarse)
         shown = left < 0.9
         self._shown = shown if self._shown is None else self._shown | shown
@@ -183,7 +183,7 @@ class _Search:
         return self.problem.duration / (_NODES - 1)
 
     def descended(self, coefficients: FloatArray, iterations: int) -> FloatArray:
-        """Return coefficients with smaller deviations, by a descent."""
+        """Return coefficients with smaller deviations, found by L-BFGS-B from `coefficients`."""
         if iterations == 0 or not self._shown.any():
             return coefficients
         from scipy.optimize import minimize  # slow to load
@@ -195,7 +195,7 @@ class _Search:
         return np.asarray(minimize(value, coefficients, method="L-BFGS-B", options=options).x)
 
     def kept(self, coefficients: FloatArray) -> Trajectory | None:
-        """Return the largest motion with these coefficients that keeps all limits; None if there is none."""
+        """Return the motion with the largest scale of `_SIZES` that keeps all limits, or None."""
         problem = self.problem
         rates = self.rates(coefficients, problem.steps + 1)
         for size in _SIZES:

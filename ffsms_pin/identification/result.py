@@ -1,4 +1,4 @@
-"""The result of an identification: bodies, their covariance, and the observable directions."""
+"""The result of an identification: estimated bodies, their covariance, and observable directions."""
 
 from __future__ import annotations
 
@@ -20,20 +20,23 @@ from ffsms_pin.system.regressors import PER_BODY
 if TYPE_CHECKING:
     from ffsms_pin.identification.identifier import Identifier
 
-SHOWN = 0.5  # share of the prior deviation below which a direction counts as observed
+SHOWN = 0.5  # share of the prior deviation below which a direction is observed
 _ROUNDING = 1e-14  # least variance, as a share of the prior one
-_UNEXPLAINED = 0.08  # share of a momentum; arm masses with errors of 15 % cause half of it
-_SUSPICIOUS = 4.0  # times the stated noise: the model is wrong
+# Above these values a note warns of a wrong model: the unexplained share of the momentum, half of which arm
+# masses with errors of 15 % cause, and the mean square residual as a multiple of the stated noise.
+_UNEXPLAINED = 0.08
+_SUSPICIOUS = 4.0
 
 
 class Solution(NamedTuple):
-    """The solved sums, in units of the prior deviations.
+    """The least-squares estimate, in units of the prior deviations.
 
     Attributes
     ----------
     x : ndarray, shape (k,)
-        The change of the free parameters.
+        The difference between the estimated and the prior parameters.
     covariance : ndarray, shape (k, k)
+        The covariance of `x`.
     residual : float
         The mean square of the weighted residuals, between 0.5 and 1 if the noise is as stated.
     equations : int
@@ -57,7 +60,8 @@ class BodyEstimate:
     ----------
     name : str
     parameters : ndarray, shape (10,)
-        [m, m c, Ixx, Ixy, Iyy, Ixz, Iyz, Izz], about the link's origin.
+        [m, m c, Ixx, Ixy, Iyy, Ixz, Iyz, Izz] about the link's origin [kg, kg m, kg m^2], in Pinocchio's
+        order.
     covariance : ndarray, shape (10, 10)
         The covariance of the parameters.
     believed : ndarray, shape (10,)
@@ -76,12 +80,12 @@ class BodyEstimate:
 
     @property
     def com(self) -> FloatArray:
-        """The centre of mass (3,) [m]."""
+        """The centre of mass (3,) in the link's frame [m]."""
         return np.asarray(self.parameters[1:4] / self.parameters[0])
 
     @property
     def inertia(self) -> FloatArray:
-        """The inertia (3, 3) about the centre of mass [kg m^2]."""
+        """The inertia (3, 3) about the centre of mass, in the link's axes [kg m^2]."""
         return np.array(self.inertial.inertia)
 
     @property
@@ -103,15 +107,16 @@ class BodyEstimate:
 
 @dataclass(frozen=True, eq=False)
 class Direction:
-    """A combination of parameters, and its remaining uncertainty.
+    """A direction in the space of the unknown parameters, and its remaining uncertainty.
 
     Attributes
     ----------
     left : float
-        The standard deviation as a share of the prior one: 1 for an unobservable direction.
+        The remaining share of the prior standard deviation: 1 for an unobservable direction.
     vector : dict of str to ndarray, shape (10,)
-        The change of the parameters by one prior standard deviation, by body.
+        The change of each body's parameters for a step of one prior standard deviation.
     words : str
+        The parameters with the largest shares of the direction.
     """
 
     left: float
@@ -119,21 +124,21 @@ class Direction:
     words: str
 
     def __str__(self) -> str:
-        return f"{self.words}: {100.0 * self.left:.2g} % of the believed deviation left"
+        return f"{self.words}: {100.0 * self.left:.2g} % of the prior deviation left"
 
 
 @dataclass(frozen=True, eq=False)
 class Identification(Mapping[str, BodyEstimate]):
-    """The estimated bodies by name, and the robot that has them.
+    """The estimated bodies by name, and the robot with these bodies.
 
     Attributes
     ----------
     sms : SpaceManipulator
-        The robot with the estimated inertias; `sms.with_inertias(found)` returns another robot with them.
+        The robot with the estimated inertias. `other.with_inertias(found)` sets them in another robot.
     bodies : dict of str to BodyEstimate
     covariance : ndarray, shape (10 (1 + n), 10 (1 + n))
-        The covariance of the parameters of all bodies of the robot, zero for known ones; see
-        `Trajectory.spread`.
+        The covariance of the parameters of all bodies of the robot, zero for known bodies.
+        `Trajectory.spread` uses it.
     directions : tuple of Direction
         All directions, the best-observed first.
     residual : float
@@ -141,9 +146,10 @@ class Identification(Mapping[str, BodyEstimate]):
     equations : int
         The number of equations from the measurements.
     projected : bool
-        True if the least-squares estimate was inconsistent and is replaced by the nearest consistent one.
+        True if the least-squares estimate was inconsistent, so that the nearest consistent estimate replaces
+        it.
     note : str
-        The unobserved parameters with reasons, and signs of a wrong model; empty if there are none.
+        The unobserved parameters with reasons, and signs of a wrong model; may be empty.
     """
 
     sms: SpaceManipulator
@@ -175,12 +181,12 @@ class Identification(Mapping[str, BodyEstimate]):
 
     @cached_property
     def observable(self) -> tuple[Direction, ...]:
-        """The observed directions, whose deviation is less than half of the prior one."""
+        """The directions whose standard deviation is less than half of the prior deviation."""
         return tuple(direction for direction in self.directions if direction.left < SHOWN)
 
     @cached_property
     def unobservable(self) -> tuple[Direction, ...]:
-        """The unobserved directions, which nearly keep their prior values."""
+        """All other directions, which nearly keep their prior values."""
         return tuple(direction for direction in self.directions if direction.left >= SHOWN)
 
     def __str__(self) -> str:
@@ -192,9 +198,9 @@ class Identification(Mapping[str, BodyEstimate]):
 
 
 def identification_of(identifier: Identifier, near: FloatArray | None = None) -> Identification:
-    """Return the consistent estimate from an identifier's sums, with covariance and notes.
+    """Return the consistent estimate from an identifier's samples, with covariance and notes.
 
-    `near` (b, 10) are consistent parameters near the estimate.
+    `near` (b, 10) are consistent parameters near the estimate, at which the search for it begins.
     """
     bodies, solved = identifier.bodies, identifier.solution()
     free = np.array([body.free for body in bodies])
@@ -230,7 +236,7 @@ def identification_of(identifier: Identifier, near: FloatArray | None = None) ->
 
 
 def _sizes(believed: FloatArray, scales: FloatArray) -> FloatArray:
-    """Return typical magnitudes (b, 10) of the unknown bodies' parameters, for relative measures."""
+    """Return typical magnitudes (b, 10) of the unknown bodies' parameters."""
     masses = np.maximum(np.abs(believed[:, 0]), scales[:, 0])
     inertias = np.maximum(np.abs(believed[:, 4:]).max(axis=1), scales[:, 4:].max(axis=1))
     lengths = np.sqrt(inertias / masses)
@@ -247,7 +253,7 @@ def _inertias(sms: SpaceManipulator, bodies: list[UnknownBody], parameters: Floa
 
 
 def _of_all(sms: SpaceManipulator, bodies: list[UnknownBody], covariance: FloatArray) -> FloatArray:
-    """Return the covariance of the parameters of all bodies of the robot."""
+    """Return the covariance (10 (1 + n), 10 (1 + n)) of all bodies, zero for known bodies."""
     size = PER_BODY * (1 + sms.n)
     whole = np.zeros((size, size))
     columns = np.concatenate([np.arange(PER_BODY) + PER_BODY * body.index for body in bodies])
@@ -258,7 +264,7 @@ def _of_all(sms: SpaceManipulator, bodies: list[UnknownBody], covariance: FloatA
 def _directions(
     bodies: list[UnknownBody], V: FloatArray, left: FloatArray, free: Any, scales: FloatArray
 ) -> tuple[Direction, ...]:
-    """Return the eigenvectors of the information as directions, the best-observed first."""
+    """Return the eigenvectors `V` (k, k) of the covariance as directions, the best-observed first."""
     directions = []
     for i in np.argsort(left):
         numbers = np.zeros(free.shape)
@@ -281,7 +287,7 @@ def _notes(
     scales: FloatArray,
     estimate: FloatArray,
 ) -> Iterator[str]:
-    """Yield sentences about parameters that are not observed, and about signs of a wrong model."""
+    """Yield sentences about unobserved parameters, and about signs of a wrong model."""
     bodies = identifier.bodies
     hidden = V[:, left >= SHOWN]
     if solved.residual > _SUSPICIOUS and identifier.noise.stated:
@@ -291,8 +297,8 @@ def _notes(
         )
     if solved.unexplained > _UNEXPLAINED:
         yield (
-            f"{100.0 * solved.unexplained:.2g} % of the unknown bodies' momentum is not explained by any"
-            " values of their parameters: check order, units and delays of the measurements, and other masses"
+            f"no values of the parameters explain {100.0 * solved.unexplained:.2g} % of the unknown bodies'"
+            " momentum: check order, units and delays of the measurements, and the masses of other bodies"
         )
     if not hidden.size:
         return
@@ -304,7 +310,7 @@ def _notes(
         share = float(np.linalg.norm(hidden.T @ whole)) / length
         if share > 0.99:
             yield (
-                "the motion determines only ratios, not the common scale of all masses and inertias, because"
+                "the motion determines only ratios of masses and inertias, not their common scale, because"
                 " the total momentum is constant: add a known mass (known={name: mass}) or torques"
             )
     alone = np.sqrt(np.einsum("ik,k,ik->i", V, left**2, V))
@@ -317,5 +323,5 @@ def _notes(
     count = hidden.shape[1]
     yield (
         f"{count} of {len(left)} directions are not observed and keep their prior values"
-        + (f": not distinguished are {listed}" if listed else "")
+        + (f", which affects {listed}" if listed else "")
     )
