@@ -1,4 +1,4 @@
-# Every target makes its own virtual environment; Python 3.11 to 3.14 with venv is all that is needed.
+# All targets share a virtual environment, which the first one makes. Only Python 3.11 to 3.14 with venv is needed.
 PYTHON ?= python3
 VENV ?= .venv
 BIN = $(VENV)/bin
@@ -8,8 +8,8 @@ READY = $(VENV)/.ready
 
 KERNEL = $(wildcard ffsms_pin/kernel/*.hpp ffsms_pin/kernel/*.cpp)
 
-# The compiled kernel comes into the checkout with it, and again when its sources change. The test of the wheel
-# compiles it once more, in this environment.
+# The editable installation compiles the kernel into the checkout, again after each change of its sources. The compiler
+# from pip is installed for the test of the wheel, which compiles the kernel in this environment.
 $(READY): pyproject.toml CMakeLists.txt tools/backend.py $(KERNEL)
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --upgrade pip
@@ -17,51 +17,51 @@ $(READY): pyproject.toml CMakeLists.txt tools/backend.py $(KERNEL)
 	command -v c++ >/dev/null || $(BIN)/python -m pip install --quiet 'ziglang>=0.13,<1'
 	touch $@
 
-demo: $(READY)  ## plan and track the paper's Case 2, and show the result
+demo: $(READY)  ## plan and track the paper's Case 2, and show the motion
 	$(BIN)/ffsms-pin run case-2 --out results/case-2 --show
 
-kernel: $(READY)  ## compile the kernel into this checkout, if it has changed
+kernel: $(READY)  ## compile the kernel into this checkout if its sources have changed
 
-# The slow check of types goes on beside the tests; either one's failure is that of the whole. Tests start many
-# processes: compiled files are kept for them, whatever the environment says, and BLAS, whose matrices are small
-# here, takes one thread. Each of pytest's workers takes neighbouring tests, which share fixtures, and helps the
-# other one in the end.
+# mypy runs beside the tests, because it is slow; the target fails if either fails. The tests start many processes, so
+# bytecode is cached for them even if PYTHONDONTWRITEBYTECODE is set, and BLAS uses one thread, which is faster for small
+# matrices. With worksteal, a worker of pytest runs neighbouring tests, which share fixtures, and an idle worker takes
+# over tests of the others.
 PYTEST = OMP_NUM_THREADS=1 PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest -n auto --dist worksteal
-test: $(READY) style  ## lint, types, and every test but the slow ones
+test: $(READY) style  ## lint, types, and all tests except the slow ones
 	$(BIN)/mypy & types=$$!; \
 	$(PYTEST) -m "not slow"; tests=$$?; \
 	wait $$types && exit $$tests
 
 SLOW = slow
-slow: $(READY)  ## tests of more than some three seconds: whole missions, statistics, engines, browsers, examples
+slow: $(READY)  ## tests of more than about three seconds: whole missions, statistics, engines, browsers, examples
 	$(PYTEST) -m "$(SLOW)"
 
-kernels: $(READY)  ## a short sample of trials and plans under each OpenBLAS kernel that the processor has
+kernels: $(READY)  ## a short sample of trials and plans under each OpenBLAS kernel of the processor
 	$(BIN)/python .ci/kernels.py
 
-trials: $(READY)  ## damaged files, wrong arguments, kills: all of them (some 15 minutes); make trials TRIALS="--share 0.1"
+trials: $(READY)  ## damaged files, wrong arguments, killed processes (about 15 minutes); make trials TRIALS="--share 0.1"
 	PYTHONPATH=tests $(BIN)/python -m trials $(TRIALS)
 
 lint: style  ## ruff, import contracts, clang-format, mypy
 	$(BIN)/mypy
 
-style: $(READY)  ## what of it takes a second
+style: $(READY)  ## lint without mypy, which takes a second
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/lint-imports
 	$(BIN)/clang-format --dry-run -Werror $(KERNEL)
 
-docs: $(READY)  ## build the site into docs/_build, every lesson run, warnings as errors
+docs: $(READY)  ## build the site into docs/_build; run every notebook, warnings as errors
 	$(BIN)/python -m sphinx -W -E --keep-going -q -b html docs docs/_build
 
-# A peer that cannot be installed is named as not measured; the others still are.
+# A peer library that cannot be installed is reported as not measured.
 PEERS = adam-robotics casadi mujoco pin-pink
 bench: $(READY)  ## measure speed, reach and cost on one core; make bench BENCH="--only step state peers"
 	$(BIN)/python -m pip install --quiet --editable '.[dev,bench]' \
 		|| for peer in $(PEERS); do $(BIN)/python -m pip install --quiet $$peer || true; done
 	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 MKL_NUM_THREADS=1 $(BIN)/python benchmarks/run.py $(BENCH)
 
-problems: $(READY)  ## the problem set by every solver, judged; make problems PROBLEMS="--solvers ours --limit 5"
+problems: $(READY)  ## solve the problem set by every solver, and judge it; make problems PROBLEMS="--solvers ours --limit 5"
 	OMP_NUM_THREADS=1 $(BIN)/python -m benchmarks.problems $(PROBLEMS)
 
 clean:

@@ -1,7 +1,7 @@
 """Run a short sample of the trials and some plans under each OpenBLAS kernel of this processor.
 
-OpenBLAS picks its kernel by the processor, so last bits, and whether a decomposition converges, depend on the
-machine. `OPENBLAS_CORETYPE` picks another kernel; names that lead to the same kernel are run once.
+OpenBLAS chooses its kernel by the processor. The last bits of a decomposition, and its convergence, depend on
+the kernel. `OPENBLAS_CORETYPE` sets another kernel; names of the same kernel are run once.
 """
 
 from __future__ import annotations
@@ -16,17 +16,17 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parent.parent
 CANDIDATES = ("Prescott", "Nehalem", "Sandybridge", "Haswell", "Zen", "SkylakeX", "Cooperlake")
 CANDIDATES += ("Sapphirerapids", "ARMV8", "NEOVERSEN1", "NEOVERSEV1", "VORTEX")
-# It fails on a processor without the kernel's instructions; else it prints the kernels of NumPy and SciPy.
+# This program prints the kernels of NumPy and SciPy; it fails if the processor lacks a kernel's instructions.
 PROBE = """
 import numpy as np, scipy.linalg
 from threadpoolctl import threadpool_info
 A = np.random.default_rng(0).normal(size=(60, 60))
 B = A @ A.T
-for found in (np.linalg.eigh(B), scipy.linalg.eigh(B)):
-    assert np.allclose(found[1] * found[0] @ found[1].T, B)
+for values, vectors in (np.linalg.eigh(B), scipy.linalg.eigh(B)):
+    assert np.allclose(vectors * values @ vectors.T, B)
 U, sigma, Vt = np.linalg.svd(A)
 assert np.allclose(U * sigma @ Vt, A) and np.allclose(A @ np.linalg.solve(A, B), B)
-print(*sorted({one["architecture"] for one in threadpool_info() if one["internal_api"] == "openblas"}))
+print(*sorted({lib["architecture"] for lib in threadpool_info() if lib["internal_api"] == "openblas"}))
 """
 COMMANDS = (
     (sys.executable, "-m", "trials", "urdfs", "scenarios", "calls", "--share", "0.01"),
@@ -36,7 +36,7 @@ COMMANDS = (
 
 
 def main() -> int:
-    """Print a table of the kernels and their results; the exit status is 1 if one failed."""
+    """Print the result of each kernel, and return the exit status, 1 if a kernel failed."""
     begun, kernels = time.monotonic(), usable_kernels()
     with ThreadPoolExecutor(os.cpu_count()) as pool:
         results = list(pool.map(run, kernels.values()))
@@ -48,16 +48,16 @@ def main() -> int:
 
 
 def usable_kernels() -> dict[str, str]:
-    """Return the value of OPENBLAS_CORETYPE for each kernel that works here; "" for the default kernel."""
-    found = {probed(""): ""}
+    """Return the usable kernels with their values of OPENBLAS_CORETYPE; "" for the default kernel."""
+    kernels = {probed(""): ""}
     for name in CANDIDATES:
         if kernel := probed(name):
-            found.setdefault(kernel, name)
-    return found
+            kernels.setdefault(kernel, name)
+    return kernels
 
 
 def probed(name: str) -> str:
-    """Return the kernels that NumPy and SciPy use under a name; empty if the processor lacks one."""
+    """Return the kernels that NumPy and SciPy use for a name; "" if the processor cannot run one of them."""
     done = subprocess.run(
         [sys.executable, "-c", PROBE], env=environment(name), capture_output=True, text=True, check=False
     )
@@ -65,7 +65,7 @@ def probed(name: str) -> str:
 
 
 def run(name: str) -> tuple[float, str]:
-    """Return the time that all commands take [s], and the output of those that fail."""
+    """Run all commands, and return their time [s] and the output of failed commands."""
     begun, output = time.monotonic(), ""
     for command in COMMANDS:
         done = subprocess.run(
@@ -76,7 +76,7 @@ def run(name: str) -> tuple[float, str]:
 
 
 def environment(name: str) -> dict[str, str]:
-    """Return this process's environment with a kernel chosen, one thread, and the tests importable."""
+    """Return this process's environment for a kernel, with one thread and the tests' modules on the path."""
     own = {key: value for key, value in os.environ.items() if key != "OPENBLAS_CORETYPE"}
     path = os.pathsep.join([str(ROOT), str(ROOT / "tests")])
     return own | {"OMP_NUM_THREADS": "1", "PYTHONPATH": path} | ({"OPENBLAS_CORETYPE": name} if name else {})

@@ -1,4 +1,4 @@
-"""The build backend: scikit-build-core, with pip's `ziglang` as the compiler where the machine has none."""
+"""The build backend: scikit-build-core, with the package `ziglang` as compiler on a machine without one."""
 
 from __future__ import annotations
 
@@ -36,40 +36,43 @@ _ZIG = "ziglang>=0.13,<1"
 
 
 def needs_zig() -> bool:
-    """Whether the machine has no compiler for C++; on Windows CMake itself looks for Microsoft's."""
+    """Return whether no C++ compiler is installed; False on Windows, where CMake looks for MSVC."""
     return os.name != "nt" and "CXX" not in os.environ and not any(map(shutil.which, _COMPILERS))
 
 
 def get_requires_for_build_wheel(config_settings: dict[str, Any] | None = None) -> list[str]:
-    """What scikit-build-core asks for, and a compiler where there is none."""
+    """Return the requirements of scikit-build-core, with `ziglang` if no compiler is installed."""
     return [*scikit.get_requires_for_build_wheel(config_settings), *([_ZIG] if needs_zig() else [])]
 
 
 def get_requires_for_build_editable(config_settings: dict[str, Any] | None = None) -> list[str]:
-    """The same of an editable installation."""
+    """Return the requirements of an editable installation, with `ziglang` if no compiler is installed."""
     return [*scikit.get_requires_for_build_editable(config_settings), *([_ZIG] if needs_zig() else [])]
 
 
-def build_wheel(*arguments: Any, **named: Any) -> str:
-    """Build a wheel: PEP 517."""
+def build_wheel(*arguments: Any, **options: Any) -> str:
+    """Build a wheel (PEP 517)."""
     _choose_compiler()
-    return scikit.build_wheel(*arguments, **named)
+    return scikit.build_wheel(*arguments, **options)
 
 
-def build_editable(*arguments: Any, **named: Any) -> str:
-    """Build a wheel that leads to the checkout: PEP 660."""
+def build_editable(*arguments: Any, **options: Any) -> str:
+    """Build an editable wheel, which refers to the checkout (PEP 660)."""
     _choose_compiler()
-    return scikit.build_editable(*arguments, **named)
+    return scikit.build_editable(*arguments, **options)
 
 
 def _choose_compiler() -> None:
-    """Name zig's compiler to CMake, where it is needed and there."""
+    """Set CXX to zig's compiler if no other compiler is installed."""
     if needs_zig() and importlib.util.find_spec("ziglang") is not None:
         os.environ["CXX"] = str(zig_tools(Path(tempfile.mkdtemp(prefix="zig-tools-"))) / "c++")
 
 
 def zig_tools(folder: Path) -> Path:
-    """The folder, with zig as `c++`, `ar` and `ranlib`: CMake looks beside the compiler."""
+    """Write scripts `c++`, `ar` and `ranlib` that run zig into a folder, and return it.
+
+    CMake looks for `ar` and `ranlib` in the compiler's folder.
+    """
     folder.mkdir(exist_ok=True)
     for name in ("c++", "ar", "ranlib"):
         command = folder / name
