@@ -4,7 +4,7 @@ VENV ?= .venv
 BIN = $(VENV)/bin
 READY = $(VENV)/.ready
 
-.PHONY: demo kernel test slow kernels trials lint style docs bench problems clean
+.PHONY: help demo kernel test slow kernels trials lint style docs bench problems clean
 
 KERNEL = $(wildcard ffsms_pin/kernel/*.hpp ffsms_pin/kernel/*.cpp)
 
@@ -16,6 +16,9 @@ $(READY): pyproject.toml CMakeLists.txt tools/backend.py $(KERNEL)
 	$(BIN)/python -m pip install --quiet --editable '.[dev]'
 	command -v c++ >/dev/null || $(BIN)/python -m pip install --quiet 'ziglang>=0.13,<1'
 	touch $@
+
+help:  ## list the targets
+	@sed -n 's/^\([a-z]*\):.*## /\1: /p' $(MAKEFILE_LIST)
 
 demo: $(READY)  ## plan and track the paper's Case 2, and show the motion
 	$(BIN)/ffsms-pin run case-2 --out results/case-2 --show
@@ -61,8 +64,8 @@ bench: $(READY)  ## measure speed, reach and cost on one core; make bench BENCH=
 		|| for peer in $(PEERS); do $(BIN)/python -m pip install --quiet $$peer || true; done
 	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 MKL_NUM_THREADS=1 $(BIN)/python benchmarks/run.py $(BENCH)
 
-problems: $(READY)  ## solve the problem set by every solver, and judge it; make problems PROBLEMS="--solvers ours --limit 5"
+problems: $(READY)  ## run every solver on the problem set; make problems PROBLEMS="--solvers ours --limit 5"
 	OMP_NUM_THREADS=1 $(BIN)/python -m benchmarks.problems $(PROBLEMS)
 
-clean:
+clean:  ## remove the environment and everything that was built
 	rm -rf $(VENV) build dist results docs/_build docs/jupyter_execute docs/lessons docs/paper-map.md docs/agreement.md .mypy_cache .pytest_cache .ruff_cache .import_linter_cache .hypothesis ffsms_pin/kernel/_kernel*.so ffsms_pin/kernel/avx2
