@@ -409,7 +409,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         return _failed(f"error: {problem} (see ffsms-pin --help)", BAD_INPUT)
     try:
         arguments = parser().parse_args(typed)
-    except SystemExit as stop:  # --help, --version, or arguments that cannot be used
+    except SystemExit as stop:  # --help, --version, or invalid arguments
         return int(stop.code or 0)
     try:
         with _ended_by_sigterm(), _plain_warnings():

@@ -272,7 +272,7 @@ def _pose_error(errors: Mapping[str, float]) -> str:
 
 
 def _clearance(label: str, clearance: Mapping[str, Any]) -> Iterator[tuple[str, ...]]:
-    """Yield the rows of a least clearance, in red below the required one; nothing without a clearance."""
+    """Yield the rows of a least clearance, in red below the required clearance; none if it is unknown."""
     if clearance["least_m"] is None:
         return
     text = length_text(clearance["least_m"])

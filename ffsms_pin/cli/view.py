@@ -50,9 +50,10 @@ def scene_of(
 ) -> View:
     """Return the scene of the results of `ffsms-pin run`.
 
-    `plan_only` shows the plan, not the simulated motion. `robot` is the robot, or a scenario with it, if the
-    results do not name one; `end_effector` is its frame. `show` and `options` are those of `view`.
-    `ResultError` is raised if the folder has no results, or results of another robot.
+    With `plan_only`, the scene shows the plan, not the simulated motion. `robot` names the robot or its
+    scenario, by default those of the results; `end_effector` is the frame of a named robot. `show` and
+    `options` are arguments of `viewer.view`. `ResultError` is raised if the folder has no results or those of
+    another robot.
     """
     if not folder.is_dir():
         raise ResultError(folder, "is not a folder of results; make one with `ffsms-pin run`")
@@ -86,7 +87,7 @@ def scene_of(
 def _robot_of(
     folder: Path, summary: dict[str, Any], robot: str | None, end_effector: str | None
 ) -> tuple[Scenario | None, SpaceManipulator]:
-    """Return scenario and robot: the named ones, those saved with the results, or packaged ones."""
+    """Return scenario (or None) and robot: those named by `robot`, saved with the results, or packaged."""
     chosen, name = None, summary.get("scenario")
     if robot is not None:
         if not _is_scenario(robot):

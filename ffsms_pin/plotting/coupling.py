@@ -25,7 +25,7 @@ from ffsms_pin.plotting.style import ACCENT, axes_or_new, drawing, legend_above
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.simulation import Tracking
 
-_INSTANTS = 400  # most instants of a motion at which the coupling is computed
+_INSTANTS = 400  # largest number of instants of a motion at which the coupling is computed
 _NO_RANK = 1e-9  # singular values below this share of the largest are rounding errors
 _ENTROPY = r"entropy $H_\mathrm{norm}$ [-]"
 
@@ -123,7 +123,7 @@ def plot_entropy(
     sms: SpaceManipulator | None = None,
     flown: Tracking | None = None,
 ) -> Axes:
-    """Plot the paper's H_norm: 0 if one direction carries all the coupling, 1 if all carry the same.
+    """Plot the paper's H_norm: 0 if one direction has all the coupling, 1 if all directions have the same.
 
     If `flown`, a motion of `sms`, differs from the plan, it is drawn, with the plan thin and pale beside it.
     """

@@ -24,7 +24,7 @@ from ffsms_pin.simulation import Tracking
 _FLAT = 1e-9  # [m] a motion with less extent along an axis is planar
 _TARGET = "#D55E00"
 _COLOUR = "#A03030"
-_DRAWING_WIDTH, _PAIR_WIDTH = 6.0, 9.0  # [in] of one drawing, and of two side by side
+_DRAWING_WIDTH, _PAIR_WIDTH = 6.0, 9.0  # [in] widths of one drawing and of two drawings side by side
 
 
 @drawing
