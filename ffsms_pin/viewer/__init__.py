@@ -1,4 +1,4 @@
-"""Animated scenes of planned and simulated motions, as HTML pages with Meshcat's viewer."""
+"""The animated scenes of planned and simulated motions, as HTML pages with Meshcat's viewer."""
 
 from ffsms_pin.errors import require
 

@@ -58,7 +58,7 @@ def test_a_tracking_has_torques(robot: ffsms.SpaceManipulator, plan: opt.Traject
         (lambda text: text.replace("\n0.02,", "\nnan,"), InvalidValue, "finite"),
         (lambda text: text.replace("\n0.02,", "\nword,"), InvalidValue, "numbers"),
         (lambda text: text.split("\n")[0], ResultError, "header line"),
-        (lambda text: text + "1,2\n", ResultError, "as many"),
+        (lambda text: text + "1,2\n", ResultError, "one entry"),
     ],
 )
 def test_a_damaged_table_is_refused(
