@@ -1,4 +1,4 @@
-"""Exciting motions, which minimise the uncertainty of unknown inertial parameters.
+"""The exciting motions, which minimise the uncertainty of unknown inertial parameters.
 
 A joint's motion is a window function times a sum of harmonics, so it begins and ends at the start position
 at rest. The coefficients of the harmonics minimise the expected standard deviations of the parameters, mostly
