@@ -1,7 +1,7 @@
-"""How many targets are still reached with the base held, and what it costs: `python base_limits.py`.
+"""Count the targets that are reached with a limited base, and measure their cost: `python base_limits.py`.
 
-The targets are reachable by construction (see `targets`), for a base that may turn as it will. A limit is
-checked apart from the planner, on the momentum equation rolled out in twenty substeps a step.
+The targets are reachable by construction (see `targets`) if the base may turn freely. A limit is checked
+without the planner, on the momentum equation integrated in twenty substeps per step.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ LIMITS = {
 
 
 def start_of(sms: ffsms.SpaceManipulator) -> FloatArray:
-    """A start away from the middle of the joint box, where many arms are singular (n,)."""
+    """Return start positions (n,) away from the middle of the joint box, where many arms are singular."""
     low = np.where(np.isfinite(sms.limits.lower), sms.limits.lower, -np.pi)
     high = np.where(np.isfinite(sms.limits.upper), sms.limits.upper, np.pi)
     share = np.resize([0.03, -0.04, 0.02, 0.01, 0.05, 0.02, 0.01], sms.n)
@@ -41,14 +41,14 @@ def start_of(sms: ffsms.SpaceManipulator) -> FloatArray:
 
 
 def pose_of(sms: ffsms.SpaceManipulator, task: Task) -> Any:
-    """The pose at the end of the straight move behind a target."""
+    """Return the pose at the end of the straight move behind a target."""
     move = task.joint_goal - sms.layout.positions(task.q0)
     q, _ = roll_out(sms, task.q0, move, np.zeros((STEPS, sms.n)), 1.0 / STEPS)
     return sms.at(q[-1]).end_effector_pose
 
 
 def turns(sms: ffsms.SpaceManipulator, plan: opt.Trajectory) -> FloatArray:
-    """Turn of the base from its start [rad] at the nodes and between them, rolled out afresh."""
+    """Integrate the base's rotation from its start [rad], at the nodes and between them."""
     accelerations = np.repeat(plan.joint_accelerations, SUBSTEPS, axis=0)
     q, _ = roll_out(sms, plan.q[0], plan.joint_rates[0], accelerations, plan.dt / SUBSTEPS)
     first = pin.XYZQUATToSE3(q[0, :7]).rotation.T
@@ -58,7 +58,7 @@ def turns(sms: ffsms.SpaceManipulator, plan: opt.Trajectory) -> FloatArray:
 def measured(
     sms: ffsms.SpaceManipulator, tasks: list[Task], posed: bool, limits: opt.BaseLimits | None
 ) -> list[dict[str, float]]:
-    """One row a task."""
+    """Return one row for each task."""
     rows = []
     for task in tasks:
         target = pose_of(sms, task) if posed else task.target
@@ -81,7 +81,7 @@ def measured(
 
 
 def line(robot: str, kind: str, name: str, rows: list[dict[str, float]]) -> str:
-    """One line of the table; medians are of the plans that reach."""
+    """Return one line of the table; medians are of the plans that reach."""
     good = [row for row in rows if row["reached"]]
     most, last, cost = ([row[key] for row in good] for key in ("most", "last", "cost"))
     cells = [
@@ -99,7 +99,7 @@ def line(robot: str, kind: str, name: str, rows: list[dict[str, float]]) -> str:
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Print a Markdown table, one line a robot, kind of target and limit."""
+    """Print a Markdown table with a line for each robot, kind of target and limit."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--targets", type=int, default=24)
     parser.add_argument("--seed", type=int, default=31)

@@ -1,21 +1,23 @@
-"""Captures that go wrong safely: cameras that are dark, clients that are drawn, and intervals that are kept.
+"""Fly captures under noise, dark cameras and wrong beliefs, and check that failures are safe.
 
 Run from the repository's root:
     python benchmarks/captures.py [KIND ...] [--seeds 20] [--first 0] [--resume FILE]
 The kinds are
-    capture   the packaged scenario, other noise
+    capture   the packaged scenario with other noise
     dark      the packaged nozzle, its camera dark from 40 to 59.5 s; from the fourth seed on in a drawn span
     axis      the packaged nozzle, its client turned and spun about a drawn axis
-    drawn     clients of 50 to 3,000 kg at 0.1 to 6 deg/s about any axis, wheels, thrusters or none
-    right     drawn clients, whose belief is off by as much as it says: the base's rate after the catch
-    wrong     the same, the servicer's masses off by up to 20 %
+    drawn     clients of 50 to 3,000 kg at 0.1 to 6 deg/s about any axis; wheels, thrusters or none
+    right     drawn clients, mass and inertia off by the assumed deviations: the base's rate after the catch
+    wrong     the same, with the servicer's masses off by up to 20 %
     estimate  the clients of `right`, measured until a second before the contact: the rate without a flight
-Without a kind nothing is flown. All but `capture` take control steps of 10 ms, and drawn clients are
-planned for anew every 0.5 s: that is quicker. With `--resume` each run is a line of that file, and those that
-it has are not flown again; the table is of all of its lines. Bodies overlap where a collision shape of the
-servicer is more than 1 mm inside a body of the client, 5 mm inside a nozzle, by Coal every 20 ms, less often
-where they are further apart than 40 mm; the hand counts before the catch only. Control is lost where a joint
-is more than twice as fast as its limit, 10 mrad beyond a stop, or not at rest in the end.
+Without a kind nothing is flown. All kinds but `capture` use control steps of 10 ms, and re-plan for drawn
+clients only every 0.5 s, to save time. With `--resume` each run is a line of that file; runs in the file are
+not flown again, and the table is of all of them.
+
+Bodies overlap if a collision shape of the servicer is more than 1 mm inside a body of the client, or 5 mm
+inside a nozzle, by Coal every 20 ms, or less often if the bodies are further apart than 40 mm; the hand is
+checked before the catch only. Control is lost if a joint is more than twice as fast as its limit, 10 mrad
+beyond a stop, or not at rest at the end.
 """
 
 from __future__ import annotations
@@ -114,7 +116,7 @@ def scenario_text(kind: str, seed: int) -> str:
 
 
 def drawn_inertia(inertia: Any, rng: np.random.Generator) -> Any:
-    """Return an inertia (3, 3) off principal ones (3,), drawn as `ClientEstimate` counts on it."""
+    """Draw an inertia (3, 3) about principal ones (3,), with the deviations that `ClientEstimate` assumes."""
     root = np.sqrt(np.diag(0.5 * inertia.sum() - inertia))
     X = OFF * rng.normal(size=(3, 3))
     moments = root @ expm((X + X.T) / np.sqrt(2.0)) @ root
@@ -122,7 +124,7 @@ def drawn_inertia(inertia: Any, rng: np.random.Generator) -> Any:
 
 
 def drawn(kind: str, seed: int, rng: np.random.Generator) -> str:
-    """Return the packaged `capture` with another client, and for heavy ones another servicer."""
+    """Return the packaged `capture` with another client, and with another servicer for a heavy client."""
     text = seeded(packaged("capture", 2.0), seed)
     if kind == "drawn":
         mass, rate = np.exp(rng.uniform(np.log([50.0, 0.1]), np.log([3000.0, 6.0])))
@@ -180,9 +182,9 @@ def drawn(kind: str, seed: int, rng: np.random.Generator) -> str:
 
 
 def depth(plant: Any, q: Any, pose: Any, bodies: Any, without: int = -1) -> float:
-    """Return how deep a servicer's shapes are in bodies at a pose, beyond what counts [m]; negative: apart.
+    """Return the largest depth [m] of a servicer's shapes in bodies at a pose, less the allowed depth.
 
-    Shapes of the joint `without` are left out; what is further off than 6 m counts as that.
+    The depth is negative if all are apart, and at least -6 m. Shapes of the joint `without` are left out.
     """
     geometry, data = plant.geometry("collision"), plant.model.createData()
     placed = geometry.createData()
@@ -204,7 +206,7 @@ def depth(plant: Any, q: Any, pose: Any, bodies: Any, without: int = -1) -> floa
 
 
 def overlap(outcome: Any) -> float:
-    """Return the largest depth of a servicer's shape in a client's body in a flight [m]."""
+    """Return the largest depth [m] of a servicer's shape in a client's body during a flight."""
     found, plant, whole = outcome.capture, outcome.plant, outcome.capture.whole
     hand = int(plant.model.frames[plant.frame_id].parentJoint)
     bodies = rendezvous(outcome.scenario, outcome.sms).bodies()
@@ -230,7 +232,7 @@ def begins_clear(text: str) -> bool:
 
 
 def flown(kind: str, seed: int) -> dict[str, Any]:
-    """Return what became of a run."""
+    """Fly a run, and return its outcome."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / f"{kind}.toml"
         path.write_text(scenario_text(kind, seed), encoding="utf-8")
@@ -269,7 +271,7 @@ def flown(kind: str, seed: int) -> dict[str, Any]:
 
 
 def estimated(seed: int) -> dict[str, Any]:
-    """Return how far the base's rate is from what an estimate predicts, in standard deviations."""
+    """Return the difference of the base's rate from an estimate's prediction, in standard deviations."""
     text = scenario_text("right", seed)
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "right.toml"
@@ -294,7 +296,7 @@ def estimated(seed: int) -> dict[str, Any]:
 
 
 def table(rows: list[dict[str, Any]]) -> str:
-    """Return a Markdown table of all runs, a row each kind, and a line on each that was not caught."""
+    """Return a Markdown table with a row for each kind, and a line for each run without a catch."""
     head = (
         "runs",
         "caught",
@@ -335,7 +337,7 @@ def table(rows: list[dict[str, Any]]) -> str:
 
 
 def main() -> None:
-    """Print a line a run as it comes, and tables of all."""
+    """Print a line for each run as it ends, and a table of all runs."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )

@@ -1,4 +1,4 @@
-"""Chains of any number of joints: a URDF made here, to see how times grow with the number of joints."""
+"""Generate chains of any number of joints as URDF, to measure times over the number of joints."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ PACKAGED = {3: "planar_3r", 7: "space_arm_7", 14: "two_arms"}
 
 
 def chain_urdf(n: int) -> str:
-    """An arm of `n` equal links on a satellite; the joint axes turn from z to y and back."""
+    """Return an arm of `n` equal links on a satellite; the joint axes alternate between z and y."""
     link, mass = LENGTH / n, MASS / n
     bend = mass * link**2 / 12.0
     lines = [
@@ -46,7 +46,7 @@ def _body(name: str, mass: float, com: float, inertia: tuple[float, float, float
 
 
 def chain(n: int) -> ffsms.SpaceManipulator:
-    """The generated chain of `n` joints."""
+    """Return the generated chain of `n` joints."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "chain.urdf"
         path.write_text(chain_urdf(n))
@@ -54,7 +54,7 @@ def chain(n: int) -> ffsms.SpaceManipulator:
 
 
 def robot(n: int) -> ffsms.SpaceManipulator:
-    """A robot of `n` joints: a packaged one where there is one, else the chain."""
+    """Return a robot of `n` joints, a packaged one if there is one, otherwise the chain."""
     if n not in PACKAGED:
         return chain(n)
     return ffsms.load(PACKAGED[n], end_effector="left_tool" if n == 14 else None)

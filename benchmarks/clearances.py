@@ -1,10 +1,10 @@
-"""Whether plans that are called clear keep the exact meshes apart, by Pinocchio and coal alone.
+"""Check with Pinocchio and Coal alone that plans reported as clear keep the exact meshes apart.
 
 From the repository's root: python benchmarks/clearances.py [ROBOT ...] [--targets N] [--modes points auto]
-Each plan goes from one random posture to where the end effector is in another one, both of them clear, with
-the library's defaults. Then all pairs of meshes but those of neighbours are tested, at the nodes and at the
-instants that cut each step into `PARTS`; the planner itself looks at convex parts of them, at the nodes and
-in the middles. `--modes` plans with the paper's points or the shapes themselves beside.
+Each plan goes with the library's defaults from a random posture to the end effector's position in another
+one, both of them clear. Then all pairs of meshes except neighbours are tested, at the nodes and at instants
+that divide each step into `PARTS`; the planner itself checks convex parts of the meshes at nodes and middles
+of steps. `--modes` also plans with the paper's points, or with the shapes themselves.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ TARGETS = 40
 
 
 class Judged(NamedTuple):
-    """What came of one plan; `through` and `near`: meshes collide, or come nearer than asked."""
+    """The result for one plan; `through` and `near`: meshes collide, or come nearer than the clearance."""
 
     reached: bool
     clear: bool
@@ -46,7 +46,7 @@ class Judged(NamedTuple):
 
 
 def clear_postures(sms: ffsms.SpaceManipulator, count: int, seed: int) -> FloatArray:
-    """Joint positions (count, n), 80 % of the joint box, within half a turn, with bodies well apart."""
+    """Draw joint positions (count, n) from 80 % of the joint box, within +-pi, with bodies well apart."""
     rng, stack = np.random.default_rng(seed), BodyStack(sms, "hulls", CLEARANCE)
     low, high = np.maximum(sms.limits.lower, -np.pi), np.minimum(sms.limits.upper, np.pi)
     middle, half = 0.5 * (low + high), 0.4 * (high - low)
@@ -59,7 +59,7 @@ def clear_postures(sms: ffsms.SpaceManipulator, count: int, seed: int) -> FloatA
 
 
 class Meshes:
-    """The collision shapes of a robot as its URDF has them, all pairs of bodies but neighbours."""
+    """The collision shapes of a robot's URDF, and all pairs of bodies except neighbours."""
 
     def __init__(self, sms: ffsms.SpaceManipulator) -> None:
         self._sms, self._data = sms, sms.model.createData()
@@ -76,13 +76,13 @@ class Meshes:
             request.security_margin = CLEARANCE - TOLERANCE
 
     def collide(self, joints: FloatArray, near: bool = False) -> bool:
-        """Whether two meshes collide at joint positions (n,), or are nearer than asked."""
+        """Return whether two meshes collide at joint positions (n,), or are nearer than the clearance."""
         q, placed = self._sms.configuration(joints), self._near if near else self._touching
         return bool(pin.computeCollisions(self._sms.model, self._data, self._geometry, placed, q, True))
 
 
 def judged(meshes: Meshes, plan: opt.Trajectory) -> tuple[bool, bool]:
-    """Whether meshes collide during a plan, and whether they come nearer than asked."""
+    """Return whether meshes collide during a plan, and whether they come nearer than the clearance."""
     joints, rates, accelerations = plan.joint_positions, plan.joint_rates[:-1], plan.joint_accelerations
     # Between nodes the acceleration is constant.
     after = plan.dt * np.arange(PARTS) / PARTS
@@ -92,7 +92,7 @@ def judged(meshes: Meshes, plan: opt.Trajectory) -> tuple[bool, bool]:
 
 
 def plans(name: str, count: int, seed: int, collision: str) -> list[Judged]:
-    """Plans of one robot, judged."""
+    """Plan for one robot, and judge the plans."""
     sms = ffsms.load(name)
     postures, limits, meshes = clear_postures(sms, 2 * count, seed), sms.limits, Meshes(sms)
     found = []
@@ -118,7 +118,7 @@ def plans(name: str, count: int, seed: int, collision: str) -> list[Judged]:
 def run(
     count: int = TARGETS, seed: int = 1, robots: tuple[str, ...] = ROBOTS, modes: tuple[str, ...] = ("auto",)
 ) -> list[dict[str, Any]]:
-    """All robots and modes."""
+    """Run all robots and modes."""
     return [
         {"robot": robot, "mode": mode, "plans": [one._asdict() for one in plans(robot, count, seed, mode)]}
         for robot in robots
@@ -127,7 +127,7 @@ def run(
 
 
 def report(results: list[dict[str, Any]]) -> str:
-    """A Markdown table."""
+    """Return a Markdown table."""
     lines = [
         "| robot | kept apart | called clear | of these through meshes | nearer than asked | reached | "
         "median CPU time [s] | longest [s] |",

@@ -1,12 +1,13 @@
-"""How well a client is known at the contact, and how well the estimate knows that.
+"""Measure the errors of a client's estimate at the contact, and their ratio to the estimated deviations.
 
 Run from the repository's root: python benchmarks/client_filter.py [--runs 100]
 A client of 80 kg tumbles at 4 deg/s and is measured ten times a second for 12 s (2 mm, 5 mrad, 2 mm/s and
-2 mrad/s of noise); an outlier's noise is a hundred times as large. Printed are the estimate's errors at 12 s.
+2 mrad/s of noise); the noise of an outlier is a hundred times as large. The first table has the errors of the
+estimate at 12 s.
 
-Then clients tumble faster, about any axis, with inertias drawn a tenth about what is believed. Printed are
-the squares of the errors over what the estimate says of them (place, velocity, attitude, spin; now and
-foreseen for 5 s later), one where it is right.
+In the second table clients tumble faster, about any axis, with inertias drawn with a deviation of a tenth
+about the prior ones. It has the squared errors over the estimated variances (position, velocity, attitude,
+angular velocity; at 12 s and predicted for 17 s), which are one for a consistent estimate.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ TWIST = [0.01, -0.02, 0.01, 0.05, 0.04, -0.03]
 
 
 def errors(share: float, seed: int) -> FloatArray:
-    """Of place [mm] and attitude [mrad], and how many measurements were refused."""
+    """Return the errors of position [mm] and attitude [mrad], and the number of rejected measurements."""
     pose = pin.SE3(pin.exp3(np.array([0.3, -0.2, 0.5])), np.array([1.0, 0.2, -0.3]))
     client, rng = ffsms.Client(80.0, [6.0, 9.0, 11.0], pose, TWIST), np.random.default_rng(seed)
     sensor = Camera(outliers=share)
@@ -41,7 +42,7 @@ def errors(share: float, seed: int) -> FloatArray:
 
 
 def squares(rate: float, seed: int, doubt: float = 0.1) -> FloatArray:
-    """Of the errors at 12 and at 17 s over their variances, the mean of twelve (2,); tumbling in deg/s."""
+    """Return the mean squared errors over their variances at 12 and 17 s (2,); `rate` [deg/s] is the client's."""
     rng = np.random.default_rng(seed)
     axis, pose = rng.normal(size=3), pin.SE3(pin.exp3(rng.normal(size=3)), np.array([1.0, 0.2, -0.3]))
     spin = np.radians(rate) / np.linalg.norm(axis) * axis

@@ -1,10 +1,10 @@
-"""Clients with bodies as obstacles and centres of mass that move, for wheels that hold and a loop with noise.
+"""Meet drifting clients that have bodies, with wheels that hold the attitude and with measurement noise.
 
 The cases are those of `benchmarks/meet.py --bodies`, but the client's centre of mass moves with up to 20 mm/s
-and the servicer's wheels hold its attitude, in the plan and in the loop. Servicer and client are measured
-noisily and late, and the motion is planned again until it arrives: what `ffsms-pin run` does with such a
-file. A client is met where the gripper closes inside the default envelope, at one of its attempts; every
-other run must end in an abort with its reason.
+and wheels hold the servicer's attitude, in the plan and in the loop. Servicer and client are measured with
+noise and delay, and the motion is re-planned until it arrives, as `ffsms-pin run` does for such a file. A
+client is met if the gripper closes inside the default envelope at one of its attempts; every other run must
+end in an abort with a reason.
 
     python benchmarks/harder_clients.py --clients 200
 """
@@ -95,7 +95,7 @@ after = 0.0
 
 
 def written(robot: str, sms: ffsms.SpaceManipulator, seed: int) -> str:
-    """The scenario of a case."""
+    """Return the scenario of a case."""
     rng = np.random.default_rng(seed)
     q0, client, grasp = case(sms, rng, bodies=True, speed=SPEED, mode="rotation-floating")
     body = grasp * pin.SE3(np.eye(3), np.array([0.0, 0.0, HANDLE + 0.5 * BODY[2]]))
@@ -128,7 +128,7 @@ def written(robot: str, sms: ffsms.SpaceManipulator, seed: int) -> str:
 
 
 def flown(servicer: tuple[str, ffsms.SpaceManipulator], seed: int) -> tuple[float, dict[str, Any]]:
-    """Processor time [s] of a run, and what it came to; one that does not stay finite ends in no abort."""
+    """Return the processor time [s] of a run, and its outcome; a run that diverges is no abort."""
     text, began = written(*servicer, seed), time.process_time()
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "client.toml"
@@ -142,12 +142,12 @@ def flown(servicer: tuple[str, ffsms.SpaceManipulator], seed: int) -> tuple[floa
 
 
 def told(share: float) -> None:
-    """Print how many clients are done."""
+    """Print the number of clients that are done."""
     print(f"{100.0 * share:.0f} % done", file=sys.stderr, flush=True)
 
 
 def main() -> None:
-    """Say what became of every client, and print the shares as a Markdown table."""
+    """Print the outcome for every client, and a Markdown table of the shares."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--clients", type=int, default=200)
     parser.add_argument("--first", type=int, default=0)

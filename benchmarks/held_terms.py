@@ -1,7 +1,7 @@
-"""What terms for wheels and propellant are worth on Case 2 with the base held.
+"""Measure the benefit of the cost terms for wheels and propellant, on Case 2 with the base held.
 
-`python benchmarks/held_terms.py`. The wheels are the small ones of `wheels.py`; twelve thrusters push in
-proportion at the corners of a cube.
+`python benchmarks/held_terms.py`. The wheels are the small ones of `wheels.py`; twelve thrusters with
+proportional force are at the corners of a cube.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ HELD: dict[str, tuple[str, tuple[opt.Term, ...]]] = {
 
 
 def thrusters() -> ffsms.Thrusters:
-    """Two on each face of the cube, that push inwards."""
+    """Return two thrusters on each face of the cube, which push inwards."""
     places, ways = [], []
     for axis, side, beside in product(range(3), (1.0, -1.0), (1.0, -1.0)):
         places.append(np.roll([HALF * side, HALF * beside, 0.0], axis))
@@ -39,7 +39,7 @@ def thrusters() -> ffsms.Thrusters:
 
 
 def line(label: str, plan: opt.Trajectory, term: str) -> tuple[str, ...]:
-    """One line of the table."""
+    """Return one line of the table."""
     by_wheels = plan.wheel_momentum.size > 0
     return (
         label,

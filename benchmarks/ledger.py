@@ -1,9 +1,9 @@
-"""How well the total momentum is kept through a capture and for a minute after it, by integration alone.
+"""Measure how well integration keeps the total momentum through a capture and for a minute after it.
 
 Run from the repository's root: python benchmarks/ledger.py [--after 60]
-The packaged `capture` (seen without noise, planned once), with wheels that hold the attitude and without.
-Printed is the largest error of the ledger, arm, base, wheels and client together, as a share of the larger of
-both momenta at the start; nothing acts from outside.
+The packaged `capture` is flown without noise and planned once, with and without wheels that hold the
+attitude. The table has the largest change of the momentum of arm, base, wheels and client together, as a
+share of the larger of the momenta of servicer and client at the start. No external force acts.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ METHODS = ("rk4", "variational")
 
 
 def made(after: float, method: str, wheels: bool) -> str:
-    """The scenario as text."""
+    """Return the scenario as text."""
     text = packaged_path("capture").read_text("utf-8")
     for name in ("[client.sensor]", "[reference]"):  # known exactly, planned once
         begin = text.index(name)
@@ -40,7 +40,7 @@ def made(after: float, method: str, wheels: bool) -> str:
 
 
 def flown(text: str) -> Any:
-    """What became of it."""
+    """Fly the scenario, and return its numbers."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "ledger.toml"
         path.write_text(text, encoding="utf-8")

@@ -1,4 +1,4 @@
-"""What the numbers were measured on: processor, system, versions. No names of hosts, users or folders."""
+"""The machine of a measurement: processor, system, versions; no names of hosts, users or folders."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 
 def facts() -> dict[str, Any]:
-    """Processor, cores, system, Python, versions of packages, and how busy the machine was before."""
+    """Return processor, cores, system, versions, and the load of the machine before the run."""
     return {
         "processor": _processor(),
         "cores": len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count(),

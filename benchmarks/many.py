@@ -1,4 +1,4 @@
-"""Many plans over processes: how well the cores are used, and what a plan costs when there are many."""
+"""Measure how well `plan_many` uses the cores, and the cost of a plan among many."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ TINY_DURATION, TINY_DT = 2.0, 0.1  # [s]
 
 
 def run(plans: int = PLANS) -> dict[str, Any]:
-    """Efficiency on the usable cores (two at most), and times of up to a thousand small plans."""
+    """Return the efficiency on the usable cores (two at most), and times of up to a thousand small plans."""
     return {"efficiency": efficiency(plans), "tiny": tiny()}
 
 

@@ -1,8 +1,8 @@
-"""Plans that meet tumbling clients, which can be met by construction.
+"""Plan to meet tumbling clients, each of which can be met by construction.
 
-Each case: a 7-joint arm at a random posture; random joints within reach of it in a straight joint-space move,
-where the end effector then is, and a client that tumbles so that its grasp is there at the deadline. Its
-corridor is entered along the end effector's z axis. Plans that meet are judged by another route
+A case is a 7-joint arm at a random posture, a straight joint-space move to a random posture nearby, and a
+client that tumbles so that its grasp is at the end effector at the deadline. The client's corridor is
+entered along the end effector's z axis. Plans that meet are judged independently of the planner
 (`benchmarks.meet_check`). With `--bodies` the client has a body beyond the grasp, which is an obstacle.
 
     python benchmarks/meet.py --clients 200
@@ -40,9 +40,9 @@ def case(
     speed: float = 0.0,
     mode: str = "floating",
 ) -> tuple[np.ndarray, ffsms.Client, pin.SE3]:
-    """Start, client and grasp: joints that clear the robot's own body at both ends and in between.
+    """Draw start, client and grasp; the joints clear the robot's own body at both ends and between them.
 
-    With `bodies` the straight move clears the client's body, too. The client's centre of mass moves with up
+    With `bodies` the straight move also clears the client's body. The client's centre of mass moves with up
     to `speed` [m/s].
     """
     low, high = np.maximum(sms.limits.lower, -np.pi), np.minimum(sms.limits.upper, np.pi)
@@ -94,13 +94,13 @@ def case(
 
 
 def body_beyond(client: ffsms.Client, grasp: pin.SE3) -> list[opt.Obstacle]:
-    """The client's body: a box beyond the grasp, from which the grasp sticks out."""
+    """Return the client's body, a box beyond the grasp, from which the grasp sticks out."""
     place = grasp * pin.SE3(np.eye(3), np.array([0.0, 0.0, HANDLE + 0.5 * BODY[2]]))
     return [opt.Obstacle(coal.Box(*BODY), place, on=client, name="client")]
 
 
 def main() -> None:
-    """Say what became of every client, and print the shares as a Markdown table."""
+    """Print the outcome for every client, and a Markdown table of the shares."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--clients", type=int, default=200)
     parser.add_argument("--first", type=int, default=0)

@@ -1,8 +1,7 @@
-"""A plan that meets a client, judged by another route: Pinocchio, coal and Euler's equations alone.
+"""Judge a plan that meets a client, by Pinocchio, Coal and Euler's equations alone.
 
 The servicer's base follows from its centroidal map, the client's motion from its inertia, both by the
-classical Runge-Kutta method on half the plan's step. Nothing of the planner is used but the joint
-accelerations of the plan.
+classical Runge-Kutta method on half the plan's step. Only the joint accelerations of the plan are used.
 """
 
 from __future__ import annotations
@@ -23,18 +22,18 @@ SPARE = 1e-4  # [m] by which meshes may be nearer than the clearance asked for
 
 
 class Judged(NamedTuple):
-    """What another route finds of a plan.
+    """The judgement of a plan.
 
     Attributes
     ----------
     position, attitude, speed, spin : float
-        What is missed at the deadline [m, rad, m/s, rad/s].
+        The errors at the deadline [m, rad, m/s, rad/s].
     strayed : float
-        The farthest outside the corridor [m]; negative: always inside.
+        The largest distance outside the corridor [m]; negative if the motion is always inside.
     limits : float
-        The most by which a joint is beyond a limit, as a share of the limit (of a turn for positions).
+        The largest excess of a joint over a limit, as a share of the limit (of a turn for positions).
     touches : bool
-        Whether meshes of the robot, or a mesh and the client's body, are nearer than the clearance.
+        True if meshes of the robot, or a mesh and the client's body, are nearer than the clearance.
     """
 
     position: float
@@ -47,13 +46,13 @@ class Judged(NamedTuple):
 
 
 class Judge:
-    """Judges plans of one robot.
+    """The judge of the plans of one robot.
 
     Parameters
     ----------
     sms : SpaceManipulator
     clearance : float
-        That plans keep [m].
+        The clearance that plans must keep [m].
     """
 
     def __init__(self, sms: ffsms.SpaceManipulator, clearance: float) -> None:
@@ -75,7 +74,7 @@ class Judge:
             request.security_margin = clearance - SPARE
 
     def judge(self, plan: opt.Trajectory, goal: opt.Meet, bodies: list[opt.Obstacle] | None = None) -> Judged:
-        """Roll a plan out again, beside its client."""
+        """Integrate a plan and its client's motion, and judge the plan."""
         limits, dt = self._sms.limits, plan.dt / FINER
         u, a = plan.joint_rates, plan.joint_accelerations
         share = np.arange(FINER)[None, :, None] / FINER * plan.dt
@@ -106,7 +105,7 @@ class Judge:
         )
 
     def _rolled_out(self, q0: FloatArray, rates: FloatArray, dt: float) -> FloatArray:
-        """Configurations (K, nq) of joint rates (K, n) that are linear in between, without momentum."""
+        """Return the configurations (K, nq) for piecewise linear joint rates (K, n), without momentum."""
         model, data, q = self._sms.model, self._data, [q0]
 
         def velocity(at: FloatArray, u: FloatArray) -> FloatArray:
@@ -123,7 +122,7 @@ class Judge:
         return np.array(q)
 
     def _tip(self, q: FloatArray, u: FloatArray) -> tuple[pin.SE3, FloatArray]:
-        """Pose and twist of the end effector without momentum."""
+        """Return pose and twist of the end effector without momentum."""
         model, data = self._sms.model, self._data
         A = pin.computeCentroidalMap(model, data, q)
         v = np.concatenate([np.linalg.solve(A[:, :6], -A[:, 6:] @ u), u])
@@ -133,7 +132,7 @@ class Judge:
         return pin.updateFramePlacement(model, data, frame).copy(), twist
 
     def _touches(self, q: FloatArray, client: pin.SE3, bodies: list[opt.Obstacle]) -> bool:
-        """Whether meshes come nearer than the clearance to each other, or to bodies on the client."""
+        """Return whether meshes come nearer than the clearance to each other, or to bodies on the client."""
         model, data, geometry, placed = self._sms.model, self._data, self._geometry, self._placed
         if pin.computeCollisions(model, data, geometry, placed, q, True):
             return True
@@ -150,7 +149,7 @@ class Judge:
 
 
 def _free_body(goal: opt.Meet, count: int, dt: float) -> tuple[list[pin.SE3], list[FloatArray]]:
-    """Poses and twists of the client at `count` instants, by Euler's equations."""
+    """Return poses and twists of the client at `count` instants, by Euler's equations."""
     client = goal.client
     inertia, start = client.inertia, client.start_pose
     inverse = np.linalg.inv(inertia)
@@ -176,7 +175,7 @@ def _free_body(goal: opt.Meet, count: int, dt: float) -> tuple[list[pin.SE3], li
 
 
 def _outside(goal: opt.Meet, x: FloatArray) -> float:
-    """How far a place in grasp axes is outside the corridor [m]."""
+    """Return the distance [m] of a position, in grasp axes, outside the corridor."""
     if np.linalg.norm(x) > goal.standoff:
         return -np.inf
     along = goal.axis @ x

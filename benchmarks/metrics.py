@@ -1,4 +1,4 @@
-"""How the normalised entropy depends on the unit of length and on the base's reference point.
+"""Measure how the normalised entropy depends on the unit of length and on the base's reference point.
 
 Prints the tables of docs/coupling.md:  python benchmarks/metrics.py
 """
@@ -14,7 +14,7 @@ UNITS = (1.0, 0.1, 0.001)  # m, dm and mm as characteristic lengths [m]
 
 
 def reference_points(sms: ffsms.SpaceManipulator) -> list[tuple[str, NDArray[np.float64] | None]]:
-    """Points of the base, root frame; None is the paper's."""
+    """Return points of the base in the root frame; None is the paper's point."""
     assert sms.base_size is not None
     box, half = sms.base_box_placement, np.array(sms.base_size) / 2.0
     return [
@@ -26,7 +26,7 @@ def reference_points(sms: ffsms.SpaceManipulator) -> list[tuple[str, NDArray[np.
 
 
 def table(name: str, posture: str, joints: NDArray[np.float64], sms: ffsms.SpaceManipulator) -> str:
-    """Entropies of one robot at one posture, as Markdown."""
+    """Return a Markdown table of the entropies of one robot at one posture."""
     state = sms.at(sms.configuration(joints))
     degrees = ", ".join(f"{x:.1f}" for x in np.round(np.degrees(joints), 1) + 0.0)  # + 0.0: no "-0.0"
     lines = [
@@ -43,7 +43,7 @@ def table(name: str, posture: str, joints: NDArray[np.float64], sms: ffsms.Space
 
 
 def tables() -> str:
-    """Both tables of docs/coupling.md."""
+    """Return both tables of docs/coupling.md."""
     planar, panda = ffsms.load("planar_3r"), ffsms.load("satellite_panda")
     middle = 0.5 * (panda.limits.lower + panda.limits.upper)
     return "\n\n".join(

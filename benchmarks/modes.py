@@ -1,8 +1,8 @@
-"""Coupling used against coupling fought: many moves of two arms, with the base held and floating.
+"""Compare many moves of two arms with the base held and floating.
 
-`python benchmarks/modes.py --targets 100`. The moves are drawn as those of `wheels.py`: straight moves of
-0.1 to 0.5 m that resolved rates can make in 12 s with the base floating (0.1 to 0.3 m for `planar_3r`, in its
-plane). docs/used-or-fought.md shows what came out.
+`python benchmarks/modes.py --targets 100`. The moves are drawn as in `wheels.py`: straight moves of 0.1 to
+0.5 m that resolved rates can make in 12 s with the base floating (0.1 to 0.3 m for `planar_3r`, in its
+plane). docs/used-or-fought.md has the results.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ DURATION, DT = 12.0, 0.02
 
 
 def moves(name: str, count: int, seed: int, time_limit: float, keep: Keep) -> list[dict[str, Any]]:
-    """What each strategy comes to on each move; `keep` is given what there is after each."""
+    """Return the numbers of each strategy on each move; `keep` is called after each move."""
     wheels, farthest = ARMS[name]
     sms, rng = ffsms.load(name).with_actuators(wheels=wheels), np.random.default_rng(seed)
     low, high = np.maximum(sms.limits.lower, -np.pi), np.minimum(sms.limits.upper, np.pi)
@@ -54,7 +54,10 @@ def moves(name: str, count: int, seed: int, time_limit: float, keep: Keep) -> li
 
 
 def tables(name: str, rows: list[dict[str, Any]]) -> str:
-    """Markdown: medians over the moves that all but "restored" reach, and on how many "used" needs less."""
+    """Return Markdown tables: medians over the moves, and the share of moves for which "used" needs less.
+
+    Only moves that all strategies but "restored" reach count.
+    """
     columns = {
         "wheel momentum [N m s]": ("wheel_momentum_max_Nms", 1.0),
         "torque [N m]": ("wheel_torque_max_Nm", 1.0),
@@ -95,7 +98,7 @@ MISSION = {  # how a mission calls the strategies, in the order of the README
 
 
 def mission(name: str, rows: list[dict[str, Any]]) -> str:
-    """Markdown: what a mission pays for one move, medians of the moves that arrive."""
+    """Return a Markdown table of a mission's costs for one move, medians of the moves that arrive."""
     cells = {
         "wheel momentum [N m s]": "wheel_momentum_max_Nms",
         "wheel energy [J]": "wheel_energy_J",

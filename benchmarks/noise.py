@@ -1,10 +1,10 @@
-"""How near the end effector ends with noisy, late sensors on plants that are not the model, as Markdown.
+"""Measure the final error with noisy, late sensors on plants that differ from the model: a Markdown table.
 
 Run from the repository's root: python benchmarks/noise.py [--plants 30] [--jobs 2] [--sensors raw]
 Each plant is drawn at random: the masses of the arm's bodies +-30 %, the base's +-20 %, every centre of mass
-2 cm off in any direction. The motion is planned again in the loop at 100 Hz, under computed torque at 500 Hz.
-`SENSORS` says of which class the sensors are. --sensors raw shows the measurements as they are, without an
-estimator; --sensors perfect shows the state.
+2 cm off in any direction. The motion is re-planned at 100 Hz, under computed torque at 500 Hz. `SENSORS` has
+the classes of the sensors. --sensors raw uses the measurements without an estimator, --sensors perfect the
+true state.
 """
 
 from __future__ import annotations
@@ -42,11 +42,11 @@ ROWS = (("planar_3r", 1), ("satellite_panda", 1), ("planar_3r", 2))
 
 
 class Run(NamedTuple):
-    """What one run came to.
+    """The numbers of one run.
 
-    Distances at the deadline, whole and as far as the arm can correct it; the largest rise of the distance on
-    the way; the largest distance in the hold, all in mm. Torque in the hold (root mean square, the worst
-    joint) over the noise's own share.
+    Distances at the deadline, whole and in the directions that the arm can correct; the largest rise of the
+    distance during the motion; the largest distance in the hold, all in mm. Torque in the hold (root mean
+    square, the worst joint) over the share that the noise itself causes.
     """
 
     end: float
@@ -57,7 +57,7 @@ class Run(NamedTuple):
 
 
 def random_plant(sms: Any, rng: np.random.Generator) -> Any:
-    """A plant with masses and centres of mass off."""
+    """Draw a plant with wrong masses and centres of mass."""
     shifts = rng.normal(size=(sms.n + 1, 3))
     shifts *= 0.02 / np.linalg.norm(shifts, axis=1, keepdims=True)
     return perturb(
@@ -70,7 +70,7 @@ def random_plant(sms: Any, rng: np.random.Generator) -> Any:
 
 
 def own_share(sms: Any, law: Any, sensors: Sensors, q: Any) -> Any:
-    """Standard deviations (n,) of the torques that the law makes of the noise of a robot at rest [N m]."""
+    """Return the deviations (n,) [N m] of the law's torques due to noise alone, for a robot at rest."""
     seen = replace(sensors, seed=sensors.seed + 1000).start(sms, DT, DURATION)
     joints, still = sms.layout.positions(q), np.zeros(sms.n)
     rest = np.zeros(sms.nv)
@@ -79,7 +79,7 @@ def own_share(sms: Any, law: Any, sensors: Sensors, q: Any) -> Any:
 
 
 def run(shared: tuple[Any, ...], task: tuple[int, Any]) -> Run:
-    """One plant."""
+    """Run one plant."""
     sms, plan, kind = shared
     seed, plant = task
     law, sensors = ComputedTorque(sms, K_p=100.0, K_d=20.0), replace(SENSORS, seed=seed)
