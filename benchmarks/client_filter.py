@@ -42,7 +42,7 @@ def errors(share: float, seed: int) -> FloatArray:
 
 
 def squares(rate: float, seed: int, doubt: float = 0.1) -> FloatArray:
-    """Return the mean squared errors over their variances at 12 and 17 s (2,); `rate` [deg/s] is the client's."""
+    """Return the squared errors over their variances at 12 and 17 s (2,); `rate` [deg/s] is the client's."""
     rng = np.random.default_rng(seed)
     axis, pose = rng.normal(size=3), pin.SE3(pin.exp3(rng.normal(size=3)), np.array([1.0, 0.2, -0.3]))
     spin = np.radians(rate) / np.linalg.norm(axis) * axis

@@ -1,12 +1,12 @@
-"""The packaged `nozzle` with other plants, other noise: how often the probe is latched, and what it costs.
+"""Fly the packaged `nozzle` with other plants and other noise: share of latched probes, loads and times.
 
 Run from the repository's root:
     python benchmarks/nozzle.py [--seeds 100] [--first 0] [--mujoco] [--resume FILE]
-With `--resume` each run is a line of that file; those that it has are not flown again, and are in the table.
-A seed draws the plant's masses and inertias, the noise of the sensors and that of the camera; all else is as
-packaged, but for the time after the catch. Every run that does not latch says why. CPU is that of planning
-before the flight, of all re-plans in it, and of the whole run. With `--mujoco` each catch is flown again by
-MuJoCo, see nozzle_in_mujoco.py.
+With `--resume` each run is a line of that file; runs in the file are not flown again, and are in the table. A
+seed draws the plant's masses and inertias, and the noise of sensors and camera; everything else is as
+packaged except the time after the catch. Each run that does not latch has its reason. The CPU time is that of
+planning before the flight, of all re-plans, and of the whole run. With `--mujoco` each catch is flown again
+in MuJoCo, see nozzle_in_mujoco.py.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ ASKED = {"guide": 20.0, "share": 1.0, "planning": 5.0, "replanning": 5.0, "off":
 
 
 def timed(owner: Any, name: str, spent: list[float]) -> None:
-    """Let the function of this name add its CPU time [s]."""
+    """Make the function of this name add up its CPU time [s]."""
     function: Callable[..., Any] = getattr(owner, name)
 
     def wrapped(*arguments: Any, **options: Any) -> Any:
@@ -65,7 +65,7 @@ REPLANNING: list[float] = []
 
 
 def flown(seed: int, mujoco: bool) -> dict[str, Any]:
-    """What became of one seed."""
+    """Fly one seed, and return its numbers."""
     text = re.sub(r"(?m)^after = .*$", "after = 2.0", packaged_path("nozzle").read_text("utf-8"))
     text = text.replace("[plant.random]\nseed = 1", f"[plant.random]\nseed = {seed}")
     for table in ("[client.sensor]", "[sensors]"):
@@ -106,7 +106,7 @@ def flown(seed: int, mujoco: bool) -> dict[str, Any]:
 
 
 def main() -> None:
-    """Print a line a run as it comes, and a Markdown table of all."""
+    """Print a line for each run as it ends, and a Markdown table of all runs."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seeds", type=int, default=100)
     parser.add_argument("--first", type=int, default=0)

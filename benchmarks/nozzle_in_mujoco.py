@@ -1,11 +1,11 @@
-"""A catch of the packaged `nozzle`: the same motion of the joints, flown again by MuJoCo.
+"""Repeat a catch of the packaged `nozzle` in MuJoCo, with the same motion of the joints.
 
-From the hold point on: MuJoCo's own dynamics and its own contact of rod and nozzle, with the same spring and
-friction (see tests/capture/test_contact_beside_mujoco.py), the grip by its formula, the joints rub as they
-did.
-The latch is plastic; what is joined then moves in MuJoCo, too. The joints have the torques that were flown,
-and the law's own gains hold them to the motion that was flown: of joints that turn about nearly one axis,
-torques alone say next to nothing after half a minute. Base, client and contact are left to themselves.
+MuJoCo simulates from the hold point on, with its own dynamics and its own contact of rod and nozzle, with the
+same spring and friction (see tests/capture/test_contact_beside_mujoco.py). The grip follows its formula, and
+the joints have the recorded friction. The latch is plastic; the joined bodies then move in MuJoCo, too. The
+joints have the recorded torques, and the gains of the law keep them on the recorded motion, because the
+torques alone do not determine the motion of joints about nearly parallel axes for half a minute. Base, client
+and contact are free.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ PARTS, IMPEDANCE = 16, 1e-3  # steps in a control step; MuJoCo's regularisation,
 
 
 class Peer:
-    """A robot in MuJoCo, and a client beside it where there is one; q and v are Pinocchio's."""
+    """A robot in MuJoCo, with a client if there is one; q and v are Pinocchio's."""
 
     def __init__(self, sms: SpaceManipulator, dt: float, outcome: scenarios.Outcome | None = None) -> None:
         self.sms, self.client = sms, None
@@ -53,7 +53,7 @@ class Peer:
             self._set_contact()
 
     def _add(self, spec: Any) -> None:
-        """The client's body, the rod and the nozzle, and their pairs."""
+        """Add the client's body, the rod and the nozzle, and their contact pairs."""
         load, client = self.load, self.client
         spec.option.disableflags = int(mj.mjtDisableBit.mjDSBL_MULTICCD)  # one point a pair, as here
         spec.option.cone, spec.option.impratio = mj.mjtCone.mjCONE_ELLIPTIC, 1000.0
@@ -75,7 +75,7 @@ class Peer:
                 pair.solimp = [IMPEDANCE, IMPEDANCE, 0.001, 0.5, 2.0]
 
     def _set_contact(self) -> None:
-        """Stiffness and friction, times the sum of what MuJoCo takes for inverse masses."""
+        """Set stiffness and friction, times the sum of MuJoCo's inverse masses."""
         model, load = self.model, self.load
         tool = model.site_bodyid[self.site]
         weight = model.body_invweight0[tool, 0] + model.body_invweight0[model.body("client").id, 0]
@@ -85,7 +85,7 @@ class Peer:
         model.pair_solreffriction[:] = [-1e-9, -slope]
 
     def set(self, q: FloatArray, v: FloatArray, pose: Any = None, twist: FloatArray | None = None) -> None:
-        """Take q and v of the robot, pose and twist of the client."""
+        """Set q and v of the robot, and pose and twist of the client."""
         R, n = pin.XYZQUATToSE3(q[:7]).rotation, self.sms.nq
         self.data.qpos[:n] = np.concatenate([q[:3], q[[6, 3, 4, 5]], q[7:]])
         self.data.qvel[: self.sms.nv] = np.concatenate([R @ v[:3], v[3:]])
@@ -95,19 +95,19 @@ class Peer:
             self.data.qvel[self.sms.nv :] = [*twist[:3], *(pose.rotation.T @ twist[3:])]
 
     def state(self) -> tuple[FloatArray, FloatArray]:
-        """Pinocchio's q and v of the robot."""
+        """Return Pinocchio's q and v of the robot."""
         p, u = self.data.qpos[: self.sms.nq], self.data.qvel[: self.sms.nv]
         q = np.concatenate([p[:3], p[[4, 5, 6, 3]], p[7:]])
         return q, np.concatenate([pin.XYZQUATToSE3(q[:7]).rotation.T @ u[:3], u[3:]])
 
     def client_state(self) -> tuple[Any, FloatArray]:
-        """Pose and twist of the client."""
+        """Return pose and twist of the client."""
         p, u = self.data.qpos[self.sms.nq :], self.data.qvel[self.sms.nv :]
         pose = pin.XYZQUATToSE3(np.concatenate([p[:3], p[[4, 5, 6, 3]]]))
         return pose, np.concatenate([u[:3], pose.rotation @ u[3:]])
 
     def step(self, tau: FloatArray, friction: Any, grip: GripLoad | None, parts: int) -> None:
-        """A control step under joint torques (n,)."""
+        """Simulate a control step under joint torques (n,)."""
         model, data, nv = self.model, self.data, self.sms.nv
         J = np.zeros((6, model.nv))
         for _ in range(parts):
@@ -143,7 +143,7 @@ def _geom(spec: Any, body: Any, name: str, shape: Any, place: Any) -> None:
 
 
 def rates_off(outcome: scenarios.Outcome) -> float:
-    """By how much the base turns and the joints move otherwise at the end, of the largest of all rates."""
+    """Return the difference of base and joint rates at the end, as a share of the largest rate."""
     found, scenario, plant = outcome.capture, outcome.scenario, outcome.plant
     assert found is not None
     whole, dt = found.whole, float(found.whole.t[1])

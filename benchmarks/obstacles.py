@@ -1,9 +1,9 @@
-"""Whether targets are reached among obstacles, whether plans keep clear of them, and what that costs.
+"""Count the targets reached among obstacles, and measure the clearance and the cost of the plans.
 
-Targets are reachable by construction (`benchmarks.targets`): by a straight joint-space move. Three obstacles
-are drawn near to where the arm sweeps in that move, such that the move keeps clear of them. Of the targets
-that are reached without obstacles, how many are reached among them? Finished plans are judged by coal itself,
-on the robot's meshes, at nodes.
+Targets are reachable by construction (`benchmarks.targets`) by a straight joint-space move. Three obstacles
+are drawn near the volume that the arm sweeps in that move, such that the move keeps clear of them. The table
+has how many of the targets that are reached without obstacles are reached among them. Finished plans are
+judged by Coal, on the robot's meshes, at nodes.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ EVERY = 4  # of a plan's nodes, at which meshes are measured
 
 
 class Meshes:
-    """Distances of the robot's collision meshes to obstacles, by coal alone."""
+    """The distances of the robot's collision meshes to obstacles, by Coal alone."""
 
     def __init__(self, sms: ffsms.SpaceManipulator) -> None:
         self._sms, self._data = sms, sms.model.createData()
@@ -52,12 +52,12 @@ class Meshes:
         self._placed = self._geometry.createData()
 
     def places(self, q: FloatArray) -> list[pin.SE3]:
-        """Poses of the shapes."""
+        """Return the poses of the shapes."""
         pin.updateGeometryPlacements(self._sms.model, self._data, self._geometry, self._placed, q)
         return [pose.copy() for pose in self._placed.oMg]
 
     def distance(self, places: list[pin.SE3], obstacle: opt.Obstacle) -> float:
-        """The least distance of any shape to an obstacle in inertial space [m]."""
+        """Return the least distance [m] of any shape to an obstacle in inertial space."""
         there = coal.Transform3s(obstacle.pose.rotation, obstacle.pose.translation)
         least = np.inf
         for item, place in zip(self._geometry.geometryObjects, places, strict=True):
@@ -69,7 +69,7 @@ class Meshes:
 
 
 def random_shape(rng: np.random.Generator) -> coal.ShapeBase:
-    """A box, sphere, cylinder or capsule, 0.1 to 0.3 m across."""
+    """Draw a box, sphere, cylinder or capsule, 0.1 to 0.3 m across."""
     a, b, c = rng.uniform(0.1, 0.3, 3)
     kinds = [
         lambda: coal.Box(a, b, c),
@@ -81,7 +81,7 @@ def random_shape(rng: np.random.Generator) -> coal.ShapeBase:
 
 
 def obstacles_beside(sms: ffsms.SpaceManipulator, task: Task, rng: np.random.Generator) -> list[opt.Obstacle]:
-    """Obstacles that the straight move keeps clear of, near to where it passes."""
+    """Draw obstacles near the straight move that the move keeps clear of."""
     profile = 1.5 * (1.0 - (2.0 * np.linspace(0.0, 1.0, MOVE + 1) - 1.0) ** 2)
     rates = profile[:, None] * (task.joint_goal - sms.joint_positions(task.q0))
     motion = rolled_out(sms, ArmStack(sms), task.q0, rates, 1.0 / MOVE)
@@ -104,7 +104,7 @@ def obstacles_beside(sms: ffsms.SpaceManipulator, task: Task, rng: np.random.Gen
 
 
 def least_distance(sms: ffsms.SpaceManipulator, plan: opt.Trajectory, obstacles: list[opt.Obstacle]) -> float:
-    """The least distance of meshes to obstacles along a plan, at nodes [m]."""
+    """Return the least distance [m] of meshes to obstacles along a plan, at nodes."""
     meshes = Meshes(sms)
     return min(
         meshes.distance(places, one)
@@ -115,7 +115,7 @@ def least_distance(sms: ffsms.SpaceManipulator, plan: opt.Trajectory, obstacles:
 
 
 def run(name: str, count: int, seed: int) -> None:
-    """A line a target, and the figures of all."""
+    """Print a line for each target, and the numbers of all targets."""
     sms = ffsms.load(name)
     limits, rng = sms.limits, np.random.default_rng(seed)
     low, high = (np.clip(bound, -2.0, 2.0) for bound in (limits.lower, limits.upper))

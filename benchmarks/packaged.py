@@ -1,4 +1,4 @@
-"""What the packaged scenarios come to, from the summaries that `ffsms-pin run NAME` writes.
+"""Tabulate numbers of the packaged scenarios from the summaries that `ffsms-pin run NAME` writes.
 
 Run from the repository's root: python benchmarks/packaged.py case-1 case-2
 """
@@ -30,7 +30,7 @@ ROWS = (
 
 
 def summary(name: str) -> Any:
-    """Its summary.json; a run that does not arrive (status 1) has one, too."""
+    """Run a scenario and return its summary.json, which a run that does not arrive (status 1) also has."""
     with tempfile.TemporaryDirectory() as folder:
         command = [sys.executable, "-m", "ffsms_pin", "run", name, "--no-figures", "--out", folder]
         status = subprocess.run(command, capture_output=True, check=False).returncode

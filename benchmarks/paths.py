@@ -1,9 +1,9 @@
 """Follow 40 paths: `python benchmarks/paths.py`.
 
 Circles, lines, rounded squares and helices on four robots, ten on each, in 20 s after an approach of 2 s.
-Each path begins at the end effector of a random posture. A path is taken if a plain resolved-rate march of
-Pinocchio's, which stands here, stays within the joints' ranges and rates and keeps the clearance, so that the
-limits allow it. The judge is a roll-out by Pinocchio at ten times the resolution of the plan.
+Each path begins at the end effector of a random posture. A path is used if simple resolved-rate control,
+written here with Pinocchio, stays within the joints' ranges and rates and keeps the clearance, so the limits
+allow the path. The plans are judged by integration with Pinocchio at ten times their resolution.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ def robot(name: str) -> ffsms.SpaceManipulator:
 
 
 def curve_of(kind: str, begin: FloatArray, axes: FloatArray, size: float) -> Curve:
-    """Return a curve from `begin` (3,) on, of a size [m], in the plane of the first two axes (3, 3)."""
+    """Return a curve of a size [m] from `begin` (3,), in the plane of the first two of the axes (3, 3)."""
     x, y, z = axes.T
 
     def circle(s: float) -> FloatArray:
@@ -72,7 +72,7 @@ def curve_of(kind: str, begin: FloatArray, axes: FloatArray, size: float) -> Cur
 
 
 def allowed(sms: ffsms.SpaceManipulator, q0: FloatArray, curve: Curve, apart: Any) -> bool:
-    """Return whether a plain resolved-rate march along a curve keeps ranges, rates and clearance."""
+    """Return whether simple resolved-rate control along a curve keeps ranges, rates and clearance."""
     limits, dt, q = sms.limits, 0.1, q0.copy()
     model = sms.model
     for k in range(round(PERIOD / dt)):
@@ -94,7 +94,7 @@ def allowed(sms: ffsms.SpaceManipulator, q0: FloatArray, curve: Curve, apart: An
 
 
 def paths(name: str, sms: ffsms.SpaceManipulator, seed: int) -> Iterator[tuple[str, FloatArray, Curve]]:
-    """Return kinds, starts and curves by shares s of the path, the kinds in turn."""
+    """Draw paths of all kinds in turn: their kinds, starts, and curves over the share s of the path."""
     rng, limits, apart = np.random.default_rng(seed), sms.limits, apart_by(sms)
     middle = np.where(np.isfinite(limits.lower + limits.upper), 0.5 * (limits.lower + limits.upper), 0.0)
     half = np.minimum(

@@ -1,8 +1,8 @@
-"""The same work by others, in the same run: adam, MuJoCo and Pink.
+"""Time the same work by adam, MuJoCo and Pink in the same run.
 
-Their results are checked against ours before the clock runs. Licences: adam BSD-3-Clause, MuJoCo and Pink
-Apache-2.0, qpsolvers (which Pink solves with) LGPL-3.0. A package that is not installed is named in the
-table, with the reason.
+Their results are checked against ours before the measurement. Licences: adam BSD-3-Clause, MuJoCo and Pink
+Apache-2.0, qpsolvers (used by Pink) LGPL-3.0. A package that is not installed is named in the table, with the
+reason.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ Call = Callable[[int], Any]
 
 
 class Work(NamedTuple):
-    """One comparison: both sides take the number of a state."""
+    """A comparison of two calls, which both take the number of a state."""
 
     what: str
     ours: Call
@@ -44,7 +44,7 @@ class Work(NamedTuple):
 
 
 def run(turns: int = 60) -> list[dict[str, Any]]:
-    """One row a peer, robot and piece of work; `reason` where it was not measured."""
+    """Return a row for each peer, robot and piece of work; `reason` tells why it was not measured."""
     rows: list[dict[str, Any]] = []
     for peer, package, make in (
         ("adam", "adam-robotics", adam_work),
@@ -76,7 +76,7 @@ def run(turns: int = 60) -> list[dict[str, Any]]:
 
 
 def states(sms: ffsms.SpaceManipulator) -> list[tuple[FloatArray, FloatArray]]:
-    """Random states, tumbling, the base anywhere."""
+    """Draw random states of a tumbling robot with any base pose."""
     rng = np.random.default_rng(7)
     found = []
     for _ in range(STATES):
@@ -87,12 +87,12 @@ def states(sms: ffsms.SpaceManipulator) -> list[tuple[FloatArray, FloatArray]]:
 
 
 def apart(pairs: list[tuple[Any, Any]]) -> float:
-    """Largest difference, relative to the largest entry of each first one."""
+    """Return the largest difference, relative to the largest entry of each first array."""
     return max(float(np.abs(a - b).max() / np.abs(a).max()) for a, b in pairs)
 
 
 def adam_work(name: str) -> list[Work]:
-    """H and the generalised Jacobian; adam has the mass matrix and the Jacobian, the rest is put together."""
+    """Compare H and the generalised Jacobian, which is put together from adam's mass matrix and Jacobian."""
     kindyn = importlib.import_module("adam.numpy").KinDynComputations
     sms = ffsms.load(name)
     peer = kindyn(str(model_path(name)), sms.joint_names)
@@ -122,7 +122,7 @@ def adam_work(name: str) -> list[Work]:
 
 
 def mujoco_work(name: str) -> list[Work]:
-    """J*, H_q and C_q at a state; and one step of the closed loop under the same sliding mode law."""
+    """Compare J*, H_q and C_q at a state, and one step of the closed loop under the same sliding mode law."""
     mj = importlib.import_module("mujoco")
     sms = ffsms.load(name)
     model = mj.MjModel.from_xml_string(to_mjcf(sms, DT, actuators=False, shapes=False))
@@ -213,7 +213,7 @@ def mujoco_work(name: str) -> list[Work]:
 
 
 def pink_work(name: str) -> list[Work]:
-    """One step of differential inverse kinematics with the momentum equation as a constraint."""
+    """Compare one step of differential inverse kinematics with the momentum equation as a constraint."""
     pink = importlib.import_module("pink")
     tasks = importlib.import_module("pink.tasks")
     importlib.import_module("qpsolvers")
@@ -226,7 +226,7 @@ def pink_work(name: str) -> list[Work]:
     starts, rates = plan.q[FIRST : FIRST + STATES], plan.joint_rates[FIRST : FIRST + STATES]
 
     class Momentum(tasks.Task):  # type: ignore[misc, name-defined]
-        """Keeps the total momentum at zero."""
+        """The constraint of zero total momentum."""
 
         def compute_error(self, configuration: Any) -> FloatArray:
             return np.zeros(6)

@@ -1,4 +1,4 @@
-"""Reach, cost and time of `opt.plan` on targets that are reachable by construction."""
+"""Measure reach, cost and time of `opt.plan` on targets that are reachable by construction."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ Apart: TypeAlias = Callable[[FloatArray], bool]
 
 
 def paper_tasks(sms: ffsms.SpaceManipulator, count: int, seed: int) -> list[Task]:
-    """Tasks from the paper's start."""
+    """Return tasks from the paper's start."""
     return reachable_targets(sms, np.full(sms.n, np.deg2rad(1.0)), count, seed, DT)
 
 
 def bent(sms: ffsms.SpaceManipulator) -> FloatArray:
-    """Joint positions (n,) to start from: the middle of the joint box, bent where that is a stretched arm.
+    """Return start positions (n,): the middle of the joint box, bent if the arm is stretched there.
 
     The boxes of `satellite_panda` and `satellite_xarm7` have bent middles; that of `space_arm_7` is zero.
     """
@@ -37,15 +37,15 @@ def bent(sms: ffsms.SpaceManipulator) -> FloatArray:
 
 
 def smoothness(rates: FloatArray, dt: float) -> dict[str, float]:
-    """Sign changes of the joint rates, and the integral of the squared accelerations [rad^2/s^3]."""
+    """Count sign changes of the joint rates, and integrate the squared accelerations [rad^2/s^3]."""
     changes = int(np.sum(rates[1:-1] * rates[2:] < -1e-8))
     return {"sign_changes": changes, "squared_acceleration": float(np.sum(np.diff(rates, axis=0) ** 2) / dt)}
 
 
 def apart_by(sms: ffsms.SpaceManipulator) -> Apart:
-    """What `opt.plan` keeps apart by default, by a route of its own: meshes by coal, or the paper's points.
+    """Return a check of the clearances that `opt.plan` keeps by default, by meshes or the paper's points.
 
-    The planner looks at convex parts, which are a little larger than the meshes.
+    The planner itself checks convex parts, which are slightly larger than the meshes.
     """
     if chosen_mode(sms) == "points":
         points = PointStack(sms)
@@ -57,7 +57,7 @@ def apart_by(sms: ffsms.SpaceManipulator) -> Apart:
 
 
 def limits_kept(sms: ffsms.SpaceManipulator, plan: opt.Trajectory, apart: Apart) -> bool:
-    """Every limit and clearance, at the nodes and between them, worked out apart from the planner."""
+    """Return whether all limits and clearances are kept, at nodes and between them, without the planner."""
     limits = sms.limits
     if (np.abs(plan.joint_rates) > limits.velocity + 1e-9).any():
         return False
@@ -73,7 +73,7 @@ def limits_kept(sms: ffsms.SpaceManipulator, plan: opt.Trajectory, apart: Apart)
 def run_plans(
     sms: ffsms.SpaceManipulator, tasks: list[Task], kappa: float, poses: bool = False
 ) -> list[dict[str, Any]]:
-    """One row a task; `poses`: with the attitude."""
+    """Return one row for each task; with `poses`, the attitude is part of the target."""
     apart, rows = apart_by(sms), []
     opt.plan(sms, tasks[0].q0, tasks[0].target, tasks[0].duration, DT, kappa)  # first use fills caches
     for task in tasks:

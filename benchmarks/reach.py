@@ -1,4 +1,4 @@
-"""Reach of the planner in space: targets of seven-joint arms that are reachable by construction.
+"""Measure the planner's reach in space: targets of seven-joint arms that are reachable by construction.
 
 `python benchmarks/reach.py` makes the table; `make bench` has it as a section.
 """
@@ -26,7 +26,7 @@ KAPPA = 10.0
 
 
 def run(count: int, seed: int, models: list[str] | None = None) -> list[dict[str, Any]]:
-    """Plans to `count` targets of each set, from the middle of the joint box (see `bent`)."""
+    """Plan to `count` targets of each set, from the middle of the joint box (see `bent`)."""
     results = []
     for name, poses in SETS:
         if models and name not in models:
@@ -38,7 +38,7 @@ def run(count: int, seed: int, models: list[str] | None = None) -> list[dict[str
 
 
 def report(results: list[dict[str, Any]]) -> str:
-    """A Markdown table: every limit and clearance kept, const8 met, and how many end exactly."""
+    """Return a table of plans that keep all limits and meet const8, and of those that end exactly."""
     lines = [
         "| model | targets | reached | within 1 mm, 1 mrad | median cost [s] | largest cost [s] | "
         "median time [s] | longest [s] |",

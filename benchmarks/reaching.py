@@ -1,4 +1,4 @@
-"""Robots, starts and targets that the benchmarks of re-planning share."""
+"""The robots, starts and targets of the benchmarks of re-planning."""
 
 from __future__ import annotations
 

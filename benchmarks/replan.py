@@ -1,9 +1,9 @@
-"""How long a warm re-plan takes, and how near the arm ends on wrong plants: a Markdown table.
+"""Measure the time of a warm re-plan, and the final error on wrong plants: a Markdown table.
 
-Run from the repository's root: python benchmarks/replan.py [--plants 10] [--seed 1] The problems are those of
-benchmarks/reaching.py; every re-plan of every run counts, the first plan apart. The unit of the last two
-columns is one linearisation of a motion on the spline that a re-plan begins with, measured in the same run:
-on another or a busy machine both change alike.
+Run from the repository's root: python benchmarks/replan.py [--plants 10] [--seed 1]
+The problems are those of benchmarks/reaching.py. All re-plans of all runs are timed, without the first plans.
+The unit of the last two columns is one linearisation of a motion on the spline with which a re-plan begins,
+measured in the same run, so that the ratio does not depend on the machine or its load.
 """
 
 from __future__ import annotations
@@ -25,14 +25,14 @@ ROWS = (("planar_3r", 1), ("planar_3r", 2), ("satellite_panda", 1), ("satellite_
 
 
 class Timed(opt.Replanning):
-    """Writes down what each re-plan took [s]."""
+    """A reference that records the time of each re-plan [s]."""
 
     def __init__(self, whole: opt.Problem) -> None:
         super().__init__(whole)
         self.first, self.times = 0.0, list[float]()
 
     def observe(self, t: float, q: Any, v: Any) -> None:
-        """As always, and write it down."""
+        """Observe the state, and record the time."""
         begun = self._step < 0
         super().observe(t, q, v)
         if begun:
@@ -42,7 +42,7 @@ class Timed(opt.Replanning):
 
 
 def linearisation(whole: opt.Problem) -> float:
-    """Time of one linearisation [s], the median of some."""
+    """Return the median time of one linearisation [s]."""
     options = ReplanOptions()
     model = Model.make(whole, options.grid)
     p = np.full((1, model.spline.size, whole.sms.n), 0.01)

@@ -1,10 +1,10 @@
-"""How rough a motion is that is planned again in the loop, beside the plan made once, as a Markdown table.
+"""Compare the roughness of a re-planned motion and of a motion planned once: a Markdown table.
 
-Run from the repository's root: python benchmarks/roughness.py [--plants 3] The problems are those of
-benchmarks/reaching.py, the plants that are not the model those of benchmarks/noise.py, as its sensors are;
-re-planning at 100 Hz, computed torque at 1 kHz. The worst of all plants: largest step of a torque from one
-control step to the next, largest torque and joint acceleration, distance at the end. Noisy measurements are
-filtered for both, so that a step is what the noise leaves of the estimate.
+Run from the repository's root: python benchmarks/roughness.py [--plants 3]
+The problems are those of benchmarks/reaching.py, the wrong plants and the sensors those of
+benchmarks/noise.py, with re-planning at 100 Hz and computed torque at 1 kHz. The table has the worst values
+of all plants: largest step of a torque from one control step to the next, largest torque and joint
+acceleration, and final error. Noisy measurements are filtered for both motions.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ ROWS = (("planar_3r", 1), ("planar_3r", 2), ("satellite_panda", 1), ("satellite_
 
 
 def measured(sms: Any, reference: Any, plan: Any, plant: Any, sensors: Any) -> list[float]:
-    """Torque step and torque [N m], acceleration [deg/s^2] and miss [mm] of one run."""
+    """Return torque step and torque [N m], acceleration [deg/s^2] and final error [mm] of one run."""
     law = ComputedTorque(sms, K_p=100.0, K_d=20.0)
     run = simulate(
         sms, reference, law, q0=plan.q[0], plant=plant, conditions=Conditions(sensors=sensors, estimator=True)

@@ -1,8 +1,8 @@
-"""`make bench`: the speed of the library, its reach and its cost, beside the least possible and others.
+"""Run `make bench`: the library's speed, reach and cost, beside the least possible and other libraries.
 
 Writes all tables to one Markdown file and all numbers to one JSON file. `--only` chooses sections. One core
-is used (but for the section `many`). What to look at are the ratios: both sides of each were measured in the
-same run, in turns.
+is used (except for the section `many`). Compare ratios, because both sides of each were measured in the same
+run, in turns.
 """
 
 from __future__ import annotations
@@ -75,7 +75,7 @@ def main() -> None:
 
 
 def parser() -> argparse.ArgumentParser:
-    """The command line."""
+    """Return the parser of the command line."""
     p = argparse.ArgumentParser(description=__doc__)
     p.add_argument(
         "--only", nargs="+", choices=list(SECTIONS), default=list(SECTIONS), help="sections (default: all)"
@@ -99,13 +99,13 @@ def parser() -> argparse.ArgumentParser:
 
 
 def reach_section(arguments: argparse.Namespace) -> list[dict[str, Any]]:
-    """Reach for every kappa and seed."""
+    """Measure the reach for every kappa and seed."""
     sms = ffsms.load("planar_3r")
     return [reach(sms, kappa, seed, arguments.reach) for kappa in arguments.kappa for seed in arguments.seeds]
 
 
 def cost_section(arguments: argparse.Namespace) -> list[dict[str, Any]] | str:
-    """Cost beside IPOPT, or why not."""
+    """Compare the cost with that of IPOPT, or return why it was not measured."""
     sms = ffsms.load("planar_3r")
     try:
         return [
@@ -118,7 +118,7 @@ def cost_section(arguments: argparse.Namespace) -> list[dict[str, Any]] | str:
 
 
 def printed(show: Callable[[Any], None], results: Any) -> str:
-    """What a function prints of results."""
+    """Return the text that a function prints for results."""
     if isinstance(results, str):
         return results
     text = io.StringIO()
@@ -128,12 +128,12 @@ def printed(show: Callable[[Any], None], results: Any) -> str:
 
 
 def reach(sms: ffsms.SpaceManipulator, kappa: float, seed: int, count: int) -> dict[str, Any]:
-    """Plans alone, many of them."""
+    """Measure plans alone, on many targets."""
     return {"kappa": kappa, "seed": seed, "plans": run_plans(sms, paper_tasks(sms, count, seed), kappa)}
 
 
 def compare(sms: ffsms.SpaceManipulator, kappa: float, seed: int, count: int, fine: int) -> dict[str, Any]:
-    """Plans and the nonlinear programme on the same tasks, in each of its forms (see `FORMS`)."""
+    """Solve the same tasks by the planner and by the nonlinear programme in each of its `FORMS`."""
     from ipopt import solve
 
     tasks = paper_tasks(sms, count, seed)
@@ -158,12 +158,12 @@ def compare(sms: ffsms.SpaceManipulator, kappa: float, seed: int, count: int, fi
 
 
 def median(rows: list[dict[str, Any]], key: str) -> float:
-    """Median of a column; NaN of none."""
+    """Return the median of a column, NaN if it is empty."""
     return float(np.median([row[key] for row in rows])) if rows else float("nan")
 
 
 def print_reach(results: list[dict[str, Any]]) -> None:
-    """Reach: every limit and clearance kept, const8 met."""
+    """Print the reach: plans that keep all limits and clearances and meet const8."""
     print("| kappa | seed | reached | median cost [s] | largest cost [s] | median time [ms] | longest [ms] |")
     print("|---|---|---|---|---|---|---|")
     for r in results:
@@ -177,7 +177,7 @@ def print_reach(results: list[dict[str, Any]]) -> None:
 
 
 def print_costs(results: list[dict[str, Any]]) -> None:
-    """Ours beside IPOPT: medians over the same targets."""
+    """Print our costs beside IPOPT's: medians over the same targets."""
     print(
         "\n| kappa | seed | planner | done | median cost [s] | worst excess of ours [s] | building [ms] | "
         "solving [ms] | both over ours | solving over ours | sign changes | "
@@ -193,7 +193,7 @@ def print_costs(results: list[dict[str, Any]]) -> None:
 
 
 def row_of(label: str, r: dict[str, Any], rows: list[dict[str, Any]], plans: list[dict[str, Any]]) -> None:
-    """One row of the cost table; `plans` are ours for the same targets, and ratios medians over these."""
+    """Print one row of the cost table; ratios are medians over `plans`, ours for the same targets."""
     ours = rows is plans
     done = sum(row["reached" if ours else "converged"] for row in rows)
     excess, building, both, solving = "", "", "", ""

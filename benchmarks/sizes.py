@@ -1,4 +1,4 @@
-"""How time grows with the number of joints, and time and memory with the length of a simulation."""
+"""Measure time over the number of joints, and time and memory over the length of a simulation."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ STATES, STEP, DT = 10, 0.01, 1e-3  # [s] of planning, of control
 
 
 def run(turns: int = 40, hour: bool = True) -> dict[str, Any]:
-    """Growth with joints and with duration."""
+    """Measure the growth with joints and with duration."""
     rows = [joints(n, turns) for n in JOINTS]
     what = ("state", "planning step", "control step")
     exponents = {name: exponent([(row["joints"], row[name]["median"]) for row in rows]) for name in what}
@@ -41,7 +41,7 @@ def run(turns: int = 40, hour: bool = True) -> dict[str, Any]:
 
 
 def joints(n: int, turns: int, packaged: bool = False) -> dict[str, Any]:
-    """A state with every quantity, a planning step and a control step, of a generated chain of n joints."""
+    """Time a state with all quantities, a planning step and a control step of a chain of n joints."""
     sms = robot(n) if packaged else chain(n)
     rng = np.random.default_rng(n)
     q0 = sms.configuration(np.full(n, 0.3))
@@ -76,7 +76,7 @@ def joints(n: int, turns: int, packaged: bool = False) -> dict[str, Any]:
 
 
 def exponent(points: list[tuple[int, float]]) -> dict[str, float]:
-    """Slopes of log time over log joints: fitted to all sizes, and between the last two."""
+    """Return slopes of log time over log joints: fitted to all sizes, and between the last two sizes."""
     n, t = np.log([point[0] for point in points]), np.log([point[1] for point in points])
     return {
         "fitted": float(np.polyfit(n, t, 1)[0]),
@@ -85,7 +85,7 @@ def exponent(points: list[tuple[int, float]]) -> dict[str, float]:
 
 
 def planned(n: int) -> dict[str, Any]:
-    """`opt.plan` to targets that are reachable by construction."""
+    """Plan by `opt.plan` to targets that are reachable by construction."""
     sms = robot(n)
     tasks = reachable_targets(sms, np.full(n, np.deg2rad(5.0)), PLANS, 1, STEP)
     opt.plan(sms, tasks[0].q0, tasks[0].target, tasks[0].duration, STEP)
@@ -144,7 +144,7 @@ print(json.dumps({
 
 
 def durations(lengths: tuple[float, ...], dt: float = 0.01) -> list[dict[str, Any]]:
-    """Simulate each length [s] at a control step of 10 ms."""
+    """Simulate each duration [s] at a control step of 10 ms."""
     rows = []
     for length in lengths:
         command = [sys.executable, "-c", SIMULATION, str(length), str(dt)]

@@ -1,9 +1,9 @@
-"""States and control steps against the calls that they cannot do without, as Markdown tables.
+"""Compare states and control steps with the library calls that they need at least, as Markdown tables.
 
 Run from the repository's root: python benchmarks/state_floor.py
-Both sides work on the same states in the same run, in short turns; the least time of each counts, so that
-what else the machine does matters little. The ratio is what to look at. The floor has LAPACK called directly,
-the least there is; with numpy's solve and SVD it would be higher (`numpy_us`).
+Both sides work on the same states in the same run, in short turns; the least time of each is used, because
+other load on the machine affects it least. Compare the ratio. The floor calls LAPACK directly; with NumPy's
+solve and SVD it would be higher (`numpy_us`).
 """
 
 from __future__ import annotations
@@ -31,9 +31,9 @@ _WORLD, _AXES = pin.Convention.WORLD, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
 
 
 class Floor(TypedDict):
-    """Times in microseconds, each the least of many turns.
+    """The times of a piece of work in microseconds, each the least of many turns.
 
-    `parts` are the unavoidable calls by name and `floor_us` their sum; `least_us` is what the library takes,
+    `parts` are the unavoidable calls by name and `floor_us` their sum; `least_us` is the time of the library,
     and `ratio` its multiple of the floor. `numpy_us` is the floor with `numpy.linalg` in place of LAPACK.
     """
 
@@ -47,7 +47,7 @@ class Floor(TypedDict):
 
 
 def run(turns: int = TURNS) -> dict[str, list[Floor]]:
-    """Measure states, states of which only the coupling is asked, and control steps."""
+    """Measure states, states of which only the coupling is used, and control steps."""
     out: dict[str, list[Floor]] = {"state": [], "coupling": [], "control": []}
     for robot in ROBOTS:
         sms = ffsms.load(robot)
@@ -58,7 +58,7 @@ def run(turns: int = TURNS) -> dict[str, list[Floor]]:
 
 
 def state_floor(sms: ffsms.SpaceManipulator, robot: str, turns: int) -> Floor:
-    """`sms.at(q, v)` with every quantity touched."""
+    """Measure `sms.at(q, v)` with all quantities."""
 
     def whole(q: FloatArray, v: FloatArray) -> None:
         state = sms.at(q, v)
@@ -71,7 +71,7 @@ def state_floor(sms: ffsms.SpaceManipulator, robot: str, turns: int) -> Floor:
 
 
 def coupling_floor(sms: ffsms.SpaceManipulator, robot: str, turns: int) -> Floor:
-    """`sms.at(q).coupling` alone."""
+    """Measure `sms.at(q).coupling` alone."""
     parts = {name: part for name, part in _state_parts(sms).items() if name in ("crba", "6x6 solve", "SVD")}
 
     def coupling(q: FloatArray, v: FloatArray) -> None:
@@ -81,7 +81,7 @@ def coupling_floor(sms: ffsms.SpaceManipulator, robot: str, turns: int) -> Floor
 
 
 def control_floor(sms: ffsms.SpaceManipulator, robot: str, turns: int) -> Floor:
-    """A torque of `SlidingModeController` and a Runge-Kutta step of the plant under it."""
+    """Measure a torque of `SlidingModeController` and a Runge-Kutta step of the plant under it."""
     model, data = sms.model, sms.model.createData()
     controller = ffsms.SlidingModeController(sms)
     wanted = np.zeros(sms.n)
@@ -190,7 +190,7 @@ GROUPS = (
 
 
 def where(robot: str, turns: int = TURNS) -> dict[str, float]:
-    """Microseconds of every part of a state, in place, and of the two halves of a control step."""
+    """Return the time [us] of each part of a state, and of both halves of a control step."""
     sms = ffsms.load(robot)
     states, now = _states(sms), time.perf_counter_ns
     controller, data = ffsms.SlidingModeController(sms), sms.model.createData()

@@ -1,13 +1,13 @@
-"""How near a planning step is to the least that it could take: the library calls it cannot do without.
+"""Compare a planning step with the library calls that it needs at least.
 
 The floor of a step is the sum of its calls into Pinocchio, LAPACK and ProxQP, on the same states, with the
-same matrices, in the same run: a step that took no time for anything else. A third table says where a step's
-time goes, by the functions that it calls. Prints the tables as Markdown:
+same matrices, in the same run. A third table has the times of the functions that a step calls. Prints the
+tables as Markdown:
 
     OMP_NUM_THREADS=1 python benchmarks/step_floor.py
 
-Other programs on the machine lengthen single calls by milliseconds. So a march is replayed a few times, which
-asks for the same work at every step, and a step's time is the least of its repeats.
+Other programs on the machine lengthen single calls by milliseconds. So a rollout is repeated a few times with
+the same work at every step, and a step's time is the least of its repeats.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ CALLS = ("crba with Jacobians", "frame Jacobian", "6 x 6 solve", "SVD", "ProxQP,
 
 
 class Task(NamedTuple):
-    """A march: its states, and the programmes that were solved on the way."""
+    """A rollout: its states, and the quadratic programmes that were solved in it."""
 
     sms: ffsms.SpaceManipulator
     target: FloatArray
@@ -79,7 +79,7 @@ def run(repeats: int = 7) -> dict[str, Any]:
 
 
 def roll_out_steps(name: str) -> Task:
-    """A long reach of the planar arm, or one of similar size with another robot."""
+    """Roll out a long reach of the planar arm, or one of similar size with another robot."""
     sms = ffsms.load(name)
     if name == "planar_3r":
         q, duration = sms.configuration(np.deg2rad([1.0, 1.0, 1.0])), 12.0
@@ -106,12 +106,12 @@ def roll_out_steps(name: str) -> Task:
 
 
 def _stepper(sms: ffsms.SpaceManipulator) -> Stepper:
-    """With the limits of the paper."""
+    """Return a stepper with the limits of the paper."""
     return Stepper(sms, DT, KAPPA, (JointLimits(), Clearance(), AlphaBox()))
 
 
 def measure(task: Task, repeats: int) -> dict[str, Any]:
-    """Times of a march's steps and of their floors [us]."""
+    """Measure the times of a rollout's steps and of their floors [us]."""
     empty = _clock()
     # One after the other in turn, so that a busy machine slows both.
     times = [(_steps(task), _floors(task), _parts(task)) for _ in range(repeats)]
@@ -135,13 +135,13 @@ def measure(task: Task, repeats: int) -> dict[str, Any]:
 
 
 def _clock() -> float:
-    """What reading the clock twice takes [us]."""
+    """Return the time of two readings of the clock [us]."""
     now = time.perf_counter_ns
     return 1e-3 * float(np.median([-(now() - now()) for _ in range(10000)]))
 
 
 def _steps(task: Task) -> FloatArray:
-    """Time of each step (N,) [us]."""
+    """Return the time of each step (N,) [us]."""
     planner, now, spent = _stepper(task.sms), time.perf_counter_ns, []
     planner.reset(task.side)
     for q, rates, left in task.states:
@@ -152,7 +152,7 @@ def _steps(task: Task) -> FloatArray:
 
 
 def _floors(task: Task) -> FloatArray:
-    """Time of each call of each step, (N, calls) [us]."""
+    """Return the time of each call of each step, (N, calls) [us]."""
     sms, now = task.sms, time.perf_counter_ns
     model, data, frame = sms.model, sms.model.createData(), sms.frame_id
     # The bounds s >= 0 and slack >= 0 are rows, too, as in the step.
@@ -189,7 +189,7 @@ def _floors(task: Task) -> FloatArray:
 
 
 def _parts(task: Task) -> FloatArray:
-    """Time of each part of each step and of its rest, (N, parts + 1) [us], measured within `Stepper.step`."""
+    """Return the time of each part of each step and of the rest, (N, parts + 1) [us], in `Stepper.step`."""
     spent, now = [0] * len(PARTS), time.perf_counter_ns
 
     def timed(part: int, function: Callable[..., Any]) -> Callable[..., Any]:
@@ -217,7 +217,7 @@ def _parts(task: Task) -> FloatArray:
 
 
 def report(results: dict[str, Any]) -> str:
-    """The tables, as Markdown."""
+    """Return the tables as Markdown."""
     lines = ["| model | " + " | ".join(f"{call} [us]" for call in CALLS) + " | floor [us] |"]
     lines.append("|" + "---|" * (len(CALLS) + 2))
     for name, r in results.items():

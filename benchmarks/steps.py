@@ -1,8 +1,9 @@
-"""Plans of the planar robot in 100 and in 200 steps, by the cost below which a plan counts as cheap enough.
+"""Compare plans of the planar robot in 100 and in 200 steps, for two thresholds of the cost.
 
 Run from the repository's root:
     python benchmarks/steps.py [--targets 20]
-The targets are those of benchmarks/targets.py. CPU is that of `opt.solve`, with one thread.
+The search stops at a plan whose cost is below the threshold. The targets are those of benchmarks/targets.py.
+The CPU time is that of `opt.solve`, with one thread.
 """
 
 from __future__ import annotations

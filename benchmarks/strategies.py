@@ -1,11 +1,10 @@
-"""What each strategy of the search earns: one row for each taken out, against all of them.
+"""Measure the effect of each strategy of the search: one row without each of them, beside all of them.
 
-Targets are easy (with kappa 10 and 1), near, beside the start, hard, obstructed, short, hurried,
-momentum-carrying, and to be reached with weak wheels. All but the obstructed ones, some of the hard and short
-ones and those with weak wheels can be reached by construction, by a straight joint-space move with the base
-reacting; hurried ones by `method="resolved-rate"`, in little more time than that takes at least.
-`python benchmarks/strategies.py` makes the table, as does `make bench` with `BENCH="--only strategies"`.
-
+Targets are easy (with kappa 10 and 1), near, beside the start, hard, obstructed, short, hurried, with
+momentum, and with weak wheels. All targets can be reached by construction, by a straight joint-space move
+with a reacting base, except the obstructed ones, some of the hard and short ones, and those with weak wheels;
+the hurried ones by `method="resolved-rate"` in little more than the least time. `python
+benchmarks/strategies.py` makes the table, as does `make bench` with `BENCH="--only strategies"`.
 """
 
 from __future__ import annotations
@@ -57,7 +56,7 @@ PYRAMID = np.array([[1.0, 1.0, 1.0], [-1.0, 1.0, 1.0], [1.0, -1.0, 1.0], [1.0, 1
 
 
 def problems(name: str, poses: bool, kind: str, count: int, seed: int) -> Iterator[opt.Problem]:
-    """Problems of one kind."""
+    """Draw problems of one kind."""
     sms = ffsms.load(name)
     rng, stack = np.random.default_rng([seed, KINDS.index(kind)]), ArmStack(sms)
     start = np.full(sms.n, np.deg2rad(1.0)) if name == "planar_3r" else bent(sms)
@@ -104,7 +103,7 @@ def problems(name: str, poses: bool, kind: str, count: int, seed: int) -> Iterat
 
 
 def _hurried(problem: opt.Problem) -> opt.Problem | None:
-    """In little more time than single steps straight to the target need; None where they do not reach it."""
+    """Return a problem with little more time than single steps to the target need; None if they fail."""
 
     def reaches(duration: float) -> bool:
         return plan_stepwise(replace(problem, duration=duration), "resolved-rate").reached
@@ -120,7 +119,7 @@ def _hurried(problem: opt.Problem) -> opt.Problem | None:
 
 
 def _with_weak_wheels(problem: opt.Problem) -> opt.Problem:
-    """Wheels hold the attitude, and have little of the momentum that a plan without limits on it takes."""
+    """Return a problem whose wheels hold the attitude with a share of the momentum of an unlimited plan."""
 
     def with_wheels(**limits: float) -> opt.Problem:
         sms = problem.sms.with_actuators(wheels=ffsms.ReactionWheels(PYRAMID, 0.01, **limits))
@@ -131,7 +130,7 @@ def _with_weak_wheels(problem: opt.Problem) -> opt.Problem:
 
 
 def _drawn(low: FloatArray, high: FloatArray, rng: np.random.Generator) -> FloatArray:
-    """Joint positions (n,) from the box."""
+    """Draw joint positions (n,) from the box."""
     return 0.5 * (low + high) + 0.5 * SHARE * (high - low) * rng.uniform(-1.0, 1.0, len(low))
 
 
@@ -143,20 +142,20 @@ def _straight(
     duration: float,
     momentum: FloatArray | None,
 ) -> Rollouts:
-    """The straight move, from rest to rest."""
+    """Return the straight move, from rest to rest."""
     s = np.linspace(0.0, 1.0, round(duration / DT) + 1)
     rates = (6.0 * s * (1.0 - s))[:, None] * way / duration
     return rolled_out(sms, stack, q0, rates, duration / (len(s) - 1), momentum)
 
 
 def _clear_at(sms: ffsms.SpaceManipulator, stack: ArmStack, clearance: opt.Limit, joints: FloatArray) -> bool:
-    """Whether the arm keeps clear at joint positions (n,)."""
+    """Return whether the arm keeps clear at joint positions (n,)."""
     still = rolled_out(sms, stack, sms.configuration(joints), np.zeros((2, sms.n)), DT)
     return clearance.violation(still).amount == 0.0
 
 
 def _momentum(stack: ArmStack, start: FloatArray, duration: float, rng: np.random.Generator) -> FloatArray:
-    """Total momentum (6,) that moves and turns the robot by about `CARRIED` in the time, about z alone."""
+    """Draw a momentum (6,) that moves and turns the robot by about `CARRIED` in the time, about z alone."""
     shift, turn = CARRIED
     inertia = np.linalg.inv(stack.evaluate(start[:, None]).inverse[..., 0])
     linear = np.append(rng.uniform(-1.0, 1.0, 2), 0.0) * shift * stack.length * stack.mass / duration
@@ -165,7 +164,7 @@ def _momentum(stack: ArmStack, start: FloatArray, duration: float, rng: np.rando
 
 
 def _in_the_way(stack: ArmStack, move: Rollouts) -> list[opt.Obstacle]:
-    """Balls where the end effector is at half of the time, and the last joint after a third."""
+    """Return balls at the end effector after half of the time, and at the last joint after a third."""
     third = len(move.times) // 3
     middle = move.end_effector[:, 0, len(move.times) // 2]
     wrist = move.com[:, third] + move.base_attitude[:, :, 0, third] @ (
@@ -176,7 +175,7 @@ def _in_the_way(stack: ArmStack, move: Rollouts) -> list[opt.Obstacle]:
 
 
 def _stands_between(around: opt.Limit, move: Rollouts) -> bool:
-    """Whether the obstacle is in the way of a move, but neither at its start nor at its end."""
+    """Return whether the obstacle is in the way of a move, but neither at its start nor at its end."""
     found = around.violation(move)
     binds = np.isin(move.times[[0, -1]], found.instants)
     return found.amount > 0.0 and not binds.any()
@@ -190,7 +189,7 @@ def run(
     kinds: Sequence[str] = KINDS,
     names: Sequence[str] = NAMES,
 ) -> list[dict[str, Any]]:
-    """Rows of all plans: `counts` targets of each kind for the planar arm and for seven joints."""
+    """Return rows of all plans: `counts` targets of each kind for the planar arm and for seven joints."""
     rows = []
     for (model, poses), count in zip(SETS, counts, strict=True):
         for kind in kinds if model in models else ():
@@ -220,7 +219,7 @@ def run(
 
 
 def report(rows: list[dict[str, Any]]) -> str:
-    """A table for each model: what is reached, cost and travel where all reach as well, and CPU time."""
+    """Return a table per model: reached targets, cost and travel if all strategies reach, and CPU time."""
     parts = []
     for model in dict.fromkeys(row["model"] for row in rows):
         ours = [row for row in rows if row["model"] == model]
@@ -243,7 +242,7 @@ def report(rows: list[dict[str, Any]]) -> str:
 
 
 def _numbers(rows: list[dict[str, Any]], base: dict[Any, dict[str, Any]]) -> list[str]:
-    """One row of the table."""
+    """Return one row of the table."""
     reached = []
     for kind in KINDS:
         own = [row["reached"] for row in rows if row["kind"] == kind]

@@ -1,10 +1,10 @@
 """Targets that are reachable by construction.
 
-A joint goal is drawn from 90 % of the joint box. Where the straight joint-space move to it keeps the
-clearances that `opt.plan` keeps by default, the target is the end effector's place (or pose) at its end, the
-base reacting, and the duration is 1.5 times what the slowest joint needs. So the straight move would do.
-Clearances are those of `opt.Clearance` as it judges finished motions: between the bodies' collision shapes,
-and between the paper's points (const4 to const7) for planar arms and where bodies have no shapes.
+A joint goal is drawn from 90 % of the joint box. If the straight joint-space move to it keeps the clearances
+that `opt.plan` keeps by default, the target is the position (or pose) of the end effector at its end, with a
+reacting base. The duration is 1.5 times the least time of the slowest joint, so the straight move is a
+solution. Clearances are those with which `opt.Clearance` judges finished motions: between the bodies'
+collision shapes, and between the paper's points (const4 to const7) for planar arms and bodies without shapes.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ class Task(NamedTuple):
 def reachable_targets(
     sms: ffsms.SpaceManipulator, start: FloatArray, count: int, seed: int, dt: float
 ) -> list[Task]:
-    """`count` tasks from joint positions `start` (n,); durations are whole numbers of steps `dt`."""
+    """Draw `count` tasks from joint positions `start` (n,); durations are whole numbers of steps `dt`."""
     rng, limits, stack = np.random.default_rng(seed), sms.limits, ArmStack(sms)
     clearance = opt.Clearance(CLEARANCE).for_robot(sms)
     low = np.where(np.isfinite(limits.lower), limits.lower, -math.pi)

@@ -1,8 +1,8 @@
-"""Bases that act: momentum over an hour of turning wheels, and the attitude held on the README's moves.
+"""Measure the momentum over an hour of turning wheels, and the attitude held on the README's moves.
 
 `python benchmarks/wheels.py --targets 20`; the hour: `python benchmarks/wheels.py --hour`, with another
-`--integrator`. The moves are those of `motions.py`, with the attitude held by four wheels: planned for that
-(`opt.plan(..., mode="rotation-floating")`), or for a floating base, without regard to the wheels.
+`--integrator`. The moves are those of `motions.py`, with the attitude held by four wheels. The plans hold the
+attitude (`opt.plan(..., mode="rotation-floating")`), or are for a floating base and ignore the wheels.
 """
 
 from __future__ import annotations
@@ -33,28 +33,28 @@ ARMS = ("satellite_ur5", "satellite_panda", "satellite_xarm7")
 
 
 class Wave:
-    """Wheel torques that come and go."""
+    """Wheel torques that vary as sines."""
 
     def command(self, view: BaseView) -> BaseCommand:
-        """Four sines."""
+        """Return four sines."""
         return BaseCommand(0.05 * np.sin(3.0 * view.t + np.arange(4.0)))
 
 
 class Swinging:
-    """Joints that swing for ever."""
+    """A reference of joints that swing as sines."""
 
     def __init__(self, sms: ffsms.SpaceManipulator, duration: float) -> None:
         self.q, self.duration, self.target = sms.configuration(np.zeros(sms.n))[None], duration, np.zeros(3)
         self._size = 0.3 * np.ones(sms.n)
 
     def sample(self, t: float) -> tuple[Any, Any, Any]:
-        """A sine in every joint."""
+        """Return a sine for every joint."""
         s, c = np.sin(0.5 * t), np.cos(0.5 * t)
         return self._size * s, 0.5 * self._size * c, -0.25 * self._size * s
 
 
 def an_hour(seconds: float, integrator: str, dt: float) -> dict[str, float]:
-    """Relative error of the total momentum over an hour."""
+    """Return the relative error of the total momentum over an hour."""
     sms = ffsms.load("planar_3r").with_actuators(wheels=SMALL)
     start, began = [0.4, -0.3, 0.2, 0.5], time.process_time()
     run = ffsms.simulate(
@@ -75,7 +75,7 @@ def an_hour(seconds: float, integrator: str, dt: float) -> dict[str, float]:
 
 
 def held(sms: ffsms.SpaceManipulator, plan: Any) -> dict[str, Any]:
-    """Largest attitude error [deg], wheel torque [N m] and momentum [N m s] on a plan."""
+    """Return the largest attitude error [deg], wheel torque [N m] and momentum [N m s] on a plan."""
     law = Coordinated(sms)
     run = ffsms.simulate(sms, plan, law, 2e-3, base_controller=law)
     start = pin.Quaternion(run.q[0, 3:7])
@@ -94,7 +94,7 @@ def held(sms: ffsms.SpaceManipulator, plan: Any) -> dict[str, Any]:
 def moves(
     name: str, wheels: ffsms.ReactionWheels, count: int, durations: list[float], mode: str
 ) -> list[dict[str, Any]]:
-    """The moves of `motions.py` with seed 1, each planned for several durations."""
+    """Return the moves of `motions.py` with seed 1, each planned for several durations."""
     sms, rng = ffsms.load(name).with_actuators(wheels=wheels), np.random.default_rng(1)
     low, high = np.maximum(sms.limits.lower, -np.pi), np.minimum(sms.limits.upper, np.pi)
     found: list[dict[str, Any]] = []
@@ -112,7 +112,7 @@ def moves(
 
 
 def line(label: str, duration: float, rows: list[dict[str, Any]]) -> tuple[str, ...]:
-    """A line of the table: what the moves of one duration come to."""
+    """Return a line of the table for the moves of one duration."""
     errors = np.array([row["attitude_deg"] for row in rows])
     off = [
         abs(row["momentum"] / row["predicted_momentum"] - 1.0) for row in rows if row["predicted_momentum"]
@@ -130,7 +130,7 @@ def line(label: str, duration: float, rows: list[dict[str, Any]]) -> tuple[str, 
 
 
 def hour(integrator: str) -> str:
-    """A table of the momentum's error over long runs."""
+    """Return a table of the momentum's error over long runs."""
     runs = [an_hour(seconds, integrator, dt) for seconds, dt in LONG]
     lines = [
         (

@@ -1,7 +1,7 @@
-"""All solvers on the problem set, judged: `python -m benchmarks.problems --solvers ours resolved-rate`.
+"""Run all solvers on the problem set: `python -m benchmarks.problems --solvers ours resolved-rate`.
 
-One row a solver and problem goes to a file as soon as it is known, and what stands there is not done again.
-The table beside it says how many of each family are solved, in the judge's eyes, in limited CPU time.
+Each result is a row of a file, written at once; results in the file are not computed again. The table beside
+the file has how many problems of each family the judge accepts as solved in limited CPU time.
 """
 
 from __future__ import annotations
@@ -36,11 +36,11 @@ BESIDE = "resolved-rate"  # what costs, travels and turns are divided by
 
 
 class OutOfTime(BaseException):
-    """No solver catches it."""
+    """The end of a solver's time, a BaseException so that no solver catches it."""
 
 
 def run(solver: str, problem: Problem, seconds: float) -> dict[str, Any]:
-    """One row: what the judge says of a solver's plan, its CPU time [s], and what it says of itself."""
+    """Return one row: the judge's numbers of a plan, its CPU time [s], and the solver's own verdict."""
     module, options = SOLVERS[solver]
     plan = importlib.import_module(f"benchmarks.problems.baselines.{module}").planned
     row: dict[str, Any] = {"solver": solver, "problem": problem["name"], "robot": problem["robot"]}
@@ -69,18 +69,18 @@ def run(solver: str, problem: Problem, seconds: float) -> dict[str, Any]:
 
 
 def family(row: dict[str, Any]) -> str:
-    """Of a row."""
+    """Return the family of a row's problem."""
     return str(row["problem"].rpartition("-")[0])
 
 
 def share(rows: list[dict[str, Any]]) -> str:
-    """How many are solved; n/a where the solver does not apply, nothing where it was not run."""
+    """Return how many are solved as text: n/a if the solver does not apply, "" if it was not run."""
     count = sum(row["applies"] for row in rows)
     return f"{sum(row['solved'] for row in rows)} of {count}" if count else "n/a" if rows else ""
 
 
 def table(rows: list[dict[str, Any]]) -> str:
-    """Markdown: a line for each solver."""
+    """Return a Markdown table with a line for each solver."""
     head = ["solver", *FAMILIES, "all", "exactly", "break a limit", "cost", "travel", "base turn", "CPU [s]"]
     lines = [f"| {' | '.join(head)} |", "|" + "---|" * len(head)]
     beside = {row["problem"]: row for row in rows if row["solver"] == BESIDE and row["solved"]}
@@ -115,7 +115,7 @@ def table(rows: list[dict[str, Any]]) -> str:
 
 
 def main() -> None:
-    """The command line."""
+    """Run the command line."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.problems", description=__doc__)
     parser.add_argument("--solvers", nargs="+", choices=SOLVERS, default=list(SOLVERS), help="default: all")
     parser.add_argument("--families", nargs="+", choices=FAMILIES, default=FAMILIES, help="default: all")
@@ -154,7 +154,7 @@ def main() -> None:
 
 
 def machine() -> dict[str, Any]:
-    """Processor, cores and versions."""
+    """Return processor, cores and versions."""
     sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
     facts: Callable[[], dict[str, Any]] = importlib.import_module("machine").facts
     return facts()

@@ -1,4 +1,4 @@
-"""What the problems of all families are drawn with: a start, and motions that keep the joints' limits."""
+"""Draw the common parts of all problems: a start, and motions that keep the joints' limits."""
 
 from __future__ import annotations
 
@@ -22,16 +22,16 @@ Motion = dict[str, Array]
 
 
 class Redraw(Exception):
-    """What was drawn will not do."""
+    """The error if a draw cannot be used."""
 
 
 def rounded(values: Any) -> list[float]:
-    """As they are written."""
+    """Return numbers as they are written to the file."""
     return [round(float(x), 9) + 0.0 for x in np.ravel(values)]
 
 
 def placed(pose: pin.SE3) -> dict[str, list[float]]:
-    """A pose as it is written."""
+    """Return a pose as it is written to the file."""
     return {
         "position": rounded(pose.translation),
         "quaternion": rounded(pin.Quaternion(pose.rotation).coeffs()),
@@ -39,21 +39,21 @@ def placed(pose: pin.SE3) -> dict[str, list[float]]:
 
 
 def profile(nodes: int) -> tuple[Array, Array]:
-    """Ways gone and speeds (nodes + 1, 1) of a move of length one in a time of one, from rest to rest."""
+    """Return displacements and speeds (nodes + 1, 1) of a unit move in unit time, from rest to rest."""
     s = np.linspace(0.0, 1.0, nodes + 1)[:, None]
     speed = np.clip(np.minimum(s, 1.0 - s) / RAMP, 0.0, 1.0) / (1.0 - RAMP)
     return np.cumsum(np.vstack([[[0.0]], 0.5 * (speed[1:] + speed[:-1])]), axis=0) / nodes, speed
 
 
 def goal(frame: str, pose: pin.SE3, turned: bool, **other: Any) -> dict[str, Any]:
-    """A goal in inertial space, with or without an attitude."""
+    """Return a goal in inertial space, with or without an attitude."""
     place = placed(pose) if turned else placed(pose) | {"quaternion": None}
     near = {"on": "inertial", "reach": REACH, "orientation_reach": REACH, "tolerance": None}
     return {"frame": frame, **place, **near, **other}
 
 
 class Draw:
-    """A start, and what every family needs."""
+    """The draws of a problem: a start, and the common parts of all families."""
 
     def __init__(self, robot: str, rng: np.random.Generator, index: int) -> None:
         self.rng, self.index, self.frames = rng, index, ROBOTS[robot].frames
@@ -92,12 +92,12 @@ class Draw:
         self.world = World(self.problem)
 
     def posture(self, share: float) -> Array:
-        """Joints drawn from a share of their ranges."""
+        """Draw joint positions from a share of their ranges."""
         middle, half = 0.5 * (self.low + self.high), 0.5 * (self.high - self.low)
         return np.array(rounded(middle + share * half * self.rng.uniform(-1.0, 1.0, len(middle))))
 
     def clear(self, world: World, *configurations: Array) -> None:
-        """Raise `Redraw` unless there is room to spare."""
+        """Raise `Redraw` unless the clearance is kept with a margin."""
         for request in world.placed.collisionRequests:
             request.security_margin = CLEARANCE + SPARE
         known = world.model, world.data, world.geometry, world.placed
@@ -105,7 +105,7 @@ class Draw:
             raise Redraw
 
     def timed(self, joints: Array, rates: Array, duration: float, part: float = 1.0) -> Motion:
-        """A witness through joints (K, n) with rates (K, n) over `part` of the time, then at rest.
+        """Return a witness through joints (K, n) with rates (K, n) over `part` of the time, then at rest.
 
         The rates are those of a motion that takes `duration` [s]; it is made as long as the joints need.
         """
@@ -129,7 +129,7 @@ class Draw:
         return {"t": t, "joints": joints, "rates": rates}
 
     def straight(self, *postures: Array, part: float = 0.9) -> Motion:
-        """Straight moves from one posture to the next, which begin and end at rest, then rest."""
+        """Return straight moves from one posture to the next, each from rest to rest, then a rest."""
         way, speed = profile(NODES // (len(postures) - 1))
         joints, rates = [postures[0][None]], [0.0 * postures[0][None]]
         for here, there in pairwise(postures):
@@ -138,7 +138,7 @@ class Draw:
         return self.timed(np.vstack(joints), np.vstack(rates), float(len(postures) - 1), part)
 
     def rolled(self, motion: Motion, world: World | None = None) -> list[Array]:
-        """Configurations at the nodes of a motion."""
+        """Return the configurations at the nodes of a motion."""
         world, curve = world or self.world, Curve(motion)
         q = [world.q0]
         for k, h in enumerate(curve.h):
@@ -148,14 +148,14 @@ class Draw:
         return q
 
     def tips(self, q: Array) -> list[pin.SE3]:
-        """Poses of the frames that have goals."""
+        """Return the poses of the frames that have goals."""
         model, data = self.world.model, self.world.data
         pin.framesForwardKinematics(model, data, q)
         return [data.oMf[frame].copy() for frame in self.world.frames]
 
 
 def moving_end(draw: Draw, other: Array, end: Array) -> Motion:
-    """A move to a posture (n,) that ends with joint rates (n,), as fast as the joints let it."""
+    """Return a move to a posture (n,) that ends with joint rates (n,), as fast as the joints allow."""
     s = np.linspace(0.0, 1.0, NODES + 1)[:, None]
     way, duration = other - draw.start, 1.0
     while True:

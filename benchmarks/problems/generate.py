@@ -1,8 +1,9 @@
-"""Writes the 500 problems: `python -m benchmarks.problems.generate`. The same files come out every time.
+"""Write the 500 problems: `python -m benchmarks.problems.generate`. The files are the same every time.
 
-Each problem is drawn around a motion that solves it, its witness, which nobody is told: a straight joint
-move, one by way of a third posture, one in the reaction null space, or one that ends moving. What the judge
-does not call solved by its witness is drawn again. So each can be solved, and no planner had a say in it.
+Each problem is drawn around a motion that solves it, its witness, which no solver gets: a straight joint
+move, one by way of a third posture, one in the reaction null space, or one that ends moving. A problem that
+the judge does not accept as solved by its witness is drawn again. So each problem can be solved, and no
+planner has an influence on the choice.
 """
 
 from __future__ import annotations
@@ -51,7 +52,7 @@ CLIENT_TURN = 0.2  # [rad] for the attitude of a client's grasp in the last tent
 
 
 def plain(draw: Draw, turned: bool) -> Motion:
-    """A place, or a pose, by a straight move."""
+    """Return a position or pose as goal, reached by a straight move."""
     other = draw.posture(0.9)
     draw.clear(draw.world, draw.world.q0, np.concatenate([draw.world.q0[:7], other]))
     motion = draw.straight(draw.start, other)
@@ -61,7 +62,7 @@ def plain(draw: Draw, turned: bool) -> Motion:
 
 
 def held(draw: Draw) -> Motion:
-    """A base that has to keep its attitude, by a move in the reaction null space of the attitude."""
+    """Return a base that has to keep its attitude, by a move in the reaction null space of the attitude."""
     way, length = draw.rng.normal(size=draw.world.n), draw.rng.uniform(1.5, 4.0)
     way /= np.linalg.norm(way)
     draw.clear(draw.world, draw.world.q0)
@@ -99,7 +100,7 @@ def held(draw: Draw) -> Motion:
 
 
 def obstacles(draw: Draw) -> Motion:
-    """Things in the way of the straight move, and others beside a way round them."""
+    """Return obstacles in the way of the straight move, and others beside a detour around them."""
     rng, other = draw.rng, draw.posture(0.9)
     aside = 0.5 * (draw.start + other) + rng.uniform(-1.5, 1.5, draw.world.n)
     draw.clear(draw.world, draw.world.q0, np.concatenate([draw.world.q0[:7], other]))
@@ -130,7 +131,7 @@ def obstacles(draw: Draw) -> Motion:
 
 
 def clients(draw: Draw) -> Motion:
-    """A client that tumbles, met by a move that ends with its velocity."""
+    """Return a client that tumbles, met by a move that ends with the velocity of the grasp."""
     rng, other = draw.rng, draw.posture(0.8)
     draw.clear(draw.world, draw.world.q0, np.concatenate([draw.world.q0[:7], other]))
     end, wanted = rng.uniform(-1.0, 1.0, draw.world.n), math.radians(rng.uniform(*SPIN))
@@ -165,7 +166,7 @@ def clients(draw: Draw) -> Motion:
 
 
 def two_arms(draw: Draw) -> Motion:
-    """Each arm has its goal: the second one exactly."""
+    """Return a goal for each arm; the second arm must reach its goal exactly."""
     other = np.clip(draw.start + draw.rng.uniform(-1.2, 1.2, draw.world.n), 0.9 * draw.low, 0.9 * draw.high)
     draw.clear(draw.world, draw.world.q0, np.concatenate([draw.world.q0[:7], other]))
     motion = draw.straight(draw.start, other)
@@ -176,7 +177,7 @@ def two_arms(draw: Draw) -> Motion:
 
 
 def momentum(draw: Draw) -> Motion:
-    """A robot that drifts and turns, its end effector at rest in the end."""
+    """Return a robot that drifts and turns, with its end effector at rest at the end."""
     rng, other = draw.rng, draw.posture(0.8)
     draw.clear(draw.world, draw.world.q0, np.concatenate([draw.world.q0[:7], other]))
     turned, end = not draw.flat and draw.index % 8 >= 4, np.zeros(draw.world.n)
@@ -211,7 +212,7 @@ MAKERS = {
 
 
 def made(family: str, index: int) -> tuple[dict[str, Any], Motion]:
-    """A problem and its witness."""
+    """Return a problem and its witness."""
     robots, rng = SETS[family][1], np.random.default_rng([SEED, FAMILIES.index(family), index])
     while True:
         draw = Draw(robots[index % len(robots)], rng, index)

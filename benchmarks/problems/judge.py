@@ -1,10 +1,11 @@
-"""Judges plans of the problem set, with NumPy and Pinocchio alone.
+"""Judge plans of the problem set, with NumPy and Pinocchio alone.
 
     python benchmarks/problems/judge.py poses-007 solution.json
 
 A solution (JSON, or npz) has times `t` (K,) [s] from zero to the problem's duration, and at these `joints`
-(K, n) [rad] and `rates` (K, n) [rad/s]. In between each joint follows the cubic polynomial through both ends.
-How the base moves the judge works out, from the conservation of momentum. README.md has the problems' schema.
+(K, n) [rad] and `rates` (K, n) [rad/s]. Between them each joint follows the cubic polynomial through both
+ends. The judge computes the base's motion from the conservation of momentum. README.md has the problems'
+schema.
 """
 
 from __future__ import annotations
@@ -33,36 +34,36 @@ Array = np.ndarray[Any, np.dtype[np.float64]]
 
 
 def load(family: str) -> list[Problem]:
-    """The problems of a family."""
+    """Return the problems of a family."""
     with open(HERE / f"{family}.jsonl", encoding="utf-8") as file:
         return [json.loads(line) for line in file]
 
 
 def find(name: str) -> Problem:
-    """A problem by its name."""
+    """Return a problem by its name."""
     return next(one for one in load(name.rpartition("-")[0]) if one["name"] == name)
 
 
 def se3(place: dict[str, Any]) -> pin.SE3:
-    """A pose from position and quaternion (x, y, z, w)."""
+    """Return a pose from position and quaternion (x, y, z, w)."""
     turn = pin.Quaternion(np.array(place.get("quaternion") or [0.0, 0.0, 0.0, 1.0])).normalized()
     return pin.SE3(turn.toRotationMatrix(), np.array(place["position"]))
 
 
 class Floating:
-    """Bodies that nothing acts on but motors between them: their base moves as momentum is conserved."""
+    """A system of bodies with only internal motors, whose base moves by the conservation of momentum."""
 
     def __init__(self, model: pin.Model, momentum: Array, q0: Array) -> None:
         model.gravity = pin.Motion.Zero()
         self.model, self.data, self.momentum, self.q0 = model, model.createData(), momentum, q0
 
     def velocity(self, q: Array, rates: Array) -> Array:
-        """Pinocchio's v at joint rates (n,); momentum (6,) about the centre of mass, inertial axes."""
+        """Return Pinocchio's v at joint rates (n,); momentum (6,) about the centre of mass, inertial axes."""
         A = pin.computeCentroidalMap(self.model, self.data, q)
         return np.concatenate([np.linalg.solve(A[:, :6], self.momentum - A[:, 6:] @ rates), rates])
 
     def after(self, q: Array, rates: tuple[Array, Array, Array], h: float) -> Array:
-        """The configuration after h [s], of joint rates now, in the middle and then: Runge-Kutta."""
+        """Return the configuration after h [s] by Runge-Kutta, from joint rates at start, middle and end."""
         k1 = self.velocity(q, rates[0])
         k2 = self.velocity(pin.integrate(self.model, q, 0.5 * h * k1), rates[1])
         k3 = self.velocity(pin.integrate(self.model, q, 0.5 * h * k2), rates[1])
@@ -70,7 +71,7 @@ class Floating:
         return np.asarray(pin.integrate(self.model, q, h / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)))
 
     def states(self, times: Array) -> list[tuple[pin.SE3, Array]]:
-        """Of one body: its poses, and twists in inertial axes, at times [s] from zero on."""
+        """Return poses and twists of a single body, inertial axes, at times [s] from zero on."""
         none, now, found = (np.zeros(0),) * 3, self.q0, []
         for h in np.diff(times, prepend=0.0):
             now = self.after(now, none, h) if h else now
@@ -80,7 +81,7 @@ class Floating:
 
 
 class World(Floating):
-    """The robot of a problem, what it has to keep away from, and the client."""
+    """The robot of a problem, its obstacles, and the client."""
 
     def __init__(self, problem: Problem) -> None:
         file = str(HERE / "robots" / problem["robot"])
@@ -106,7 +107,7 @@ class World(Floating):
         self.client = client_of(problem["client"]) if problem["client"] else None
 
     def apart(self, q: Array, client: pin.SE3 | None = None) -> float:
-        """The least distance [m], at most the clearance: where that is kept nothing is measured."""
+        """Return the least distance [m], at most the clearance, because larger distances are not measured."""
         for k, place in self.on_client:
             self.geometry.geometryObjects[k].placement = client * place
         most = float(self.problem["limits"]["clearance"])
@@ -116,7 +117,7 @@ class World(Floating):
         return min(most, *(found.min_distance for found in self.placed.distanceResults))
 
     def place(self, goal: Problem, client: tuple[pin.SE3, Array] | None) -> tuple[pin.SE3, Array]:
-        """Where a goal is now, and its velocity [linear; angular], inertial axes."""
+        """Return the current pose of a goal, and its velocity [linear; angular], inertial axes."""
         if goal["on"] != "client" or client is None:
             return se3(goal), np.zeros(6)
         pose, twist = client
@@ -125,13 +126,13 @@ class World(Floating):
         return place, np.concatenate([twist[:3] + lever, twist[3:]])
 
     def torques(self, q: Array, v: Array, accelerations: Array) -> Array:
-        """Of the joints, the base reacting (n,) [N m]."""
+        """Return the joint torques (n,) [N m] with a reacting base."""
         held = pin.rnea(self.model, self.data, q, v, np.concatenate([np.zeros(6), accelerations]))
         M = pin.crba(self.model, self.data, q)
         return np.asarray(held[6:] - M[:6, 6:].T @ np.linalg.solve(M[:6, :6], held[:6]))
 
     def jacobians(self, q: Array, frame: int) -> tuple[Array, Array, Array]:
-        """Base twist (6, n) and the generalised Jacobian J* (6, n) of joint rates, and a frame's drift (6,).
+        """Return base twist (6, n) and generalised Jacobian J* (6, n) per joint rate, and a drift (6,).
 
         The base's twist is that of its centre of mass, in base axes; all else in inertial axes.
         """
@@ -145,7 +146,7 @@ class World(Floating):
 
 
 def client_of(given: dict[str, Any]) -> Floating:
-    """A client: mass [kg], principal inertia [kg m^2], pose of its centre of mass and twist at time zero."""
+    """Return a client from its mass [kg], principal inertias [kg m^2], pose and twist at time zero."""
     model, pose, twist = pin.Model(), se3(given), np.array(given["twist"])
     joint = model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "client")
     inertia = np.diag(given["inertia"])
@@ -155,7 +156,7 @@ def client_of(given: dict[str, Any]) -> Floating:
 
 
 class Curve:
-    """Cubic polynomials through joints and rates at the times of a solution."""
+    """The cubic polynomials through joints and rates at the times of a solution."""
 
     def __init__(self, solution: dict[str, Any]) -> None:
         self.t, p, v = (np.array(solution[key], dtype=float) for key in ("t", "joints", "rates"))
@@ -167,12 +168,12 @@ class Curve:
         )
 
     def at(self, k: Any, s: Any) -> tuple[Array, Array, Array]:
-        """Joints, rates and accelerations in intervals k, s [s] after their starts."""
+        """Return joints, rates and accelerations in intervals k, s [s] after their starts."""
         a, b, c, d = self.c[:, k]
         return a + s * (b + s * (c + s * d)), b + s * (2.0 * c + 3.0 * s * d), 2.0 * c + 6.0 * s * d
 
     def extremes(self) -> tuple[Array, ...]:
-        """Joints, rates and accelerations wherever they may be extreme: exact, between nodes too."""
+        """Return joints, rates and accelerations at all instants where they may be extreme."""
         _, v, c, d = self.c
         every, h = np.arange(len(self.h)), self.h[:, None]
         with np.errstate(all="ignore"):
@@ -184,7 +185,7 @@ class Curve:
         return tuple(np.concatenate(values) for values in zip(*found, strict=True))
 
     def finer(self, step: float) -> tuple[Array, Array, Array]:
-        """Instants at most `step` [s] apart: interval, time from its start, and time to the next."""
+        """Return instants at most `step` [s] apart: interval, time from its start, and time to the next."""
         parts = np.maximum(1, np.ceil(self.h / step - 1e-9)).astype(int)
         k = np.repeat(np.arange(len(parts)), parts)
         i = np.arange(len(k)) - np.repeat(np.cumsum(parts) - parts, parts)
@@ -193,7 +194,7 @@ class Curve:
 
 
 def judge(problem: Problem, solution: dict[str, Any]) -> dict[str, Any]:
-    """`solved`: all goals are met and no limit is broken; `broken`: by how much each is; and measures."""
+    """Judge a solution: `solved` if all goals are met and all limits kept; violations; measures."""
     world, curve = World(problem), Curve(solution)
     limits, model, broken = problem["limits"], world.model, dict[str, float]()
     low, high = model.lowerPositionLimit[7:], model.upperPositionLimit[7:]
@@ -264,7 +265,7 @@ def judge(problem: Problem, solution: dict[str, Any]) -> dict[str, Any]:
 
 
 def instant(world: World, q: Array, v: Array, client: tuple[pin.SE3, Array] | None) -> tuple[Array, Array]:
-    """What each goal misses [m, rad, m/s, rad/s], and where the first one's frame is."""
+    """Return the error of each goal [m, rad, m/s, rad/s], and the pose of the first goal's frame."""
     pin.forwardKinematics(world.model, world.data, q, v)
     missed, tips = [], []
     for goal, frame in zip(world.problem["goals"], world.frames, strict=True):
@@ -280,7 +281,7 @@ def instant(world: World, q: Array, v: Array, client: tuple[pin.SE3, Array] | No
 
 
 def summand(world: World, q: Array, rates: Array, client: tuple[pin.SE3, Array] | None) -> float:
-    """The paper's (C~ - (1 - H_norm))^2 of a step: its start, with the joint rates of its end."""
+    """Return the paper's (C~ - (1 - H_norm))^2 of a step, at its start with the joint rates of its end."""
     coupling, J, drift = world.jacobians(q, world.frames[0])
     tip = pin.updateFramePlacement(world.model, world.data, world.frames[0]).translation
     way = world.place(world.problem["goals"][0], client)[0].translation - tip

@@ -1,8 +1,8 @@
-"""Writes the robots of the problem set: one URDF and one SRDF each, whole in themselves.
+"""Write the robots of the problem set: a URDF and an SRDF for each, which need no other file.
 
-A file has the bodies that move (what is fixed to a body counts for it), their inertias, the joints with
-their limits, and boxes to keep apart in place of meshes: `python -m benchmarks.problems.robots`. The SRDF
-names pairs of links that are not kept apart: neighbours, and those whose boxes are always near each other.
+A file has the moving bodies (with the links fixed to them), their inertias, the joints with their limits, and
+boxes for clearances in place of meshes: `python -m benchmarks.problems.robots`. The SRDF names the pairs of
+links without a clearance: neighbours, and pairs whose boxes are always near each other.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ POSTURES = 300
 
 
 class Robot(NamedTuple):
-    """A packaged robot, frames that have goals, the largest joint rate [rad/s], a share of the torques."""
+    """A packaged robot, its frames with goals, the largest joint rate [rad/s], and a torque factor."""
 
     model: str
     frames: tuple[str, ...]
@@ -44,7 +44,7 @@ ROBOTS = {
 
 
 def written(name: str) -> tuple[str, str]:
-    """URDF and SRDF of a robot, as text."""
+    """Return URDF and SRDF of a robot as text."""
     robot = ROBOTS[name]
     sms = ffsms.load(robot.model, end_effector=robot.frames[0])
     model, links = sms.model, ["base", *(f"{joint}_body" for joint in sms.joint_names)]
@@ -77,7 +77,7 @@ def written(name: str) -> tuple[str, str]:
 
 
 def _left_out(name: str, urdf: str) -> str:
-    """The SRDF."""
+    """Return the SRDF."""
     model = pin.buildModelFromXML(urdf, pin.JointModelFreeFlyer())
     geometry = pin.buildGeomFromUrdfString(model, urdf, pin.GeometryType.COLLISION)
     geometry.addAllCollisionPairs()
@@ -115,7 +115,7 @@ def _inertial(link: ElementTree.Element, inertia: pin.Inertia) -> None:
 
 
 def _shape(link: ElementTree.Element, part: ffsms.system.convex_parts.Part) -> None:
-    """A cylinder as it is; of all else the box around it."""
+    """Return a cylinder unchanged, and for any other shape the box around it."""
     element = ElementTree.SubElement(link, "collision")
     round_one = isinstance(part.shape, coal.Cylinder)
     place = pin.SE3(part.place.getRotation(), part.place.getTranslation())

@@ -1,1 +1,1 @@
-"""What plans the problem set: a solver takes a problem and a time [s] and gives a solution, or None."""
+"""The solvers of the problem set: a solver takes a problem and a time [s], and returns a solution or None."""

@@ -1,7 +1,7 @@
-"""Differential dynamic programming by Crocoddyl: small accelerations, with the goals as costs at the end.
+"""Plan by Crocoddyl's differential dynamic programming: small accelerations, with the goals as final costs.
 
-The robot floats, and its joints have motors. Limits of joints and torques are quadratic barriers; of
-clearances it knows nothing. Of a client it meets the place and the velocity at the deadline.
+The robot floats, and its joints have motors. Limits of joints and torques are quadratic barriers; clearances
+are ignored. A client is met in position and velocity at the deadline.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ INSIDE, LATE = 0.9, 0.88  # share of the limits that barriers leave; of the time
 
 
 def planned(problem: Problem, seconds: float) -> dict[str, Any]:
-    """A motion of `STEPS` steps, integrated by the fourth-order Runge-Kutta rule."""
+    """Return a motion of `STEPS` steps, integrated by the fourth-order Runge-Kutta rule."""
     world, h = World(problem), problem["duration"] / STEPS
     model, n, client = world.model, world.n, None
     state = crocoddyl.StateMultibody(model)

@@ -1,4 +1,4 @@
-"""Plans of this library: the whole motion at once, and the references that march."""
+"""Plan by this library: the whole motion at once, and step by step."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ STEPS = 500  # of a plan
 
 @lru_cache
 def robot(name: str, frame: str, acceleration: tuple[float, ...]) -> ffsms.SpaceManipulator:
-    """A robot of the set, by its files."""
+    """Return a robot of the set from its files."""
     return ffsms.load(HERE / "robots" / f"{name}.urdf", end_effector=frame, acceleration=acceleration)
 
 
 def stated(problem: Problem) -> opt.Problem:
-    """A problem of the set as one of ours."""
+    """Return a problem of the set as a `Problem` of the library."""
     limits, goals = problem["limits"], problem["goals"]
     sms = robot(problem["robot"], goals[0]["frame"], tuple(limits["acceleration"]))
     q0 = sms.configuration(problem["start"]["joints"], base=se3(problem["start"]))
@@ -61,7 +61,7 @@ def _goal(goal: dict[str, Any], client: ffsms.Client | None) -> opt.Goal:
 
 
 def planned(problem: Problem, seconds: float, method: str = "horizon") -> dict[str, Any] | None:
-    """A plan by one of the library's methods, with what it says of itself; None where none applies."""
+    """Return a plan by one of the library's methods, with its own verdict; None if no method applies."""
     if method != "horizon" and problem["client"]:
         return None
     plan = plan_problem(stated(problem), method, opt.SearchOptions(time_limit=0.8 * seconds))

@@ -1,4 +1,4 @@
-"""The whole motion as one nonlinear programme, by CasADi and IPOPT: the planar arm's positions alone.
+"""Solve the whole motion as a nonlinear programme, by CasADi and IPOPT: positions of the planar arm only.
 
 `benchmarks/ipopt.py` has the programme: the planar arm in closed form, the paper's cost, no clearances. It
 starts from the straight joint move that the pseudo-inverse of the generalised Jacobian finds.
@@ -21,7 +21,7 @@ STEPS = 100
 
 
 def planned(problem: Problem, seconds: float) -> dict[str, Any] | None:
-    """None but for positions of the planar arm at rest."""
+    """Return a plan for a position of the planar arm at rest, otherwise None."""
     if problem["robot"] != "planar_3r" or np.any(problem["momentum"]) or problem["limits"]["base_attitude"]:
         return None
     sys.path.insert(0, str(Path(__file__).resolve().parents[2]))

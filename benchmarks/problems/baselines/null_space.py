@@ -1,7 +1,7 @@
-"""Resolved motion rates in the reaction null space: the arm goes to its goals without turning the base.
+"""Plan by resolved motion rates in the reaction null space, which do not turn the base.
 
-Nenchev, Yoshida, Vichitkulsawat, Uchiyama (1999). On NumPy and Pinocchio, as the judge. It knows rates and
-accelerations only, and where the null space does not do it misses.
+Nenchev, Yoshida, Vichitkulsawat, Uchiyama (1999), with NumPy and Pinocchio. Only limits of rates and
+accelerations are kept, and goals are missed if the null space does not suffice.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ ARRIVAL = 0.88  # share of the time at which goals that stand still are reached
 
 
 def planned(problem: Problem, seconds: float, reacting: bool = True) -> dict[str, Any]:
-    """A march of `STEPS` steps; without `reacting` in all joints."""
+    """Return a motion of `STEPS` steps; without `reacting` in all joints."""
     world, h = World(problem), problem["duration"] / STEPS
     times = h * np.arange(STEPS + 1)
     clients = world.client.states(times) if world.client else [None] * len(times)
@@ -47,7 +47,7 @@ def planned(problem: Problem, seconds: float, reacting: bool = True) -> dict[str
 
 
 def missed(world: World, q: Array, client: Any) -> tuple[Array, Array, Array]:
-    """Rows of the generalised Jacobian, ways to the goals, and their velocities less the frames' drifts."""
+    """Return rows of the generalised Jacobian, distances to the goals, and their relative velocities."""
     rows, ways, moving = [], [], []
     for goal, frame in zip(world.problem["goals"], world.frames, strict=True):
         _, J, drift = world.jacobians(q, frame)

@@ -1,8 +1,8 @@
-"""RRT-Connect with the generalised Jacobian: a tree of motions from the start, each with its own base.
+"""Plan by RRT-Connect with the generalised Jacobian: a tree of motions of joints and base from the start.
 
-Where the base ends depends on the way, so no tree can grow back from the goal. From each new end of the tree
-the pseudo-inverse of the generalised Jacobian goes on to the goals instead (Vahrenkamp, Berenson, Asfour,
-Kuffner, Dillmann 2009, for fixed bases). Then the way is cut short, rounded off and given times.
+The base's final pose depends on the path, so no tree can grow from the goal. From each new node of the tree
+the pseudo-inverse of the generalised Jacobian continues to the goals instead (Vahrenkamp, Berenson, Asfour,
+Kuffner, Dillmann 2009, for fixed bases). Then the path is shortened, smoothed and timed.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ FREE = 0.88  # share of the time that motions take at most
 
 
 class Planner:
-    """A problem without momentum and client, where the base's way depends on the joints' alone."""
+    """The planner for a problem without momentum and client, whose base moves by the joints alone."""
 
     def __init__(self, problem: Problem) -> None:
         self.world, self.rng, self.low, self.high = (
@@ -37,13 +37,13 @@ class Planner:
         self.start = pin.XYZQUATToSE3(self.world.q0[:7]).rotation
 
     def allowed(self, q: Array) -> bool:
-        """Whether a configuration keeps its limits."""
+        """Return whether a configuration keeps its limits."""
         turned = np.linalg.norm(pin.log3(self.start.T @ pin.XYZQUATToSE3(q[:7]).rotation))
         inside = bool((q[7:] >= self.low).all() and (q[7:] <= self.high).all())
         return inside and turned <= self.turn and self.world.apart(q) >= self.clearance
 
     def moved(self, q: Array, way: Array) -> Array | None:
-        """After a straight joint way (n,), in steps; None where that breaks a limit."""
+        """Return the steps of a straight joint displacement (n,); None if it violates a limit."""
         for _ in range(count := max(1, int(np.ceil(np.abs(way).max() / STEP)))):
             q = self.world.after(q, (way / count,) * 3, 1.0)
             if not self.allowed(q):
@@ -51,7 +51,7 @@ class Planner:
         return q
 
     def sent(self, q: Array) -> list[Array] | None:
-        """Configurations from q to the goals, by the pseudo-inverse."""
+        """Return configurations from q to the goals, by the pseudo-inverse."""
         found = [q]
         for _ in range(SENT):
             J, way, _ = missed(self.world, found[-1], None)
@@ -65,7 +65,7 @@ class Planner:
         return None
 
     def path(self, deadline: float) -> list[Array] | None:
-        """Joints from the start to the goals."""
+        """Return joint positions from the start to the goals."""
         nodes, parents = [self.world.q0], [-1]
         while time.process_time() < deadline:
             if (rest := self.sent(nodes[-1])) is not None:
@@ -88,7 +88,7 @@ class Planner:
         return None
 
     def cut(self, path: list[Array], deadline: float) -> list[Array]:
-        """The path with straight ways in place of detours, sent to the goals again."""
+        """Return the path with straight parts in place of detours, continued to the goals again."""
         for _ in range(CUTS):
             if len(path) < 3 or time.process_time() > deadline:
                 break
@@ -103,7 +103,7 @@ class Planner:
 
 
 def planned(problem: Problem, seconds: float) -> dict[str, Any] | None:
-    """None where the base moves by itself, or a client does."""
+    """Return a plan; None if the base or a client moves on its own."""
     if problem["client"] or np.any(problem["momentum"]):
         return None
     begin = time.process_time()
@@ -128,7 +128,7 @@ def planned(problem: Problem, seconds: float) -> dict[str, Any] | None:
 
 
 def timed(points: Array, fastest: Array, t: Array) -> Array:
-    """Joints (K, n) at times along points, at the joints' pace, rounded off by two moving means."""
+    """Return joints (K, n) at times along points, as fast as allowed, smoothed by two moving means."""
     lengths = np.append(0.0, np.cumsum((np.abs(np.diff(points, axis=0)) / fastest).max(axis=1)))
     whole = FREE * t[-1]
     mean = max(0.05 * whole, 0.5 * (whole - lengths[-1] / 0.95))
