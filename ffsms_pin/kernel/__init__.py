@@ -1,9 +1,9 @@
-"""The compiled kernel: what plans, steps and batches compute of the robot at stacks of configurations.
+"""The compiled kernel: kinematics, dynamics and distances of a robot at many configurations.
 
-Its headers are C++17 on their own; `kernel` is the module that Python sees. It takes arrays of float64,
-components first, the stack of configurations last: a function of stacks takes (components, ...) and returns
-(components, B), which the caller reshapes. For processors with AVX2 the same sources are compiled once more,
-where the compiler can: the same bits in less time.
+`kernel` is the compiled module; its headers are C++17 and do not depend on Python. Arrays are of float64,
+components first, configurations last: a function takes (components, ...) and returns (components, B), which
+the caller reshapes. For processors with AVX2 the same sources are compiled a second time, if the compiler
+can; the results have the same bits.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Types of the compiled kernel; arrays are dense and of float64."""
+"""The types of the compiled kernel; arrays are contiguous and of float64."""
 
 from collections.abc import Sequence
 from typing import Any, TypeAlias
@@ -9,10 +9,13 @@ Pair: TypeAlias = tuple[Array, Array]
 Quadrature: TypeAlias = tuple[Array, Array, int]  # integral_to_points, integral_over, late
 
 class Tree:
-    """The robot in plain numbers: at most 64 joints, parents first.
+    """A robot as numbers: at most 64 joints, a parent before its children.
 
-    `joints` (n, 17): parent, turns, axis (3), attitude (9), place (3). `bodies` (n + 1, 13), the
-    base first: mass, lever (3), inertia about the centre of mass (9). `tip` (12,): attitude, place.
+    A row of `joints` (n, 17) has the parent's index, 1 for a revolute or 0 for a prismatic joint, the axis
+    (3), and the attitude (9) and position (3) of the joint frame in its parent. A row of `bodies`
+    (n + 1, 13), the base first, has mass, centre of mass (3), and inertia about the centre of mass (9). `tip`
+    (12,) has the attitude and position of the end effector on the joint `last`. `moves` and `free` are True
+    if the base can translate and rotate.
     """
 
     n: int
@@ -20,7 +23,7 @@ class Tree:
         self, joints: Array, bodies: Array, tip: Array, last: int, moves: bool, free: bool, /
     ) -> None: ...
 
-# module.cpp: of (rows, ...), rows (.., B)
+# module.cpp: from arrays (rows, ...) to new arrays (rows, B)
 def arm_values(tree: Tree, positions: Array, /) -> Array: ...
 def coupled(tree: Tree, positions: Array, /) -> Array: ...
 def reduced_inertia(tree: Tree, positions: Array, /) -> Array: ...
@@ -84,7 +87,7 @@ def refined(
     H: Array, g: Array, A: Array, low: Array, up: Array, z: Array, tolerance: float, /
 ) -> Pair | None: ...
 
-# bind_clearance.cpp: the table is that of `PartPairs`
+# bind_clearance.cpp: `table` is `PartPairs._table`
 def near_points(tree: Tree, joints: Array, columns: Any, at: Any, ends: Any, box: Array, /) -> Pair: ...
 def distance_slopes(
     tree: Tree, joints: Array, bodies: Any, columns: Any, at: Any, points: Array, /

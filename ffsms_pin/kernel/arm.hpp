@@ -1,8 +1,8 @@
-// The robot in plain numbers, a base and a tree of joints that turn or slide, each with the body it carries;
-// kinematics and momentum of the arm at one configuration, or at one configuration a lane.
+// The robot as numbers: a base and a tree of revolute and prismatic joints, each with the body it carries.
+// Kinematics and momentum of the arm at one configuration, or at one configuration per lane of a pack.
 //
-// Everything is in base axes with the root's origin at zero, and so depends on the joints alone. A column j
-// belongs to a unit rate of joint j.
+// All quantities are in base axes with the root's origin at zero, and so depend on the joint positions alone.
+// Column j is per unit rate of joint j.
 #pragma once
 
 #include "vec3.hpp"
@@ -22,37 +22,36 @@ struct Momentum {
 
 struct Body {
   double mass;           // [kg]
-  Vec3<double> lever;    // to the centre of mass, in its own frame [m]
-  Mat3<double> inertia;  // about that [kg m^2]
+  Vec3<double> lever;    // centre of mass in the joint frame [m]
+  Mat3<double> inertia;  // about the centre of mass [kg m^2]
 };
 
 struct Joint {
-  int parent;           // index of the joint before it; -1: the base
-  bool turns;           // or slides
-  int own_axis;         // which axis of its own frame it turns about; -1: none of them
-  Vec3<double> axis;    // of unit length, in its own frame
-  Placed place;         // of that frame in its parent's
-  bool moves_tip;       // whether it carries the end effector
-  Body body;            // that it carries
-  double carried_mass;  // of all that it carries [kg]
+  int parent;           // index of the parent joint; -1: the base
+  bool turns;           // true: revolute, false: prismatic
+  int own_axis;         // index of the frame axis that is the joint axis; -1: no frame axis
+  Vec3<double> axis;    // unit vector in the joint frame
+  Placed place;         // pose of the joint frame in the parent's frame
+  bool moves_tip;       // true if it carries the end effector
+  Body body;            // the body it carries
+  double carried_mass;  // mass of all bodies that it moves [kg]
 };
 
 struct Tree {
-  int n;  // number of joints, parents first
+  int n;  // number of joints; a parent comes before its children
   Joint joints[kMostJoints];
   int last;                   // the joint that carries the end effector; -1: the base
-  Placed tip;                 // the end effector there
+  Placed tip;                 // pose of the end effector in the frame of that joint
   double total_mass;          // [kg]
-  Vec3<double> base_com;      // in root axes [m]
-  Vec3<double> base_moment;   // the base's mass times that [kg m]
-  Mat3<double> base_inertia;  // of the base about the root's origin [kg m^2]
-  // What a mode holds reacts like infinite mass, or infinite inertia.
+  Vec3<double> base_com;      // the base's centre of mass, root axes [m]
+  Vec3<double> base_moment;   // the base's mass times base_com [kg m]
+  Mat3<double> base_inertia;  // the base's inertia about the root's origin [kg m^2]
+  // True if the mode lets the base translate, and rotate; otherwise the mass or inertia is taken as infinite.
   bool moves, turns_freely;
-  double inverse_mass;  // of what a force on the base moves; 0 where its place is held [1/kg]
+  double inverse_mass;  // 1 / total_mass, or 0 if the base's position is held [1/kg]
 };
 
-// What follows from the joints, parents first, and the base: of a tree in which these, the end effector and
-// what the mode leaves free are set.
+// Sets the values that follow from the joints, the end effector, the mode and the base.
 inline void complete(Tree& tree, const Body& base) {
   tree.total_mass = base.mass;
   tree.base_com = base.lever;
@@ -77,26 +76,26 @@ inline void complete(Tree& tree, const Body& base) {
 
 template <class T>
 struct Arm {
-  // Of the bodies, and of the joints and the end effector.
+  // Attitudes of the bodies and the end effector; origins of the joints, then the end effector.
   Mat3<T> rotation[kMostJoints], tip_rotation;
   Vec3<T> origin[kMostJoints + 1], tip;
-  // Twist of the joints on a fixed base: angular, linear of the point at the origin.
+  // Twists of the joints on a fixed base: angular velocity, and linear velocity at the origin.
   Vec3<T> axis[kMostJoints], velocity[kMostJoints];
-  // Of all that a joint carries, about the origin: first moment, inertia.
+  // First moment and inertia, about the origin, of all bodies that a joint moves.
   Vec3<T> moment[kMostJoints];
   Mat3<T> inertia[kMostJoints];
-  // Momentum on a fixed base, angular about the origin.
+  // Momentum on a fixed base; the angular momentum is about the origin.
   Vec3<T> linear[kMostJoints], angular[kMostJoints];
-  Vec3<T> com;      // of the system; where the base's place is held, the base's own
-  Mat3<T> inverse;  // of the inertia about that; zero where the attitude is held
-  // Of the root of the floating base: the momentum equation.
+  Vec3<T> com;      // centre of mass of the system; that of the base if the base's position is held
+  Mat3<T> inverse;  // inverse of the system's inertia about com; zero if the attitude is held
+  // Angular and linear velocity of the root of the floating base, from the momentum equation.
   Vec3<T> spin[kMostJoints], root[kMostJoints];
-  // Of the end effector, on a fixed base and the base reacting: J_m and J*.
+  // Columns of J_m (tip_) and of J*, linear and angular.
   Vec3<T> tip_velocity[kMostJoints], tip_spin[kMostJoints], jstar[kMostJoints], jstar_spin[kMostJoints];
-  T coupling[6 * kMostJoints];  // C_bm (6, n), of the base's centre of mass
+  T coupling[6 * kMostJoints];  // C_bm (6, n), at the base's centre of mass
 };
 
-// Turned about one of its own axes.
+// Rotates an attitude about one of its own axes.
 template <class T>
 Mat3<T> turned(const Mat3<T>& placed, int axis, T sine, T cosine) {
   const int i = (axis + 1) % 3, j = (axis + 2) % 3;
@@ -109,7 +108,8 @@ Mat3<T> turned(const Mat3<T>& placed, int axis, T sine, T cosine) {
   return out;
 }
 
-// Turned about any axis: Rodrigues' formula, placed (1 + sin K + (1 - cos) K^2).
+// Rotates an attitude about a unit vector in its own axes, by Rodrigues' formula with K = [axis]x:
+// placed (1 + sin K + (1 - cos) K^2).
 template <class T>
 Mat3<T> turned(const Mat3<T>& placed, const Vec3<double>& axis, T sine, T cosine) {
   const Mat3<T> once = placed * skew(axis), twice = once * skew(axis);
@@ -118,7 +118,7 @@ Mat3<T> turned(const Mat3<T>& placed, const Vec3<double>& axis, T sine, T cosine
   return out;
 }
 
-// Rotations, origins and twists of the joints on a fixed base, and the end effector.
+// Computes attitudes, origins and twists of the joints on a fixed base, and the end effector's pose.
 template <class T>
 void pose(const Tree& tree, const T* positions, Arm<T>& arm) {
   const auto place = [&](int carrier, const Placed& there, Mat3<T>& rotation, Vec3<T>& origin) {
@@ -150,7 +150,8 @@ void pose(const Tree& tree, const T* positions, Arm<T>& arm) {
   arm.origin[tree.n] = arm.tip;
 }
 
-// First moments and inertias about the origin: of the bodies, then of all that a joint carries, then of all.
+// Computes the first moments and inertias about the origin of all bodies that each joint moves, then the
+// centre of mass and the inverse inertia of the system.
 template <class T>
 void carry(const Tree& tree, Arm<T>& arm) {
   for (int j = 0; j < tree.n; ++j) {
@@ -177,14 +178,14 @@ void carry(const Tree& tree, Arm<T>& arm) {
   arm.inverse = tree.turns_freely ? inverse_symmetric(inertia) : Mat3<T>{};
 }
 
-// Momentum of a joint at unit rate, on a fixed base, about the origin.
+// Computes the momentum at a unit rate of joint j, on a fixed base, about the origin.
 template <class T>
 void momentum(const Tree& tree, int j, Arm<T>& arm) {
   arm.linear[j] = tree.joints[j].carried_mass * arm.velocity[j] + cross(arm.axis[j], arm.moment[j]);
   arm.angular[j] = cross(arm.moment[j], arm.velocity[j]) + arm.inertia[j] * arm.axis[j];
 }
 
-// How the base reacts to momenta of the arm: its angular velocity, and its root's linear one.
+// Computes the reaction of the base to a momentum of the arm: the angular velocity, and the root's velocity.
 template <class T>
 void react(const Tree& tree, const Arm<T>& arm, const Vec3<T>& linear, const Vec3<T>& angular, Vec3<T>& spin,
            Vec3<T>& root) {
@@ -192,7 +193,7 @@ void react(const Tree& tree, const Arm<T>& arm, const Vec3<T>& linear, const Vec
   root = cross(arm.com, spin) - tree.inverse_mass * linear;
 }
 
-// All of it at joint positions (n).
+// Computes all values of Arm at joint positions (n).
 template <class T>
 void evaluate(const Tree& tree, const T* positions, Arm<T>& arm) {
   pose(tree, positions, arm);
@@ -214,10 +215,10 @@ void evaluate(const Tree& tree, const T* positions, Arm<T>& arm) {
   }
 }
 
-// H_q (n, n): H_m less what the base's reaction takes away, H_m + H_bm^T C_bm.
+// Computes H_q (n, n) = H_m + H_bm^T C_bm.
 //
-// H_m is the twist of joint i on the momentum of all that joint j carries, where i carries j too
-// (Featherstone's composite rigid bodies).
+// The entry (i, j) of H_m is the product of the twist of joint i and the momentum of all bodies that joint j
+// moves, if joint i also moves these bodies (Featherstone's composite rigid bodies).
 template <class T>
 void reduced_inertia(const Tree& tree, const Arm<T>& arm, T* H) {
   const int n = tree.n;

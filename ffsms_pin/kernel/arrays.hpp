@@ -1,5 +1,5 @@
-// What crosses the border between Python and the headers: arrays of doubles, components first, the stack
-// last.
+// Conversions between Python's arrays and the types of the headers; in arrays of doubles the components come
+// first, the configurations last.
 #pragma once
 
 #include <nanobind/nanobind.h>
@@ -35,7 +35,7 @@ void expect_size(const Array& array, Size size) {
   expect(array.size() == size, "an array has a wrong shape");
 }
 
-// A new array, which Python owns once it is returned; not filled.
+// Returns a new array, not filled, that Python owns once it is returned.
 template <typename... Sizes>
 Out new_array(Sizes... sizes) {
   const Size shape[] = {static_cast<Size>(sizes)...};
@@ -52,7 +52,7 @@ inline Out array_of(const double* values, Size count) {
   return out;
 }
 inline Out array_of(const std::vector<double>& values) { return array_of(values.data(), values.size()); }
-// Of a struct that is made of doubles alone.
+// Returns the doubles of a struct that has only doubles.
 template <class Value>
 Out array_of(const Value& value) {
   return array_of(reinterpret_cast<const double*>(&value), sizeof value / sizeof(double));
@@ -67,7 +67,7 @@ template <class Kind>
 constexpr bool kOfNumbers =
     kOneOf<Kind, Vec3<double>, Mat3<double>, Placed, Momentum, Box, RootPose, StepWeights>;
 
-// What is bound, a file each.
+// The bindings of the other files, called by module.cpp.
 void bind_clearance(nb::module_& m);
 void bind_motions(nb::module_& m);
 void bind_step(nb::module_& m);
@@ -76,7 +76,7 @@ void bind_step(nb::module_& m);
 
 namespace nanobind::detail {
 
-// What is made of doubles alone comes as a dense array of so many.
+// Converts a contiguous array to a struct that has only doubles, as many as the array.
 template <class Kind>
 struct type_caster<Kind, enable_if_t<ffsms::kOfNumbers<Kind>>> {
   NB_TYPE_CASTER(Kind, const_name("numpy.ndarray"))

@@ -1,11 +1,11 @@
-// Which parts of bodies may be near each other, and how distances change: for `opt/limits/clearance`.
+// Bindings of clearance.hpp for ffsms_pin/geometry: distances of pairs of bodies, and their gradients.
 #include "arrays.hpp"
 #include "clearance.hpp"
 
 namespace ffsms {
 namespace {
 
-// The arm, and obstacles, at one after the other of many joint positions (n, count).
+// The arm and obstacles at one of many joint positions (n, count); `move` and `look` select and evaluate it.
 struct ArmAt {
   const Tree& tree;
   const Matrix& joints;
@@ -21,7 +21,7 @@ struct ArmAt {
       : tree(robot), joints(stack), turns(axes), origins(places) {
     expect(joints.shape(0) == static_cast<Size>(tree.n), "an array has a wrong shape");
   }
-  // Whether the arm is another one than before.
+  // Selects configuration k; returns true if it differs from the last one.
   bool move(Index k) {
     if (k == last) return false;
     Reader<double>{joints.data() + k, joints.shape(1)}.next(positions, tree.n);
@@ -29,13 +29,14 @@ struct ArmAt {
     posed = false;
     return true;
   }
-  // Whether it was not looked at before.
+  // Evaluates the arm at the selected configuration; returns false if this was done before.
   bool look() {
     if (posed) return false;
     pose(tree, positions, arm);
     return posed = true;
   }
-  // The base, a body of the arm, or an obstacle: these come after the joints, as the base sees them.
+  // Returns the pose, relative to the root frame, of the base (-1), of a body of the arm, or of an obstacle
+  // (indices from n on).
   Placed body(Index index) const {
     if (index < 0) return {{{{{1.0, 0.0, 0.0}}, {{0.0, 1.0, 0.0}}, {{0.0, 0.0, 1.0}}}}, {}};
     if (index < tree.n) return {arm.rotation[index], arm.origin[index]};
@@ -48,14 +49,17 @@ struct ArmAt {
   }
 };
 
-constexpr double kExact = 1e-7;  // [m] of bounds from above and from below that have met
+constexpr double kExact = 1e-7;  // [m] largest difference of upper and lower bounds of an exact distance
 
-// Distances (V) and nearest points (V, 3, 3), in axes of the first body, of V entries (pair of bodies,
-// configuration); bounds from below, no points, where they are not below `near`. Of the entries (U) that have
-// pairs of parts which overlap, or of which one has no corners: the entry, these pairs, each with a bound
-// from below, and the second body as the first sees it (12,): its attitude, then its place. `reaches` (pairs,
-// n): how fast a distance changes at most by a unit rate of each joint. From one configuration to the next
-// most pairs are surely as far as is asked.
+// Returns distances (V) and nearest points (V, 3, 3), in the first body's axes, of V entries (pair of bodies,
+// configuration). A distance that is not below `near` is a lower bound without points.
+//
+// Also returns the entries with pairs of parts that coal must measure, because the parts overlap or a part
+// has no corners: for each, the entry's index, these pairs with a lower bound each, and the pose (12,) of the
+// second body relative to the first, its attitude and then its position.
+//
+// `reaches` (pairs, n) bounds the rate of each distance per unit rate of each joint. With these bounds most
+// pairs need not be measured again from one configuration to the next.
 nb::tuple near_parts(const Tree& tree, Matrix joints, Table<double, 3, 3, -1, -1> turns,
                      Table<double, 3, -1, -1> origins, Indices columns, Indices at, Vector near,
                      Table<double, -1, 17> bodies, Table<double, -1, 17> parts, Table<Index, -1, 2> ends,
@@ -72,8 +76,8 @@ nb::tuple near_parts(const Tree& tree, Matrix joints, Table<double, 3, 3, -1, -1
   };
   std::vector<Placed> placed(bodies.shape(0));
   std::vector<Vec3<double>> centres(bodies.shape(0)), ways(pairs.shape(0), Vec3<double>{});
-  std::vector<std::pair<double, Index>> close;  // pairs of parts that may be near, and bounds
-  // Of each pair: when it was looked at last, and how much its distance may have changed since.
+  std::vector<std::pair<double, Index>> close;  // lower bounds and pairs of parts below `near`
+  // For each pair of bodies: the entry of its last measurement, and a bound of the change since then.
   std::vector<Size> seen(ends.shape(0), 0);
   std::vector<double> changed(seen.size(), kInfinity);
   const Size size = columns.shape(0), n = static_cast<Size>(tree.n);
@@ -90,7 +94,7 @@ nb::tuple near_parts(const Tree& tree, Matrix joints, Table<double, 3, 3, -1, -1
     if (arm.move(at(v))) {
       for (Size j = 0; j < n; ++j) way[j] = std::fabs(arm.positions[j] - way[j]);
       for (Size i = 0; i < seen.size(); ++i) {
-        double most = origins.shape(1) > 0 ? kInfinity : 0.0;  // obstacles move as well
+        double most = origins.shape(1) > 0 ? kInfinity : 0.0;  // reaches do not bound obstacles' motion
         for (Size j = 0; j < n; ++j) most += reach[i * n + j] * way[j];
         changed[i] += most;
       }
@@ -144,8 +148,8 @@ nb::tuple near_parts(const Tree& tree, Matrix joints, Table<double, 3, 3, -1, -1
   return nb::make_tuple(distance, points, entries);
 }
 
-// Distances (V) and nearest points (V, 3, 3) of the paper's points: `ends` are joints' origins in their
-// order, then the end effector, and what they are apart from is another point, or the box (-1).
+// Returns distances (V) and nearest points (V, 3, 3) of the paper's points. A row of `ends` has the index of
+// a point (the joints' origins, then the end effector), and that of another point, or -1 for the box.
 nb::tuple near_points(const Tree& tree, Matrix joints, Indices columns, Indices at, Table<Index, -1, 2> ends,
                       const Box& box) {
   ArmAt seen(tree, joints);
@@ -163,9 +167,9 @@ nb::tuple near_points(const Tree& tree, Matrix joints, Indices columns, Indices 
   return nb::make_tuple(distance, points);
 }
 
-// Gradients (n, V) of distances of pairs by the joints, base held still, and the nearest points (3, 3, V) in
-// base axes: on the first body, on the second, and the normal. Points (V, 3, 3) are in axes of the body that
-// the third of `bodies` (m, 3) says; the first two are the pairs.
+// Returns gradients (n, V) of distances by the joint positions with a fixed base, and (3, 3, V) the nearest
+// points on the first and second body and the normal, in base axes. A row of `bodies` (m, 3) has the two
+// bodies of a pair, and the body in whose axes the given `points` (V, 3, 3) are.
 nb::tuple distance_slopes(const Tree& tree, Matrix joints, Table<Index, -1, 3> bodies, Indices columns,
                           Indices at, Table<double, -1, 3, 3> points) {
   ArmAt seen(tree, joints);

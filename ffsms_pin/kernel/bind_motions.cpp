@@ -1,5 +1,5 @@
-// Whole motions: the base's attitude along them, their sums, and the factor of a step. Shapes are checked
-// here.
+// Bindings for whole motions: the base's attitude, the Gauss-Newton sums, and the Cholesky factor. Shapes are
+// checked here.
 #include <nanobind/stl/map.h>
 #include <nanobind/stl/optional.h>
 #include <nanobind/stl/string.h>
@@ -14,11 +14,11 @@ namespace ffsms {
 namespace {
 
 using Slope = nb::ndarray<const double, nb::device::cpu>;
-using InOut = nb::ndarray<double, nb::c_contig, nb::device::cpu>;  // to be added to
+using InOut = nb::ndarray<double, nb::c_contig, nb::device::cpu>;  // results are added to it
 
-// What Python hands over.
+// Arguments from Python.
 using GivenQuadrature = std::tuple<In, Matrix, int>;  // integral_to_points, integral_over, late
-// Of one feature: instants, motion, weight, value, slopes by name.
+// A residual: instants, motions, weights, values, slopes by name.
 using GivenResidual =
     std::tuple<Indices, std::optional<Indices>, Vector, Slope, std::map<std::string, Slope>>;
 
@@ -26,7 +26,8 @@ using GivenResidual =
   throw std::invalid_argument(name + " of a residual or a motion has a wrong shape");
 }
 
-// An array of these sizes; zero: it has no such axis. An axis of one repeats.
+// Returns an array with axes of these sizes, where zero means that the array has no such axis. An axis of
+// length 1 is repeated.
 Strided strided(const Slope& array, const Size (&sizes)[5], const char* name) {
   Strided out = {array.data(), {}};
   Size axis = array.ndim();
@@ -39,7 +40,7 @@ Strided strided(const Slope& array, const Size (&sizes)[5], const char* name) {
   return out;
 }
 
-// As many indices as `count`, below `end`.
+// Checks that an array has `count` indices below `end`, and returns them.
 const Index* checked(const Indices& array, Size count, Size end, const char* name) {
   if (array.shape(0) != count) wrong(name);
   for (Size i = 0; i < count; ++i) {
@@ -48,9 +49,9 @@ const Index* checked(const Indices& array, Size count, Size end, const char* nam
   return array.data();
 }
 
-// Attitudes (9, 2 N + 1) at the nodes and in the middles of N steps, of angular velocities (3, 2 N + 1) in
-// base axes there: Simpson's rule and one bracket, and over a first half the parabola through the same
-// points.
+// Returns attitudes (9, 2 N + 1) at the nodes and in the middles of N steps, from angular velocities
+// (3, 2 N + 1) in base axes at the same instants. A whole step uses Simpson's rule and one commutator, the
+// first half of a step the parabola through the same three points.
 Out attitudes(const Mat3<double>& start, const Table<double, 3, -1>& omega, double dt) {
   const Size count = omega.shape(1);
   Out out = new_array(9, count);
@@ -68,8 +69,9 @@ Out attitudes(const Mat3<double>& start, const Table<double, 3, -1>& omega, doub
   return out;
 }
 
-// A system under joint accelerations (n, N), each held for dt, with momentum. States (12 + 2 n, N + 1) at the
-// nodes: attitude and place of the root, joint positions and rates; `start` is the first.
+// Integrates a system with a total momentum under joint accelerations (n, N), each constant for dt. Returns
+// the states (12 + 2 n, N + 1) at the nodes, beginning with `start`: attitude and position of the root, joint
+// positions and rates.
 Out roll_out(const Tree& tree, const Vector& start, const Matrix& accelerations, const Momentum& momentum,
              double dt) {
   const int n = tree.n, rows = 12 + 2 * n;
@@ -119,8 +121,9 @@ Quadrature quadrature_of(const GivenQuadrature& given) {
   return {static_cast<int>(intervals), static_cast<int>(gauss), late, to_points.data(), over.data()};
 }
 
-// Attitudes (9) of the base along S motions of a spline, and what angular momentum adds to its spin (3): rows
-// (12, S K). Given the spin of the joint rates (3, S, K) and the inverse inertia (3, 3, S, K).
+// Returns rows (12, S K) along S motions of a spline: attitudes (9) of the base, and the part of its angular
+// velocity (3) due to the angular momentum. The arguments are the angular velocity due to the joint rates
+// (3, S, K), and the inverse of the system's inertia (3, 3, S, K).
 Out spline_attitudes(const GivenQuadrature& quadrature, const In& omega, const In& inverse,
                      const Mat3<double>& start, const Vec3<double>& momentum) {
   const Quadrature by = quadrature_of(quadrature);
@@ -166,7 +169,8 @@ Residual residual_of(const GivenResidual& given, Size n, Size motions, Size inst
   return out;
 }
 
-// Adds the sums of chosen motions among S (rows, S, K) to gradients (S, M n) and Hessians (S, M n, M n).
+// Adds the sums of the chosen ones of S motions (rows, S, K) to gradients (S, M n) and Hessians
+// (S, M n, M n).
 void sums(const Tree& tree, const Table<double, 3, -1, -1>& maps, const GivenQuadrature& quadrature,
           const Table<double, -1, -1, -1>& motions, const std::vector<GivenResidual>& residuals,
           const Indices& chosen, const InOut& gradient, const InOut& hessian,
@@ -182,7 +186,7 @@ void sums(const Tree& tree, const Table<double, 3, -1, -1>& maps, const GivenQua
   checked(chosen, chosen.shape(0), S, "a chosen motion");
   expect_size(gradient, S * size);
   expect_size(hessian, S * size * size);
-  // A megabyte: taken anew for each call, its pages would cost as much as the sums.
+  // The memory, a megabyte, is kept between calls, because allocating it would take as long as the sums.
   thread_local std::vector<double> room;
   room.resize(std::max(room.size(), Sums::needed(tree, spline, by)));
   const MotionRows all = {motions.data(), S * K, entropy, momentum.value_or(Vec3<double>{})};
@@ -225,7 +229,7 @@ void bind_motions(nb::module_& m) {
   m.def("attitudes", &attitudes);
   m.def("roll_out", &roll_out);
   m.def("spline_attitudes", &spline_attitudes);
-  // Arrays that are added to are never copies.
+  // noconvert: results must be added to the caller's arrays, not to copies.
   m.def("sums", &sums, nb::arg(), nb::arg(), nb::arg(), nb::arg(), nb::arg(), nb::arg(),
         nb::arg().noconvert(), nb::arg().noconvert(), nb::arg() = nb::none());
   m.def("cholesky", &cholesky_factor);

@@ -1,4 +1,4 @@
-// Python's view of step.hpp: plain arrays in, new arrays out.
+// Bindings of step.hpp; the results are new arrays.
 #include <nanobind/stl/optional.h>
 #include <nanobind/stl/tuple.h>
 #include <nanobind/stl/vector.h>
@@ -17,10 +17,11 @@ struct RootPose {
 namespace {
 
 using Twist = Table<double, 6>;
-// Of one limit, lower <= G u <= upper, G in any order; and how much the slack gives.
+// One limit, lower <= G u <= upper on the joint rates u, with G in any memory order, and the factor of the
+// slack variable, 0 for a hard limit.
 using Rows = std::tuple<nb::ndarray<const double, nb::ndim<2>, nb::device::cpu>, Vector, Vector, double>;
 
-// What a step is written from besides columns and V: see opt/step/state.py.
+// The state of a step besides the columns and V; see opt/step/state.py.
 struct State {
   Vec3<double> tip, com;
   Momentum drift, tip_drift;  // twists
@@ -28,7 +29,7 @@ struct State {
   double entropy;
 };
 
-// First columns (6, n), reaction, J* and J_m; then V (n, n); then the state.
+// Returns the columns (3, 6, n) of the root's reaction, J* and J_m; V (n, n); and the state.
 nb::tuple step_state(const Tree& tree, const RootPose& root, const Vector& joints,
                      const std::optional<Momentum>& momentum) {
   const int n = tree.n;
@@ -60,7 +61,8 @@ nb::tuple step_state(const Tree& tree, const RootPose& root, const Vector& joint
   return nb::make_tuple(columns, basis, array_of(state));
 }
 
-// Least and greatest rates (2, n) at the step's end, of limits (4, n): lower, upper, velocity, acceleration.
+// Returns the least and greatest joint rates (2, n) at the step's end, from limits (4, n): lower, upper,
+// velocity, acceleration.
 Out rate_bounds(const Table<double, 4, -1>& limits, const Vector& joints, const Vector& rates, double dt) {
   const Size n = rates.shape(0);
   Out bounds = new_array(2, n);
@@ -69,13 +71,13 @@ Out rate_bounds(const Table<double, 4, -1>& limits, const Vector& joints, const 
     const double down = greatest_rate(joints(j) - limits(0, j), -rates(j), velocity, acceleration, dt);
     const double up = greatest_rate(limits(1, j) - joints(j), rates(j), velocity, acceleration, dt);
     bounds.data()[j] = -down;
-    bounds.data()[n + j] = std::max(up, -down);  // where there is no room to brake, the lower one is both
+    bounds.data()[n + j] = std::max(up, -down);  // without room to brake both are the lower bound
   }
   return bounds;
 }
 
-// A (m, n + 2), low and up of a programme low <= A x <= up, from the rows of limits. The last two are s >= 0
-// and slack >= 0.
+// Returns A (m, n + 2), low and up of the constraints low <= A x <= up of the QP, from the rows of limits.
+// The last two rows are s >= 0 and slack >= 0.
 nb::tuple stacked_rows(const Matrix& V, const std::vector<Rows>& limits) {
   const Size n = V.shape(0), size = n + 2;
   std::vector<double> A, low, up;
@@ -86,7 +88,7 @@ nb::tuple stacked_rows(const Matrix& V, const std::vector<Rows>& limits) {
     return &A[A.size() - size];
   };
   for (const auto& [G, lower, upper, give] : limits) {
-    // A side that gives way is a row of its own.
+    // Each side of a soft limit is a row of its own.
     const bool gives = give != 0.0;
     for (int side = 0; side < (gives ? 2 : 1); ++side) {
       for (Size r = 0; r < lower.shape(0); ++r) {
@@ -108,7 +110,7 @@ nb::tuple stacked_rows(const Matrix& V, const std::vector<Rows>& limits) {
   return nb::make_tuple(rows, array_of(low), array_of(up));
 }
 
-// The wanted motion, H (n + 2, n + 2) with g below it, and the rows.
+// Returns the desired motion, H (n + 2, n + 2) with g below it, and the constraints.
 nb::tuple step_programme(const Vec3<double>& way, const std::optional<Mat3<double>>& rotation,
                          const Mat3<double>& attitude, const Table<double, 6, -1>& J, const Matrix& V,
                          const Vector& rates, const Twist& drift, const Vector& acceleration,
@@ -129,7 +131,8 @@ nb::tuple step_programme(const Vec3<double>& way, const std::optional<Mat3<doubl
   return nb::make_tuple(array_of(wanted), goal, stacked_rows(V, limits));
 }
 
-// The exact solution (x, z) of the equations of the active rows; None where it is not the programme's.
+// Returns the solution (x, z) of the QP from the equations of its active rows, to rounding; None if it
+// violates a constraint or the sign of a multiplier.
 nb::object refined(const Matrix& H, const Vector& g, const Matrix& A, const Vector& low, const Vector& up,
                    const Vector& z, double tolerance) {
   const int n = static_cast<int>(g.shape(0)), rows = static_cast<int>(low.shape(0));
@@ -153,7 +156,7 @@ nb::object refined(const Matrix& H, const Vector& g, const Matrix& A, const Vect
   for (int i = 0; i < n; ++i) x[i] = at(i, size);
   for (int r = 0; r < rows; ++r) {
     const double reached = dot(A.data() + r * n, x.data(), n);
-    // Written so that a NaN is not the solution.
+    // Also true for NaN.
     if (!(std::max(low(r) - reached, reached - up(r)) <= 1e-9)) return nb::none();
   }
   for (int a = 0; a < k; ++a) {

@@ -1,12 +1,12 @@
-// A Cholesky factor and its triangular solves, for the quadratic programmes of the descent.
+// The Cholesky factorisation and triangular solves, for the quadratic programmes of Gauss-Newton steps.
 #pragma once
 
 #include <cmath>
 
 namespace ffsms {
 
-// Subtracts the sum of factor k times row k, of `count` rows and factors, from the entries of a row from
-// `begin` to `end`. Four rows at a time: each entry is then loaded and stored a quarter as often.
+// Subtracts the sum over k of factor k times row k, k < count, from the entries `begin` to `end` of a row. It
+// takes four rows at a time, so each entry is loaded and stored a quarter as often.
 inline void subtract_rows(double* row, const double* factors, const double* rows, int step, int wide,
                           int count, int begin, int end) {
   int k = 0;
@@ -23,7 +23,7 @@ inline void subtract_rows(double* row, const double* factors, const double* rows
   }
 }
 
-// The upper triangle of a symmetric matrix (n, n) becomes U with A = U^T U, in place; false unless A is
+// Replaces the upper triangle of a symmetric matrix A (n, n) by U with A = U^T U; returns false unless A is
 // positive definite.
 inline bool cholesky(double* A, int n) {
   for (int i = 0; i < n; ++i) {

@@ -1,4 +1,4 @@
-// Distances between convex parts of bodies: bounds by balls and boxes, and what is measured beyond these.
+// Distances between convex parts of bodies: bounds by balls and boxes, and exact distances.
 #pragma once
 
 #include <algorithm>
@@ -12,22 +12,23 @@ namespace ffsms {
 
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
-// Nearest points of two things, and the direction along which the distance grows when the second moves.
+// The nearest points on the first and second body, and the unit normal: the direction of motion of the second
+// body in which the distance grows fastest.
 struct Nearest {
   Vec3<double> here, there, normal;
 };
 
-// A ball and a box of one centre around something that is fixed to a body, in the body's axes.
+// A bounding ball and a bounding box with the same centre, in the axes of the body that carries them.
 struct Cover {
-  double body;  // the joint that carries it, -1: the base; obstacles come after the joints
+  double body;  // index of the body's joint; -1: the base; from n on: obstacles
   Vec3<double> centre;
   double radius;
-  Vec3<double> half;  // of the box's sides
-  Mat3<double> axes;  // of the box, as columns
+  Vec3<double> half;  // half the box's sides
+  Mat3<double> axes;  // the box's axes, as columns
 };
 static_assert(sizeof(Cover) == 17 * sizeof(double), "Python hands covers over as rows of 17 numbers");
 
-// How far a ball, whose centre is `way` from the box's, is outside the box.
+// Returns the distance of a ball from the box; `way` is the vector from the box's centre to the ball's.
 inline double outside(const Cover& box, const Vec3<double>& way, double radius) {
   const Vec3<double> along = transposed(box.axes) * way;
   Vec3<double> far;
@@ -36,8 +37,8 @@ inline double outside(const Cover& box, const Vec3<double>& way, double radius) 
   return dot(far, far) > 0.0 ? std::sqrt(dot(far, far)) - radius : -kInfinity;
 }
 
-// A bound from below on the distance of two things, a better one where it is below `near`; the second body is
-// `seen` by the first.
+// Returns a lower bound of the distance of two covers, by the balls, and if that is below `near` by the
+// boxes, too. `seen` is the pose of the second body relative to the first.
 inline double bound(const Cover& one, const Cover& other, const Placed& seen, double near) {
   const Vec3<double> way = seen.origin + seen.turn * other.centre - one.centre;
   double least = std::sqrt(dot(way, way)) - one.radius - other.radius;
@@ -46,8 +47,8 @@ inline double bound(const Cover& one, const Cover& other, const Placed& seen, do
   return least;
 }
 
-// A convex part in its body's axes: all that is no further than `ball` from the hull of its corners, each
-// with a disc across `axis` around it.
+// A convex part in its body's axes: the hull of its corners, with a disc of radius `disc` normal to `axis`
+// around each corner, enlarged by a ball of radius `ball`.
 struct Hull {
   const Vec3<double>* begin;
   std::int64_t count;  // a multiple of four
@@ -69,20 +70,21 @@ struct Hull {
   }
 };
 
-// Points of the difference of two parts, second less first, and the point of their hull that is the nearest
-// to the origin, with weights.
+// Points `apart` of the Minkowski difference of two parts, second minus first, with the points `here` of the
+// first part; and the point of their hull nearest to the origin, with its weights.
 struct Simplex {
   int count = 0;
   Vec3<double> here[4], apart[4], nearest;
   double weight[4];
 
-  // Adds a point, which the face with the nearest point has then, and leaves out those that are not of it.
+  // Adds a point and keeps only the points of the face that contains the nearest point.
   void add(const Vec3<double>& a, const Vec3<double>& w) {
     double least = kInfinity, best[4] = {};
     here[count] = a;
     apart[count] = w;
     for (int face = 0; face < 1 << count; ++face) {
-      // Edges of the face from the new point, orthogonal to which the nearest point is; others are zero.
+      // Edges of the face from the new point; those of points not on the face are zero. The nearest point is
+      // orthogonal to all edges.
       Vec3<double> edge[3], gram[3], side, part;
       for (int i = 0; i < 3; ++i) {
         edge[i] = face >> i & 1 ? apart[i] - w : Vec3<double>{};
@@ -118,9 +120,9 @@ struct Gap {
   Nearest found;
 };
 
-// The distance of two convex parts by the algorithm of Gilbert, Johnson and Keerthi: bounds from below and
-// from above, which meet unless the parts overlap, or are surely `stop` apart, or one has no corners. `way`:
-// a direction along which they may be apart, or zero, and then a better one.
+// Returns bounds of the distance of two convex parts by the algorithm of Gilbert, Johnson and Keerthi. The
+// bounds meet unless the parts overlap, are at least `stop` apart, or one has no corners. `way` is an initial
+// guess of a separating direction, or zero, and is replaced by the direction found.
 inline Gap gap(const Hull& one, const Hull& other, const Placed& seen, double stop, Vec3<double>& way) {
   constexpr int kTries = 64;
   constexpr double kRounding = 1e-12, kTouching = 1e-9;  // [m]
@@ -149,13 +151,14 @@ inline Gap gap(const Hull& one, const Hull& other, const Placed& seen, double st
   return gap;
 }
 
-// The box of the base: its axes are the columns of the rotation.
+// The box of the base; its axes are the columns of the rotation.
 struct Box {
   Mat3<double> rotation;
   Vec3<double> centre, half;
 };
 
-// How far a point is outside a box: beyond the face that it is furthest beyond.
+// Returns the distance of the point `there` from the face of a box beyond which it is furthest, negative
+// inside, and sets the normal.
 inline double from_box(const Box& box, Nearest& found) {
   const Vec3<double> place = transposed(box.rotation) * (found.there - box.centre);
   int face = 0;
@@ -167,20 +170,20 @@ inline double from_box(const Box& box, Nearest& found) {
   return std::fabs(place[face]) - box.half[face];
 }
 
-// How far a point is from another one.
+// Returns the distance of the two points, and sets the normal.
 inline double from_point(Nearest& found) {
-  constexpr double kLeast = 1e-12;  // [m] nearer than this there is no direction from one to the other
+  constexpr double kLeast = 1e-12;  // [m] below this distance the normal is not a unit vector
   const Vec3<double> apart = found.there - found.here;
   const double distance = std::sqrt(dot(apart, apart));
   found.normal = (1.0 / std::fmax(distance, kLeast)) * apart;
   return distance;
 }
 
-// Adds to the gradient (n), `stride` apart, what the joints that carry a body do to a distance by moving a
-// point of it; `side` is 1 for the second of two bodies and -1 for the first, base held still.
+// Adds to the gradient (n, `stride` apart) of a distance the part due to the motion of a point of a body,
+// with a fixed base. `side` is 1 for the second body of the pair and -1 for the first.
 inline void add_slopes(const Tree& tree, const Arm<double>& arm, std::int64_t body, const Vec3<double>& point,
                        const Vec3<double>& normal, double side, double* gradient, std::int64_t stride) {
-  if (body >= tree.n) return;  // no joint moves an obstacle
+  if (body >= tree.n) return;  // an obstacle, which no joint moves
   for (auto j = static_cast<int>(body); j >= 0; j = tree.joints[j].parent)
     gradient[j * stride] += side * dot(normal, arm.velocity[j] + cross(arm.axis[j], point));
 }

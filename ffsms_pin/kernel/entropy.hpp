@@ -1,7 +1,8 @@
-// Singular values of small matrices, and the paper's normalised entropy of them with its gradient.
+// Singular values of small matrices, and the paper's normalised entropy of singular values with its gradient.
 //
-// One-sided Jacobi rotations: pairs of columns are turned until all are across each other, so that a matrix
-// U sigma V^T becomes U sigma. Small singular values keep their digits; the eigenvalues of C^T C lose them.
+// One-sided Jacobi rotations are applied to pairs of columns until all columns are orthogonal, so that a
+// matrix U sigma V^T becomes U sigma. Small singular values keep their digits, unlike with eigenvalues of
+// C^T C.
 //
 // Reference: J. Demmel, K. Veselic, "Jacobi's method is more accurate than QR", SIAM Journal on Matrix
 // Analysis and Applications 13 (1992).
@@ -15,14 +16,14 @@ namespace ffsms {
 
 constexpr int kMostRows = 6;  // of C_bm and of J*
 
-// Columns count as across each other below this cosine, and where what they share is so little of the whole
-// matrix; squares.
+// Two columns are taken as orthogonal below these squares: of their cosine, and of their product relative to
+// the whole matrix.
 constexpr double kAcross = 1e-31, kNegligible = 1e-34;
-// Beyond what any matrix has needed: six are usual.
+// More sweeps than any matrix has needed; six are usual.
 constexpr int kMostSweeps = 30;
 
-// Turns two columns (m) across each other, and with them two columns (n) of V. A lane in which they are
-// stays as it is. False: nothing was left to do in any lane.
+// Makes two columns (m) orthogonal by a rotation, and applies it to two columns (n) of V. Lanes with
+// orthogonal columns do not change. Returns false if the columns are orthogonal in all lanes.
 template <class T>
 bool rotate(int m, T* a, T* b, int n, T* v, T* w, T whole) {
   T first = T{}, last = T{}, off = T{};
@@ -50,8 +51,8 @@ bool rotate(int m, T* a, T* b, int n, T* v, T* w, T whole) {
   return true;
 }
 
-// The k columns (m) of A, one after the other, become U sigma; those of V (k, k), where it is given, the
-// right singular vectors. The values come in no order.
+// Replaces A, stored as k columns (m), by U sigma, and V (k, k), unless null, by the right singular vectors.
+// The singular values are not sorted.
 template <class T>
 void decompose(int m, int k, T* A, T* V, T* sigma) {
   const int n = V == nullptr ? 0 : k;
@@ -75,7 +76,7 @@ void decompose(int m, int k, T* A, T* V, T* sigma) {
   for (int j = 0; j < k; ++j) sigma[j] = root(square(j));
 }
 
-// The largest first, and the columns of V with them.
+// Sorts the singular values, the largest first, and the columns of V with them.
 template <class T>
 void sort(int k, T* sigma, T* V) {
   const auto swap = [](auto before, T& x, T& y) {
@@ -93,11 +94,11 @@ void sort(int k, T* sigma, T* V) {
   }
 }
 
-// Singular values of C / scale (rows, n) times the scale, the largest first: n of them with the columns of
-// V (n, n), where it is given; else the lesser of rows and n, which it returns.
+// Computes the singular values of C (rows, n), the largest first, after a division by `scale`. With V (n, n)
+// there are n values and the right singular vectors, without V min(rows, n) values. Returns their number.
 template <class T>
 int singular_values(int rows, int n, const T* C, T* V, T* sigma, const T& scale = 1.0) {
-  const bool by_rows = V == nullptr && rows < n;  // the fewer vectors are turned
+  const bool by_rows = V == nullptr && rows < n;  // rotates rows if there are fewer rows than columns
   const int k = by_rows ? rows : n, m = by_rows ? n : rows;
   T A[kMostRows * kMostJoints];
   for (int i = 0; i < k * m; ++i) A[i] = C[by_rows ? i : i % m * n + i / m] / scale;
@@ -107,15 +108,16 @@ int singular_values(int rows, int n, const T* C, T* V, T* sigma, const T& scale 
   return k;
 }
 
-// Singular values are kept above this: x log x is zero there to rounding, and its slope is finite.
+// Smaller singular values are replaced by this one, at which x log x is zero to rounding and its slope
+// finite.
 constexpr double kLeastValue = 1e-12;
-// And above this share of the largest: below it, directions of singular vectors are rounding.
+// The same relative to the largest: below this share, the directions of singular vectors are rounding errors.
 constexpr double kLeastShare = 1e-8;
 
-// H_norm of C (rows, n), and its gradient.
+// Returns H_norm of C (rows, n), and computes its gradient (rows, n).
 template <class T>
 T entropy(int rows, int n, const T* C, T* gradient) {
-  const bool by_rows = n > rows;  // the fewer vectors are turned
+  const bool by_rows = n > rows;  // rotates rows if there are fewer rows than columns
   const int k = by_rows ? rows : n, m = by_rows ? n : rows;
   const auto at = [&](int i, int j) { return by_rows ? i * n + j : j * n + i; };
   T A[kMostRows * kMostJoints], V[kMostRows * kMostRows], sigma[kMostRows], logs[kMostRows];
@@ -133,7 +135,7 @@ T entropy(int rows, int n, const T* C, T* gradient) {
     plain += share * logs[i];
   }
   const double scale = 1.0 / std::log(static_cast<double>(n));
-  // With A = U sigma V^T the gradient is U slope V^T, and U sigma is what A has become.
+  // With A = U sigma V^T the gradient is U slope V^T, and A now contains U sigma.
   for (int i = 0; i < k; ++i) sigma[i] = scale * (plain - logs[i]) / (total * sigma[i]);
   for (int i = 0; i < k; ++i) {
     for (int j = 0; j < m; ++j) {

@@ -1,5 +1,5 @@
-// The module: the robot, functions of it at stacks of configurations, from arrays (rows, ...) to new ones
-// (rows, B), and what other files bind. Shapes are checked in the bindings, the headers do the work.
+// The module: the class Tree, and functions at many configurations, from arrays (rows, ...) to new arrays
+// (rows, B). Shapes are checked in the bindings, the headers compute.
 #include <nanobind/stl/optional.h>
 
 #include "arrays.hpp"
@@ -10,10 +10,11 @@
 namespace ffsms {
 namespace {
 
-constexpr double kTiny = 1e-300;  // nothing is divided by less
+constexpr double kTiny = 1e-300;  // smallest divisor
 
-// A row of `joints`: parent, turns, axis (3), attitude (9) and place (3) of its frame. A row of `bodies`, the
-// base first, is a `Body`.
+// Constructs a tree. A row of `joints` has the parent, 1 for revolute or 0 for prismatic, the axis (3), and
+// the attitude (9) and position (3) of the joint frame in its parent. A row of `bodies`, the base first, is a
+// `Body`.
 void make(Tree* self, const Table<double, -1, 17>& joints, const Table<double, -1, 13>& bodies,
           const Placed& tip, int last, bool moves, bool turns_freely) {
   const int n = static_cast<int>(joints.shape(0));
@@ -39,13 +40,13 @@ void make(Tree* self, const Table<double, -1, 17>& joints, const Table<double, -
   complete(tree, of_numbers<Body>(bodies.data()));
 }
 
-// What is given of a stack: (rows, ...).
+// An argument (rows, ...) at all configurations.
 struct Given {
   const In& array;
   int rows;
 };
 
-// Room to work in, at one configuration or a pack of them: what was given, and what comes of it.
+// The memory for one configuration, or for a pack of configurations: the arguments, and the results.
 template <class T>
 struct Work {
   T given[4][kMostRows * kMostJoints];
@@ -54,7 +55,7 @@ struct Work {
   T numbers[kMostJoints + 6], matrix[kMostJoints * kMostJoints];
 };
 
-// Rows (B) that `use(work, write)` writes at one configuration, or pack of them, after the other.
+// Returns rows (rows, B) that `use(work, write)` writes for each configuration, or for packs of them.
 template <class Use>
 Out stack(std::initializer_list<Given> given, int rows, const Use& use) {
   const Size count = given.begin()->array.size() / static_cast<Size>(given.begin()->rows);
@@ -80,8 +81,7 @@ Out stack(std::initializer_list<Given> given, int rows, const Use& use) {
   return out;
 }
 
-// The same where the arm is at joint positions, the first that is given: evaluated, which is quicker than to
-// read what it was.
+// The same with the arm evaluated at the joint positions, which are the first argument.
 template <class Use>
 Out at_each(const Tree& tree, std::initializer_list<Given> given, int rows, const Use& use) {
   const In& positions = given.begin()->array;
@@ -93,7 +93,7 @@ Out at_each(const Tree& tree, std::initializer_list<Given> given, int rows, cons
   });
 }
 
-// Rows and columns of matrices (rows, n, ...).
+// Returns the numbers of rows and columns of matrices (rows, n, ...).
 std::pair<int, int> sizes(const In& matrices) {
   expect(matrices.ndim() >= 2, "matrices have two axes");
   const Size rows = matrices.shape(0), n = matrices.shape(1);
@@ -106,7 +106,7 @@ std::pair<int, int> sizes(const In& matrices) {
 
 NB_MODULE(_kernel, m) {
   using namespace ffsms;
-  nb::set_leak_warnings(false);  // what Python's own caches still hold at its end is no leak
+  nb::set_leak_warnings(false);  // objects in Python's own caches at its end are not leaks
   m.doc() = "The compiled kernel; ffsms_pin.kernel is its face.";
   nb::class_<Tree>(m, "Tree", "The robot in plain numbers.")
       .def("__init__", &make)
@@ -117,7 +117,7 @@ NB_MODULE(_kernel, m) {
         std::memcpy(static_cast<void*>(&self), state.data(), sizeof(Tree));
       });
 
-  // What `ArmValues` holds beside the positions, in its order.
+  // The fields of `ArmValues` after the positions, in its order.
   m.def("arm_values", [](const Tree& tree, const In& positions) {
     const int n = tree.n;
     return at_each(tree, {{positions, n}}, 42 * n + 27, [n](auto& work, auto& write) {
@@ -132,7 +132,7 @@ NB_MODULE(_kernel, m) {
       write.put(arm.rotation, n);
     });
   });
-  // C_bm and J* (6, n), the end effector from the base's centre of mass.
+  // C_bm and J* (6, n), and the end effector's position (3) relative to the base's centre of mass.
   m.def("coupled", [](const Tree& tree, const In& positions) {
     const int n = tree.n;
     return at_each(tree, {{positions, n}}, 12 * n + 3, [&](auto& work, auto& write) {
@@ -150,8 +150,8 @@ NB_MODULE(_kernel, m) {
       write.put(work.matrix, n * n);
     });
   });
-  // Of the base's angular velocity and of the end effector's velocity (3, n) each; `own` is what momentum
-  // adds to the base's spin, none: nothing.
+  // Gradients (3, n) of the base's angular velocity and of the end effector's velocity by the joint
+  // positions; `own` is the part of the base's angular velocity due to the momentum, None for zero.
   m.def(
       "velocity_slopes",
       [](const Tree& tree, const In& positions, const In& rates, const std::optional<In>& own) {
@@ -166,7 +166,7 @@ NB_MODULE(_kernel, m) {
         return at_each(tree, {{positions, n}, {rates, n}, {*own, 3}}, 6 * n, use);
       },
       nb::arg(), nb::arg(), nb::arg(), nb::arg() = nb::none());
-  // Of the angular momentum (3, n) while the base's attitude is held.
+  // Gradient (3, n) of the angular momentum by the joint positions if the base's attitude is held.
   m.def("momentum_slopes", [](const Tree& tree, const In& positions, const In& rates) {
     const int n = tree.n;
     return at_each(tree, {{positions, n}, {rates, n}}, 3 * n, [&](auto& work, auto& write) {
@@ -174,7 +174,7 @@ NB_MODULE(_kernel, m) {
       write.put(work.columns[0], n);
     });
   });
-  // Gradient (n) of a function of the coupling with slopes (6, n).
+  // Gradient (n) by the joint positions of a function of C_bm, from its derivative (6, n) by C_bm.
   m.def("coupling_slopes", [](const Tree& tree, const In& positions, const In& by_coupling) {
     const int n = tree.n;
     return at_each(tree, {{positions, n}, {by_coupling, 6 * n}}, n, [&](auto& work, auto& write) {
@@ -182,8 +182,8 @@ NB_MODULE(_kernel, m) {
       write.put(work.numbers, n);
     });
   });
-  // Torques of the joints (n), force and moment (6) that hold the base; `own` is what momentum adds to its
-  // spin.
+  // Joint torques (n), and the force and moment (6) that hold the base; `own` is the part of the base's
+  // angular velocity due to the momentum.
   m.def("dynamics",
         [](const Tree& tree, const In& joints, const In& rates, const In& accelerations, const In& own) {
           const int n = tree.n;
@@ -210,7 +210,7 @@ NB_MODULE(_kernel, m) {
     }
     return out;
   });
-  // H_norm of matrices: one row, then rows n of its gradient.
+  // H_norm (1) of matrices (rows, n), then its gradient (rows, n).
   m.def("entropies", [](const In& matrices) {
     const auto [rows, n] = sizes(matrices);
     return stack({{matrices, rows * n}}, 1 + rows * n, [rows = rows, n = n](auto& work, auto& write) {
@@ -218,14 +218,14 @@ NB_MODULE(_kernel, m) {
       write.put(work.matrix, 1 + rows * n);
     });
   });
-  // Singular values of matrices, the largest first; without vectors the lesser of rows and n. With vectors n
-  // of them, then V (n, n).
+  // Singular values of matrices (rows, n), the largest first: min(rows, n) without vectors; with vectors n,
+  // then V (n, n).
   m.def("singular_values", [](const In& matrices, bool vectors) {
     const auto [rows, n] = sizes(matrices);
     const int count = vectors ? n + n * n : std::min(rows, n);
     return stack({{matrices, rows * n}}, count, [vectors, rows = rows, n = n](auto& work, auto& write) {
       auto *C = work.given[0], *V = vectors ? work.matrix : nullptr;
-      // So that no square overflows, or vanishes.
+      // The division by the largest entry prevents overflow and underflow of squares.
       auto largest = std::decay_t<decltype(*C)>(kTiny);
       for (int i = 0; i < rows * n; ++i) largest = larger(largest, magnitude(C[i]));
       write.put(work.numbers, singular_values(rows, n, C, V, work.numbers, largest));

@@ -1,8 +1,7 @@
-// Numbers that the kernel computes with: one double, or a pack of them, one for each of several
-// configurations.
+// The numbers of the kernel: a double, or a pack of doubles with one lane for each of several configurations.
 //
-// The same formulas serve both, and every lane has the bits that a double has. A pack is made of groups that
-// a processor computes with at once: pairs, or fours with AVX2.
+// The same formulas are used for both, and the results in every lane have the same bits as with a double. A
+// pack consists of groups for the processor's vector instructions: two lanes, or four with AVX2.
 #pragma once
 
 #include <cmath>
@@ -70,7 +69,7 @@ FFSMS_INLINE Pack operator-(const Pack& a) {
 FFSMS_INLINE Pack& operator+=(Pack& a, const Pack& b) { return a = a + b; }
 FFSMS_INLINE Pack& operator-=(Pack& a, const Pack& b) { return a = a - b; }
 
-// -- what differs between a double and a pack, by one name
+// -- functions that differ between a double and a pack
 FFSMS_INLINE double select(bool which, double yes, double no) { return which ? yes : no; }
 FFSMS_INLINE Pack select(const Mask& which, const Pack& yes, const Pack& no) {
   Pack out;
@@ -115,20 +114,21 @@ FFSMS_INLINE T magnitude(const T& x) {
   return select(x < 0.0, -x, x);
 }
 
-// -- sine and cosine together: the same bits for every lane, and on every machine, whatever its library
+// -- sine and cosine together, with the same bits in every lane and on every machine
 
-// Up to here the angle is reduced to an eighth of a turn without loss; beyond, the system's functions serve
-// [rad].
+// Up to this angle [rad] the reduction to an eighth of a turn is exact; beyond it, the system's functions are
+// used.
 constexpr double kFar = 1e6;
 
-// To the nearest whole number: what is below the last digit falls off.
+// Rounds to the nearest whole number by adding and subtracting a number whose last digit is 1.
 template <class T>
 FFSMS_INLINE T rounded(const T& x) {
   constexpr double kWhole = 6755399441055744.0;  // 1.5 * 2^52
   return (x + kWhole) - kWhole;
 }
 
-// To an ulp or so. Reduction and polynomials are those of fdlibm (Sun Microsystems, 1993).
+// Computes sine and cosine with an error of about one ulp; reduction and polynomials are those of fdlibm (Sun
+// Microsystems, 1993).
 template <class T>
 FFSMS_INLINE void sine_cosine(const T& x, T& sine, T& cosine) {
   const T quarters = rounded(x * 6.36619772367581382433e-01);
@@ -148,7 +148,7 @@ FFSMS_INLINE void sine_cosine(const T& x, T& sine, T& cosine) {
   const T near_sine = r + r * (z * odd);
   const T half = 0.5 * z, rest = 1.0 - half;
   const T near_cosine = rest + (((1.0 - rest) - half) + z * (z * even));
-  // Quarters of a turn, -2 to 2, change names and signs.
+  // The number of quarter turns, -2 to 2, decides whether sine and cosine are swapped, and their signs.
   const T turn = quarters - 4.0 * rounded(0.25 * quarters);
   const auto swapped = magnitude(magnitude(turn) - 1.0) < 0.5;
   const T plus = 1.0, minus = -1.0;
@@ -162,9 +162,10 @@ FFSMS_INLINE void sine_cosine(const T& x, T& sine, T& cosine) {
   cosine = select(far, each([](double lane) { return std::cos(lane); }, x), cosine);
 }
 
-// -- rows of numbers, `count` from one to the next: at one configuration, or at those of a pack
+// -- rows of numbers, each `count` doubles after the last, at one configuration or at those of a pack
 
-// Reads values that are made of T alone, as Vec3: row by row all first components, then all second ones.
+// Reads values that consist of components T, such as Vec3: rows of all first components, then of all second
+// components, and so on.
 template <class T>
 struct Reader {
   const double* row;
@@ -179,7 +180,7 @@ struct Reader {
   }
 };
 
-// Writes them.
+// Writes values in the same order.
 template <class T>
 struct Writer {
   double* row;

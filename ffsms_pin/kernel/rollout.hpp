@@ -1,5 +1,5 @@
-// How the base turns under given joint motion: steps of order 4 on the rotations, and quadrature along
-// splines.
+// The attitude of the base for a given joint motion: by time steps of order 4 on the rotation group, and by
+// quadrature along splines.
 //
 // References: A. Iserles, H. Munthe-Kaas, S. Norsett, A. Zanna, "Lie-group methods", Acta Numerica 9 (2000);
 // H. Munthe-Kaas, "High order Runge-Kutta methods on manifolds", Applied Numerical Mathematics 29 (1999).
@@ -11,7 +11,7 @@
 
 namespace ffsms {
 
-// The rotation of a rotation vector [rad].
+// Returns the rotation matrix of a rotation vector [rad].
 template <class T>
 Mat3<T> exp3(const Vec3<T>& w) {
   const T square = dot(w, w), angle = root(square) + 1e-150;  // sin(x) / x is then one at zero
@@ -29,8 +29,8 @@ Mat3<T> exp3(const Vec3<T>& w) {
   return out;
 }
 
-// What decides the angular velocity at one instant, in base axes: that of the joint rates, and what the
-// momentum adds.
+// The terms of the base's angular velocity at one instant, in base axes: the part due to the joint rates, and
+// the inverse inertia, which gives the part due to the momentum.
 struct Spin {
   Vec3<double> reaction;
   Mat3<double> inverse;
@@ -49,19 +49,19 @@ inline Spin spin_at(const Tree& tree, const double* positions, const double* rat
   return {spin, arm.inverse};
 }
 
-// With R(t) = R(0) exp(u) and angular velocity omega: the rate of u, which is the inverse of the
-// exponential's derivative, to order 4.
+// Returns du/dt for R(t) = R(0) exp(u) and the angular velocity omega, by the series of the inverse
+// derivative of the exponential to order 4.
 inline Vec3<double> rotation_vector_rate(const Vec3<double>& u, const Vec3<double>& omega) {
   const Vec3<double> bracket = cross(u, omega);
   return omega + 0.5 * bracket + (1.0 / 12.0) * cross(u, bracket);
 }
 
-// The same with the angular momentum in axes of R(0).
+// The same for the angular velocity of `spin` with an angular momentum in axes of R(0).
 inline Vec3<double> chart_rate(const Spin& spin, const Vec3<double>& u, const Vec3<double>& momentum) {
   return rotation_vector_rate(u, spin.reaction + spin.inverse * (transposed(exp3(u)) * momentum));
 }
 
-// The attitude a step later, of a system with angular momentum in inertial axes: one step of Runge and Kutta.
+// Returns the attitude after one Runge-Kutta step of a system with an angular momentum in inertial axes.
 inline Mat3<double> tumbled(const Mat3<double>& R, const Spin& start, const Spin& middle, const Spin& end,
                             const Vec3<double>& momentum, double dt) {
   const Vec3<double> h = transposed(R) * momentum;
@@ -72,10 +72,11 @@ inline Mat3<double> tumbled(const Mat3<double>& R, const Spin& start, const Spin
   return R * exp3((dt / 6.0) * (k1 + 2.0 * (k2 + k3) + k4));
 }
 
-// -- along a spline, by quadrature of its angular velocity
+// -- along a spline, by quadrature of the angular velocity
 
-// Integrals from the start of each interval to its points, and over it. The instants of a motion are all
-// points of all intervals, then the start of the interval `late`, then the end of the last one.
+// Weights of the integrals from the start of each interval to its Gauss points, and over the interval. The
+// instants of a motion are the points of all intervals, then the start of the interval `late`, then the end
+// of the last interval.
 constexpr int kMostGauss = 8;
 
 struct Quadrature {
@@ -86,14 +87,15 @@ struct Quadrature {
   int instants() const { return points() + 2; }
 };
 
-// The base at one instant, its own axes: its spin by joint rates alone, what momentum adds to it, and how it
-// has turned.
+// The base at one instant, in base axes: its angular velocity due to the joint rates (reaction) and due to
+// the momentum (own), the inverse of the system's inertia, and the attitude.
 struct Turning {
   Vec3<double> reaction, own;
-  Mat3<double> inverse, attitude;  // the first of the system's inertia
+  Mat3<double> inverse, attitude;
 };
 
-// Attitudes at all instants from that at the start, by the spins at the points.
+// Computes the attitudes at all instants from the attitude at the start and the angular velocities at the
+// points, without momentum.
 inline void turn_along(const Quadrature& by, const Mat3<double>& start, Turning* at) {
   const int g = by.gauss;
   const auto put = [&](int k, const Mat3<double>& R) { at[k].attitude = R; };
@@ -111,10 +113,10 @@ inline void turn_along(const Quadrature& by, const Mat3<double>& start, Turning*
   put(by.points() + 1, R);
 }
 
-// The same with what angular momentum makes of the attitude, one interval after the other: collocation of the
-// rotation vector u from the interval's start, R' = R exp(u), at its points. It is iterated at most so many
-// times, until u changes by less. Of a long u the terms of higher order would run away; the integral of the
-// spin, which is bounded, is in its place there.
+// The same with an angular momentum, whose part of the angular velocity depends on the attitude. In each
+// interval the rotation vector u from the interval's start, R exp(u), is found by collocation at the points:
+// at most kIterations fixed-point iterations, until u changes by less than kSettled. For a u longer than
+// kLong the series in u would diverge, so the bounded integral of the angular velocity replaces u in it.
 inline void tumble_along(const Quadrature& by, const Mat3<double>& start, const Vec3<double>& momentum,
                          Turning* at) {
   constexpr int kIterations = 40;
@@ -160,7 +162,8 @@ inline void tumble_along(const Quadrature& by, const Mat3<double>& start, const 
   put(by.points() + 1, R);
 }
 
-// Attitudes at all instants from that at the start, of a system with angular momentum in inertial axes.
+// Computes the attitudes at all instants from the attitude at the start, for an angular momentum in inertial
+// axes.
 inline void base_attitudes(const Quadrature& by, const Mat3<double>& start, const Vec3<double>& momentum,
                            Turning* at) {
   if (dot(momentum, momentum) > 0.0) {

@@ -1,14 +1,14 @@
-// How joint positions change the arm's velocities and functions of its coupling, in closed form; forces.
+// Gradients by the joint positions of the arm's velocities and of functions of C_bm, in closed form; torques.
 //
-// Turning joint k by its twist S_k carries everything beyond it as one rigid body, with inertia I_k. On a
-// base that moves on as it did, with V_k the twist of the link before it and h_k the momentum of all that it
-// carries, that body's momentum changes by
+// A displacement of joint k along its twist S_k moves all bodies beyond it as one rigid body with the inertia
+// I_k and the momentum h_k. With V_k the twist of the link before the joint, and the base's twist unchanged,
+// the momentum of these bodies changes by
 //
 //     S_k x* h_k - I_k (S_k x V_k),
 //
-// and the base by what the momentum equation asks for. The whole is linear in the rates, so no derivative of
-// a single column is needed: neither for velocities, which sum the columns with the rates, nor for functions
-// of the coupling, whose slopes by the columns are summed backwards through the same equations.
+// and the change of the base's twist follows from the momentum equation. All equations are linear in the
+// rates, so derivatives of single columns are not needed: velocities are sums of the columns times the rates,
+// and the derivatives of functions of C_bm are propagated backwards through the same equations.
 //
 // Reference: R. Featherstone, "Rigid Body Dynamics Algorithms", 2008, ch. 2 (spatial cross products), 5
 // and 9.
@@ -18,18 +18,18 @@
 
 namespace ffsms {
 
-// Of the link before each joint, at given rates, and slopes of the momentum by the joint.
+// The twist of the link before each joint, and the gradient of the momentum by the joint's position.
 template <class T>
 struct Moved {
   Vec3<T> omega[kMostJoints], velocity[kMostJoints];  // angular; linear, of the point at the origin
   Vec3<T> linear[kMostJoints], angular[kMostJoints];  // slopes
 };
 
-// The base moves on with angular velocity `spin` and linear velocity `root`.
+// Computes `Moved` for a base with the angular velocity `spin` and the root's velocity `root`.
 template <class T>
 void moved(const Tree& tree, const Arm<T>& arm, const T* rates, const Vec3<T>& spin, const Vec3<T>& root,
            Moved<T>& out) {
-  Vec3<T> linear[kMostJoints], angular[kMostJoints];  // momentum of what each carries, the base still
+  Vec3<T> linear[kMostJoints], angular[kMostJoints];  // momentum of all bodies that a joint moves
   for (int j = 0; j < tree.n; ++j) {
     const int parent = tree.joints[j].parent;
     out.omega[j] = parent < 0 ? spin : out.omega[parent] + rates[parent] * arm.axis[parent];
@@ -55,7 +55,7 @@ void moved(const Tree& tree, const Arm<T>& arm, const T* rates, const Vec3<T>& s
   }
 }
 
-// Sum of columns with the rates.
+// Returns the sum of the columns times the rates.
 template <class T>
 Vec3<T> summed(const Tree& tree, const Vec3<T>* columns, const T* rates) {
   Vec3<T> out = {};
@@ -63,9 +63,9 @@ Vec3<T> summed(const Tree& tree, const Vec3<T>* columns, const T* rates) {
   return out;
 }
 
-// Of the base's angular velocity, spin @ rates + own, and of the end effector's velocity, jstar @ rates +
-// own x rho. `own` is what an angular momentum adds to the spin: the momentum stays in base axes, so own
-// changes with the inertia that the joints change.
+// Computes the gradients (3, n) of the base's angular velocity, spin @ rates + own, and of the end effector's
+// velocity, jstar @ rates + own x rho. `own` is the part of the angular velocity due to an angular momentum
+// that is constant in base axes, so it changes with the inertia.
 template <class T>
 void velocity_slopes(const Tree& tree, const Arm<T>& arm, const T* rates, const Vec3<T>& own,
                      Vec3<T>* spin_slopes, Vec3<T>* tip_slopes) {
@@ -78,13 +78,13 @@ void velocity_slopes(const Tree& tree, const Arm<T>& arm, const T* rates, const 
     Vec3<T> root_slope;
     react(tree, arm, by.linear[j], by.angular[j], spin_slopes[j], root_slope);
     tip_slopes[j] = root_slope + cross(spin_slopes[j], arm.tip) + cross(by.omega[j], arm.tip_velocity[j]);
-    // The end effector turns about the joint with its velocity beyond the link before it.
+    // The joint rotates the end effector's velocity relative to the link before the joint.
     if (!tree.joints[j].moves_tip) continue;
     tip_slopes[j] += cross(arm.axis[j], velocity - by.velocity[j] - cross(by.omega[j], arm.tip));
   }
 }
 
-// Of the end effector's angular velocity on a fixed base.
+// Computes the gradient (3, n) of the end effector's angular velocity on a fixed base.
 template <class T>
 void turning_slopes(const Tree& tree, const Arm<T>& arm, const T* rates, Vec3<T>* out) {
   const Vec3<T> tip = summed(tree, arm.tip_spin, rates);
@@ -92,12 +92,13 @@ void turning_slopes(const Tree& tree, const Arm<T>& arm, const T* rates, Vec3<T>
   for (int j = 0; j < tree.n; ++j) {
     const int parent = tree.joints[j].parent;
     before[j] = parent < 0 ? Vec3<T>{} : before[parent] + rates[parent] * arm.axis[parent];
-    // A joint turns the axes of all joints beyond it; its own stays, and its own rate drops out.
+    // A joint rotates the axes of all joints beyond it, but not its own axis.
     out[j] = cross(arm.tip_spin[j], tip - before[j]);
   }
 }
 
-// Of the angular momentum about the centre of mass, the base's attitude held, its place as the mode has it.
+// Computes the gradient (3, n) of the angular momentum about the centre of mass, with the base's attitude
+// held and its position free or held as in the mode.
 template <class T>
 void momentum_slopes(const Tree& tree, const Arm<T>& arm, const T* rates, Vec3<T>* out) {
   Moved<T> by;
@@ -107,7 +108,7 @@ void momentum_slopes(const Tree& tree, const Arm<T>& arm, const T* rates, Vec3<T
   for (int j = 0; j < tree.n; ++j) out[j] = by.angular[j] - cross(arm.com, by.linear[j]);
 }
 
-// Slopes by a joint's twist that moves or is moved: by its velocity, by the outer product of its axis.
+// Derivatives of a function by a joint's twist: the vector part, and the outer product with the axis.
 template <class T>
 struct ByTwist {
   Vec3<T> velocity;
@@ -119,16 +120,17 @@ struct ByTwist {
   }
 };
 
-// Gradient (n) of a function of the coupling that has the slopes `by_coupling` (6, n).
+// Computes the gradient (n) of a function of C_bm from its derivative `by_coupling` (6, n) by C_bm.
 template <class T>
 void coupling_slopes(const Tree& tree, const Arm<T>& arm, const T* by_coupling, T* gradient) {
   const auto by = [&](int row, int j) { return by_coupling[row * tree.n + j]; };
   const Vec3<T> base_com = tree.base_com;
-  Vec3<T> by_axis[kMostJoints], by_velocity[kMostJoints];  // of the columns that a joint carries: they turn
+  Vec3<T> by_axis[kMostJoints], by_velocity[kMostJoints];  // summed over the columns that a joint moves
   ByTwist<T> own[kMostJoints];
   ByTwist<T> base = {Vec3<T>{}, Mat3<T>{}};
   for (int j = 0; j < tree.n; ++j) {
-    // Slopes by root and spin, then by the momenta that these answer: the base's inertia is symmetric.
+    // The derivatives by root velocity and spin, then those by the momenta. `react` is its own transpose,
+    // because the base's inertia is symmetric.
     const Vec3<T> by_root = {{by(0, j), by(1, j), by(2, j)}};
     const Vec3<T> by_turn = {{by(3, j), by(4, j), by(5, j)}};
     const Vec3<T> by_spin = by_turn + cross(base_com, by_root);
@@ -147,7 +149,8 @@ void coupling_slopes(const Tree& tree, const Arm<T>& arm, const T* by_coupling, 
   }
   ByTwist<T> before[kMostJoints];
   for (int j = 0; j < tree.n; ++j) {
-    // Columns of joints before it, and the base, answer to the inertia of what it carries.
+    // The inertia of the bodies that the joint moves enters the columns of the joints before it, and the
+    // base.
     const int parent = tree.joints[j].parent;
     before[j] = parent < 0 ? base : before[parent];
     if (parent >= 0) before[j].add(own[parent]);
@@ -162,24 +165,24 @@ void coupling_slopes(const Tree& tree, const Arm<T>& arm, const T* by_coupling, 
   }
 }
 
-// -- torques of the joints, the base reacting, H_q u' + C_q, and what holds the base where a mode holds it
+// -- joint torques H_q u' + C_q with the base reacting, and the force and moment that hold the base in a mode
 //
-// Seen from an inertial frame that moves along with the root's origin at the instant: an even velocity
-// changes no force. Newton and Euler give the force on each body while the base is not accelerated; a joint
-// bears that of all that it carries. The base then gives way in whatever is free of it. A joint's torque gets
-// the base's twist a rate of the joint times the force on the whole: N^T f, where N^T M is zero in the base's
-// columns. What is not free bears the force on the whole.
+// The inertial frame moves with the root's origin at the instant, because a constant velocity changes no
+// force. Newton's and Euler's equations give the force on each body without an acceleration of the base, and
+// a joint transmits the force on all bodies that it moves. Let f_b be the force on the whole system. A free
+// base accelerates under f_b, which adds N_b^T f_b to the joint torques, where N_b is the base's twist per
+// joint rate. A base that the mode holds is held by f_b.
 //
-// Torques (n), then force and moment about the base's centre of mass. `own_spin`: what the total momentum
-// adds to the base's angular velocity.
+// Computes the torques (n), then the force and the moment about the base's centre of mass. `own_spin` is the
+// part of the base's angular velocity due to the total momentum.
 template <class T>
 void dynamics(const Tree& tree, const Arm<T>& arm, const T* rates, const T* accelerations,
               const Vec3<T>& own_spin, T* torques, Vec3<T>& held_force, Vec3<T>& held_moment) {
   const Vec3<T> turning = summed(tree, arm.spin, rates) + own_spin;
-  // Where the base's centre of mass is held, the root's origin goes round it.
+  // If the base's centre of mass is held, the root's origin moves on a circle round it.
   const Vec3<T> inwards = cross(turning, cross(turning, Vec3<T>(tree.base_com)));
   const Vec3<T> pulled = tree.moves ? Vec3<T>{} : -1.0 * inwards;
-  // Of each body: twist and its rate of change at the origin; the force on it.
+  // For each body: its twist at the origin, the rate of the twist, and the force and moment on the body.
   Vec3<T> spin[kMostJoints], velocity[kMostJoints], spin_rate[kMostJoints], velocity_rate[kMostJoints];
   Vec3<T> force[kMostJoints], moment[kMostJoints];
   for (int j = 0; j < tree.n; ++j) {
@@ -201,8 +204,8 @@ void dynamics(const Tree& tree, const Arm<T>& arm, const T* rates, const T* acce
     const Vec3<T> momentum = arm.rotation[j] * (Mat3<T>(body.inertia) * (back * spin[j]));
     moment[j] = change + cross(spin[j], momentum) + cross(centre, force[j]);
   }
-  // Of the base itself; where its centre of mass is held, no force is on it.
-  Vec3<T> first = tree.base_moment;  // of mass, of the whole
+  // The force and moment on the base itself; if its centre of mass is held, the force is zero.
+  Vec3<T> first = tree.base_moment;  // first moment of mass of the whole system
   Vec3<T> whole_force = tree.moves ? cross(turning, cross(turning, first)) : Vec3<T>{};
   Vec3<T> whole_moment = cross(turning, Mat3<T>(tree.base_inertia) * turning) + cross(first, pulled);
   for (int j = tree.n - 1; j >= 0; --j) {
@@ -215,11 +218,11 @@ void dynamics(const Tree& tree, const Arm<T>& arm, const T* rates, const T* acce
     torques[j] = dot(arm.axis[j], moment[j]) + dot(arm.velocity[j], force[j]) +
                  dot(arm.root[j], whole_force) + dot(arm.spin[j], whole_moment);
   }
-  // About the point that does not move, or the centre of mass where the whole moves.
+  // The moment about the base's centre of mass if that is held, else about the system's centre of mass.
   held_moment = whole_moment - cross(arm.com, whole_force);
   held_force = Vec3<T>{};
   if (!tree.moves) {
-    // A base that turns freely turns by what no moment holds; what it carries goes round with it.
+    // A base that rotates freely has this angular acceleration, which accelerates all bodies.
     const Vec3<T> turned = -1.0 * (arm.inverse * held_moment);
     held_force = whole_force + cross(turned, first - tree.total_mass * arm.com);
   }

@@ -1,6 +1,6 @@
-// One step of the paper's method: bounds on the joint rates, the wanted motion, the programme's matrices.
+// One step of the paper's method: bounds on the joint rates, the desired motion, and the matrices of the QP.
 //
-// All matrices are dense and lie row by row; n is the number of joints.
+// All matrices are dense and stored by rows; n is the number of joints.
 #pragma once
 
 #include <algorithm>
@@ -11,10 +11,10 @@
 
 namespace ffsms {
 
-constexpr double kUnbounded = 1e20;  // stands for no bound in a programme, as `opt.UNBOUNDED`
-constexpr double kFastest = 1e6;     // [rad/s^2] stands for no limit on an acceleration
+constexpr double kUnbounded = 1e20;  // means no bound in a QP, as `opt.UNBOUNDED`
+constexpr double kFastest = 1e6;     // [rad/s^2] means no limit of an acceleration
 
-// Greatest rate at the step's end from which a joint still stops before a limit that is `room` away.
+// Returns the largest rate at the step's end from which a joint can stop before a limit at distance `room`.
 inline double stoppable_rate(double room, double rate, double acceleration, double dt) {
   const double half = 0.5 * dt * acceleration;
   const double square = half * half + 2.0 * acceleration * (room - 0.5 * dt * rate);
@@ -24,7 +24,7 @@ inline double stoppable_rate(double room, double rate, double acceleration, doub
   return std::min(rate - turning * turning * dt / (2.0 * std::max(room, 1e-300)), 0.0);
 }
 
-// The same within the limits of rate and acceleration; the latter comes last: it is never broken.
+// The same within the limits of rate and acceleration; if they conflict, the acceleration limit holds.
 inline double greatest_rate(double room, double rate, double velocity, double acceleration, double dt) {
   const double limit = std::min(acceleration, kFastest), change = dt * limit;
   const double most = std::min(stoppable_rate(std::max(room, 0.0), rate, limit, dt), velocity);
@@ -37,23 +37,24 @@ inline double dot(const double* a, const double* b, int n) {
   return sum;
 }
 
-// What is left of the way shrinks as (time left)^p. With 2.5 the speed and the deceleration end at zero, the
-// speed at the start is only 2.5 times the mean, and at 0.9 T, where const8 begins, 0.3 % of the way is left.
+// The remaining distance decreases as (remaining time)^p. With p = 2.5 speed and deceleration end at zero,
+// the speed at the start is only 2.5 times the mean, and at 0.9 T, where const8 begins, 0.3 % of the distance
+// remain.
 constexpr double kArrivalPower = 2.5;
-// Below this cosine a path would be a spiral of many turns; its length is then taken as if at this cosine.
+// Below this cosine a path would be a spiral of many turns; its length is computed with this cosine instead.
 constexpr double kLeastApproach = 0.2;
 
-// Speed at the end of the next step that leads over the path that is left to the target at the deadline. The
-// schedule ends two steps later: a stopped end effector has no direction, and the paper's cost would charge
-// for it at the last step; what is left of the speed there is some 1e-5 m/s.
+// Returns the speed at the end of the next step with which the remaining path ends at the deadline. The
+// schedule ends two steps after the deadline, because an end effector at rest has no direction, which the
+// paper's cost would penalise at the last step. The speed at the deadline is some 1e-5 m/s.
 inline double reference_speed(double path_left, double speed, double time_left, double dt) {
   const double left_after = std::max(time_left - dt, 0.0) + 2.0 * dt;
   const double way = std::max(path_left - 0.5 * dt * speed, 0.0);
   return kArrivalPower * way / (left_after + 0.5 * dt * kArrivalPower);
 }
 
-// The cosine at which a step with this H_norm costs nothing, log(exp(kappa (1 - H_norm)) - 1) / kappa, or the
-// nearest one in [-1, 1]: see `ideal_cosine` of opt/costs.py.
+// Returns the cosine at which the cost of a step with this H_norm is zero,
+// log(exp(kappa (1 - H_norm)) - 1) / kappa, clipped to [-1, 1]; see `ideal_cosine` in opt/costs.py.
 inline double ideal_cosine(double entropy, double kappa) {
   const double x = kappa * (1.0 - entropy);
   if (!(x > 0.0)) return -1.0;
@@ -61,10 +62,10 @@ inline double ideal_cosine(double entropy, double kappa) {
   return std::min(1.0, std::max(-1.0, (x + std::log(-std::expm1(-x))) / kappa));
 }
 
-// Unit vector across `towards`, as near to `hint` as possible; any, where that has no part across.
+// Returns the unit vector orthogonal to `towards` that is nearest to `hint`, or any if `hint` is parallel.
 inline Vec3<double> lateral_direction(const Vec3<double>& towards, const Vec3<double>& hint) {
   Vec3<double> across = hint - dot(hint, towards) * towards;
-  if (std::sqrt(dot(across, across)) < 1e-9) {  // the cross product with the axis that is furthest from it
+  if (std::sqrt(dot(across, across)) < 1e-9) {  // the cross product with the axis furthest from `towards`
     int k = 0;
     for (int i = 1; i < 3; ++i) {
       if (std::fabs(towards[i]) < std::fabs(towards[k])) k = i;
@@ -76,8 +77,8 @@ inline Vec3<double> lateral_direction(const Vec3<double>& towards, const Vec3<do
   return across / std::sqrt(dot(across, across));
 }
 
-// The rotation vector [rad] of a rotation, by its quaternion: sound up to half a turn. The largest column of
-// 4 q q^T, so that nothing is lost there (I. Y. Bar-Itzhack, 2000).
+// Returns the rotation vector [rad] of a rotation, by its quaternion. The largest column of 4 q q^T is used,
+// so that no accuracy is lost near half a turn (I. Y. Bar-Itzhack, 2000).
 inline Vec3<double> log3(const Mat3<double>& R) {
   double K[4][4];
   const double trace = R[0][0] + R[1][1] + R[2][2];
@@ -101,7 +102,7 @@ inline Vec3<double> log3(const Mat3<double>& R) {
   return factor * v;
 }
 
-// H_norm of singular values (n), in the paper's formula: 0 log 0 = 0, and zero where there are none.
+// Returns the paper's H_norm of singular values (n), with 0 log 0 = 0; 0 if all values are zero.
 inline double normalised_entropy(const double* sigma, int n) {
   double total = 0.0, sum = 0.0;
   for (int i = 0; i < n; ++i) total += sigma[i];
@@ -112,8 +113,8 @@ inline double normalised_entropy(const double* sigma, int n) {
   return n > 1 ? std::min(1.0, std::max(0.0, sum / std::log(static_cast<double>(n)))) : 0.0;
 }
 
-// Solves equations (size, size + 1), the right sides last, where the solution then stands: by Gauss'
-// elimination with row pivoting; false where they are singular.
+// Solves linear equations (size, size + 1) by Gaussian elimination with row pivoting; the last column is the
+// right side and is replaced by the solution. Returns false if the matrix is singular.
 inline bool solve(double* A, int size) {
   const int wide = size + 1;
   for (int k = 0; k < size; ++k) {
@@ -137,31 +138,32 @@ inline bool solve(double* A, int size) {
   return true;
 }
 
-// What one step is given of n joints.
+// The arguments of one step of n joints.
 struct StepGiven {
   int n;
-  const double *J, *V;                   // J* (6, n), and the basis of the rates (n, n)
-  const double *rates, *drift;           // (n), and of the end effector with the joints at rest (6)
-  const double* acceleration;            // limits (n)
-  Vec3<double> way, side;                // to the target [m]; of it, to move on, or zero: as it moves
-  Mat3<double> attitude;                 // of the end effector
-  std::optional<Mat3<double>> rotation;  // that is wanted of it
-  double cosine, time_left, dt;          // of the angle between motion and way; [s]
+  const double *J, *V;                   // J* (6, n), and the basis of the joint rates (n, n)
+  const double *rates, *drift;           // joint rates (n), and the end effector's twist (6) without them
+  const double* acceleration;            // acceleration limits (n)
+  Vec3<double> way, side;                // vector to the target [m]; lateral hint, zero: from the velocity
+  Mat3<double> attitude;                 // attitude of the end effector
+  std::optional<Mat3<double>> rotation;  // desired attitude
+  double cosine, time_left, dt;          // cosine of the angle between motion and way; [s]
 };
 
-// Unit vectors to the target, along the wanted motion, and across the way; the wanted spin, and the speed.
+// Unit vectors to the target, along the desired motion, and orthogonal to the first; the desired angular
+// velocity, and the speed.
 struct WantedMotion {
   Vec3<double> towards, direction, side, spin;
   double speed;
 };
 
-// Weights of a step's objective, as `opt.StepWeights`.
+// The weights of a step's objective; see `opt.StepWeights`.
 struct StepWeights {
   double direction, speed, orientation, effort, change, clearance;
 };
 
-// The speed by the schedule of what moves along a direction by three rows of J, the first is `row`, as far as
-// the joints can reach it in one step: asking for more would buy speed with direction.
+// Returns the scheduled speed along a direction, by the three rows of J from `row` on, limited to the speed
+// that the joints can reach in one step; a larger speed would be reached at the expense of the direction.
 inline double reached_speed(const StepGiven& by, int row, double path_left, const Vec3<double>& direction) {
   const double* J = by.J + row * by.n;
   double speed = dot(direction, of_numbers<Vec3<double>>(by.drift + row)), gain = 0.0;
@@ -175,20 +177,20 @@ inline double reached_speed(const StepGiven& by, int row, double path_left, cons
 }
 
 inline WantedMotion wanted_motion(const StepGiven& by) {
-  constexpr double kArrived = 1e-12;  // [m, rad] nearer than that it is rounding
+  constexpr double kArrived = 1e-12;  // [m, rad] smaller distances are rounding errors
   WantedMotion out = {{}, {}, by.side, {}, 0.0};
   const double distance = std::sqrt(dot(by.way, by.way));
   if (!(distance < kArrived)) {
     out.towards = by.way / distance;
-    if (dot(by.side, by.side) == 0.0) {  // the side on which the end effector is moving
+    if (dot(by.side, by.side) == 0.0) {  // without a hint: the end effector's velocity
       for (int i = 0; i < 3; ++i) out.side[i] = dot(by.J + i * by.n, by.rates, by.n) + by.drift[i];
     }
     out.side = lateral_direction(out.towards, out.side);
     const double sine = std::sqrt(std::max(0.0, 1.0 - by.cosine * by.cosine));
     out.direction = by.cosine * out.towards + sine * out.side;
-    // A path at a constant angle to the direction of the target is 1 / cos longer than the straight one. One
-    // step goes half of the way to the point of a straight step that is nearest to the target at most: a
-    // longer step at an angle to the target would go round it instead of nearing it.
+    // A path at a constant angle to the direction of the target is 1 / cos times the straight distance. A
+    // step is at most half as long as the straight step to the point nearest to the target, because a longer
+    // step at an angle to the target would go round it and not approach it.
     const double along = std::max(by.cosine, kLeastApproach);
     out.speed =
         std::min(reached_speed(by, 0, distance / along, out.direction), 0.5 * distance * along / by.dt);
@@ -201,12 +203,12 @@ inline WantedMotion wanted_motion(const StepGiven& by) {
   return out;
 }
 
-// Adds to H (n + 2, n + 2) and g of 1/2 x^T H x + g^T x, with x the rates in the basis V, s, and the slack.
+// Adds the objective 1/2 x^T H x + g^T x to H (n + 2, n + 2) and g; x is [rates in the basis V; s; slack].
 inline void add_objective(const StepGiven& by, const WantedMotion& wanted, const StepWeights& weights,
                           double* H, double* g) {
   const int n = by.n, size = n + 2;
   double row[kMostJoints + 1];
-  // J V alpha + drift is to be along the direction, or the wanted spin.
+  // J V alpha + drift should equal s times the direction, and the desired angular velocity.
   for (int r = 0; r < (by.rotation ? 6 : 3); ++r) {
     const double weight = r < 3 ? weights.direction : weights.orientation;
     const double offset = r < 3 ? by.drift[r] : by.drift[r] - wanted.spin[r - 3];
@@ -221,7 +223,7 @@ inline void add_objective(const StepGiven& by, const WantedMotion& wanted, const
       for (int j = 0; j <= n; ++j) H[i * size + j] += weighted * row[j];
     }
   }
-  // V turns without stretching, so that |u| = |alpha|: effort and change are diagonal in alpha, too.
+  // V is orthogonal, so |u| = |alpha|, and effort and change are diagonal in alpha, too.
   for (int i = 0; i < n; ++i) {
     H[i * size + i] += weights.change + weights.effort;
     for (int j = 0; j < n; ++j) g[i] -= weights.change * by.rates[j] * by.V[j * n + i];

@@ -1,14 +1,16 @@
-// Gauss-Newton sums of whole motions: from slopes of residuals by what moves to the gradient and the Hessian
-// by the control points of the joints' spline, flattened with the joints last.
+// Gauss-Newton sums of whole motions: the gradient and the Hessian by the control points of the joints'
+// spline (flattened, the joints last) from derivatives of residuals by the motion of end effector, base and
+// arm.
 //
-// A residual says how it depends on the end effector, the base and the arm. The base reacts to the joints: it
-// turns, and moves about the centre of mass. So a residual depends on the joint positions, rates and
-// accelerations of its instant, and on a turn of everything about the centre of mass. That turn is the
-// integral of the change of the base's angular velocity: the same quadrature that gives the attitude gives
-// its slopes by the control points, one interval after the other. With an angular momentum, what that adds to
-// the spin changes with the inertia and with the turn itself: the turn theta of everything, inertial axes,
-// follows theta' = c + A theta, A theta = R J (h x R^T theta), with J the inverse inertia and h the momentum
-// in base axes, and c by the joints alone.
+// The base reacts to the joints: it rotates, and moves about the centre of mass. A residual therefore depends
+// on the joint positions, rates and accelerations at its instant, and on a rotation of the whole system about
+// the centre of mass. This rotation is the integral of the change of the base's angular velocity. The
+// quadrature of the attitude also gives its derivatives by the control points, one interval after the other.
+//
+// With an angular momentum, its part of the angular velocity changes with the inertia and with the rotation
+// itself. The small rotation theta of the whole system, inertial axes, follows theta' = c + A theta with A
+// theta = R J (h x R^T theta), where R is the attitude, J the inverse inertia and h the angular momentum,
+// both in base axes, and c depends on the joints alone.
 #pragma once
 
 #include <algorithm>
@@ -18,8 +20,7 @@
 
 namespace ffsms {
 
-// Numbers (row, component, joint, motion, instant); along an axis that an array does not have the step is
-// zero.
+// An array with the axes (row, component, joint, motion, instant); the step along a missing axis is zero.
 struct Strided {
   const double* data;
   Index step[5];
@@ -27,9 +28,9 @@ struct Strided {
   explicit operator bool() const { return data != nullptr; }
 };
 
-// What residuals have slopes by. First vectors, inertial axes: three that joint rates change as well, two
-// more that a turn of everything takes along, and two turns. Of a number for each joint, slopes by it alone
-// are "own".
+// The quantities by which residuals have derivatives. First vectors in inertial axes: three that also depend
+// on the joint rates, two more that a rotation of the whole system rotates, and two rotations. The "own"
+// derivatives of a residual with one row per joint are those by the same joint alone.
 constexpr const char* kNames[] = {"by_velocity",      "by_spin",          "by_base_spin", "by_tip",
                                   "by_base",          "by_turn",          "by_base_turn", "by_joints",
                                   "by_rates",         "by_accelerations", "own_joint",    "own_rate",
@@ -37,22 +38,22 @@ constexpr const char* kNames[] = {"by_velocity",      "by_spin",          "by_ba
 constexpr int kBaseSpin = 2, kRated = 3, kTip = 3, kLevered = 5, kVectors = 7;
 constexpr int kJoints = 7, kOwnJoint = 10, kEntropy = 13, kCoupling = 14, kSlopes = 15;
 
-// Rows of numbers at `count` instants of each motion, or `count` entries, each of one motion. Absent slopes
-// are zero.
+// A residual with some rows, at `count` instants of each motion (dense) or at `count` entries (motion,
+// instant). Missing derivatives are zero.
 struct Residual {
   Index rows, count;
-  const Index *instants, *motion;  // the latter null where dense
+  const Index *instants, *motion;  // `motion` is null if dense
   const double* weight;
   Strided value, by[kSlopes];
 
-  // Whether each row depends on its own joint and on nothing else.
+  // Returns true if each row depends on its own joint alone.
   bool alone() const {
     const auto there = [](const Strided& slope) { return static_cast<bool>(slope); };
     return std::none_of(by, by + kOwnJoint, there) && std::none_of(by + kEntropy, by + kSlopes, there);
   }
 };
 
-// One value of a residual.
+// One row of a residual at one instant of one motion.
 struct Value {
   const Residual& of;
   Index row, motion, i;
@@ -65,9 +66,9 @@ struct Value {
   Index instant() const { return of.instants[i]; }
 };
 
-// Rows of motions, `stack` numbers each: joints and rates (n) each, the base's attitude (9), what momentum
-// adds to its spin (3), and where they are there, the entropy's slopes by C_bm (6 n). The angular momentum is
-// in inertial axes.
+// The rows of all motions, `stack` numbers each: joint positions and rates (n each), the base's attitude (9),
+// its angular velocity due to the momentum (3), and with `entropy` the derivative of H_norm by C_bm (6 n).
+// The angular momentum is in inertial axes.
 struct MotionRows {
   const double* first;
   std::size_t stack;
@@ -75,30 +76,31 @@ struct MotionRows {
   Vec3<double> momentum;
 };
 
-// Maps from M control points of one joint to its travel, rate and acceleration at all instants, (3, K, M).
+// Maps (3, K, M) from M control points of a joint to its position, rate and acceleration at K instants.
 struct SplineMaps {
   int size;
   const double* maps;
 };
 
-// The robot at one instant, base axes: vectors that turn with everything, and the base's attitude; how each
-// joint moves vectors, by its position and by its rate, and its slope of the entropy.
+// The robot at one instant, in base axes.
 template <class T>
 struct Instant {
-  Vec3<T> lever[kLevered];
-  Mat3<T> attitude, inverse;  // the latter of the system's inertia
-  Vec3<T> momentum;           // the angular one
+  Vec3<T> lever[kLevered];    // the vectors that a rotation of the whole system rotates
+  Mat3<T> attitude, inverse;  // of the base; of the system's inertia
+  Vec3<T> momentum;           // angular momentum
 
-  // How a turn of everything changes what momentum adds to the spin: g times that, for slopes g by the spin.
+  // Returns the derivative by a rotation of the whole system, through the angular velocity due to the
+  // momentum, of a function with the derivative g by the angular velocity.
   Vec3<T> own_moment(const Vec3<T>& g) const { return cross(inverse * g, momentum); }
 };
+// The derivatives of the vectors by a joint's position (travel) and rate, and of H_norm by its position.
 template <class T>
 struct Column {
   Vec3<T> travel[kVectors], rate[kRated];
   T entropy;
 };
 
-// One lane of what is made of packs alone.
+// Returns one lane of a struct that consists of packs.
 template <template <class> class Of, class T>
 Of<double> lane(const Of<T>& packs, int i) {
   Of<double> out;
@@ -108,7 +110,7 @@ Of<double> lane(const Of<T>& packs, int i) {
 
 class Sums {
  public:
-  // `room`: as many numbers as `needed` says, to work in.
+  // `room` is working memory for `needed` numbers.
   Sums(const Tree& tree, const MotionRows& motions, const SplineMaps& spline, const Quadrature& by,
        double* room)
       : tree_(tree), motions_(motions), spline_(spline), quadrature_(by), room_(room) {
@@ -123,7 +125,7 @@ class Sums {
                                     (3 * quadrature.gauss + 3 + kBatch) * size);
   }
 
-  // Sums of one motion, added to a gradient (M n,) and a Hessian (M n, M n) of zeros.
+  // Adds the sums of one motion to a gradient (M n,) and a Hessian (M n, M n) that are zero.
   template <class Residuals>
   void add(Index motion, const Residuals& residuals, double* gradient, double* hessian) {
     gradient_ = gradient;
@@ -150,12 +152,12 @@ class Sums {
   }
 
  private:
-  static constexpr int kBatch = 4;  // rows that one pass over the Hessian adds
+  static constexpr int kBatch = 4;  // number of rows that one pass over the Hessian adds
 
   const double* map(int which, Index k) const { return spline_.maps + (which * K_ + k) * spline_.size; }
 
-  // Early instants depend on the first control points alone. The base's turn within an interval follows from
-  // all points of it, and from those before.
+  // Computes how many of the first control points matter at each instant. The base's rotation within an
+  // interval depends on all points of the interval and of the intervals before it.
   void find_extents() {
     const int g = quadrature_.gauss, Q = quadrature_.points();
     Index widest = 0;
@@ -175,7 +177,7 @@ class Sums {
     extent_[Q + 1] = reached(Q + 1);
   }
 
-  // The arm at an instant, or at those of a pack, and what residuals may ask of it there.
+  // Computes the arm, the levers and the columns at an instant, or at the instants of a pack.
   template <class T>
   void look_at(int begin, Arm<T>& arm) {
     T joints[kMostJoints], rates[kMostJoints], by_coupling[6 * kMostJoints], by_entropy[kMostJoints] = {};
@@ -219,7 +221,7 @@ class Sums {
     for (int i = 0; i < lanes; ++i) instants_[begin + i] = lane(at, i);
   }
 
-  // How everything turns about the centre of mass, inertial axes: (3, M n) at each instant.
+  // The derivative (3, M n) of the whole system's rotation at instant k by the control points, inertial axes.
   double* turned(Index k) { return turned_ + 3 * size_ * k; }
 
   void sweep() {
@@ -239,9 +241,9 @@ class Sums {
     std::copy_n(total_, 3 * size_, turned(quadrature_.points() + 1));
   }
 
-  // With an angular momentum, the turns at the points of an interval from what they would be without the
-  // changes that they make themselves: (1 - a A) theta = theta_0 + a c, with the weights a (gauss, gauss). By
-  // elimination; the matrix is near one.
+  // Replaces the rotations theta_0 + a c at the points of an interval, computed without A, by those with the
+  // angular momentum, (1 - a A) theta = theta_0 + a c with the weights a (gauss, gauss). Elimination without
+  // pivoting suffices, because the matrix is near the identity.
   void tumble(int interval, Index wide) {
     const int g = quadrature_.gauss, first = interval * g, rows = 3 * g;
     double A[9 * kMostGauss], M[9 * kMostGauss * kMostGauss];
@@ -255,7 +257,7 @@ class Sums {
       for (int c = 0; c < rows; ++c)
         M[r * rows + c] = (r == c ? 1.0 : 0.0) - weights[c / 3] * A[9 * (c / 3) + 3 * (r % 3) + c % 3];
     }
-    double* theta = turned(first);  // its rows lie one behind the other
+    double* theta = turned(first);  // the rows of the points of an interval are contiguous
     const auto subtract = [&](int row, int other, double factor) {
       double* out = theta + row * size_;
       const double* of = theta + other * size_;
@@ -290,7 +292,7 @@ class Sums {
     }
   }
 
-  // How the base's angular velocity changes, inertial axes: (3, M n).
+  // Computes the derivative (3, M n) of the base's angular velocity by the control points, inertial axes.
   void spin_changes(int k, double* out, Index wide) {
     const double *travel = map(0, k), *rates = map(1, k);
     for (int j = 0; j < n_; ++j) {
@@ -305,8 +307,8 @@ class Sums {
     }
   }
 
-  // Slopes of a value by the joints' travel, rates and accelerations where the base stays, (3, n), and by a
-  // turn of everything (3,): to `own`.
+  // Computes the derivatives of a value by joint positions, rates and accelerations without the base's
+  // rotation (3, n), and by a rotation of the whole system (3,), and writes them to `own`.
   void find_slopes(const Value& value, double* own) {
     const Residual& r = value.of;
     const Index k = value.instant();
@@ -343,7 +345,7 @@ class Sums {
     std::copy_n(turn.v, 3, own + 3 * n_);
   }
 
-  // The row of one value by the control points, kept until there are enough for a pass.
+  // Adds the derivative of one value by the control points to the batch of rows, and flushes a full batch.
   void add_row(const Value& value) {
     double own[3 * kMostJoints + 3];
     find_slopes(value, own);
@@ -366,7 +368,7 @@ class Sums {
     if (++waiting_ == kBatch) flush();
   }
 
-  // Rows to the gradient and to the lower triangle of the Hessian.
+  // Adds the batch of rows to the gradient and to the lower triangle of the Hessian.
   void flush() {
     std::fill(weights_ + waiting_, weights_ + kBatch, 0.0);
     const double *r0 = rows_, *r1 = r0 + size_, *r2 = r1 + size_, *r3 = r2 + size_;
@@ -381,7 +383,7 @@ class Sums {
     wide_ = waiting_ = 0;
   }
 
-  // What depends on one joint alone: that joint's entries of the gradient and the lower triangle.
+  // Adds a value that depends on one joint alone to this joint's entries of gradient and lower triangle.
   void add_alone(const Value& value) {
     const Index k = value.instant(), end = extent_[k];
     double* row = change_;
@@ -413,7 +415,7 @@ class Sums {
   double* room_;
   const bool tumbles_ = dot(motions_.momentum, motions_.momentum) > 0.0;
   const int n_ = tree_.n, size_ = spline_.size * n_, K_ = quadrature_.instants();
-  Index* extent_ = take<Index>(K_);  // of the control points that matter at an instant
+  Index* extent_ = take<Index>(K_);  // number of control points that matter at an instant
   Instant<double>* instants_ = take<Instant<double>>(K_);
   Column<double>* columns_ = take<Column<double>>(K_ * n_);
   double* turned_ = take<double>(3 * size_ * K_);

@@ -1,4 +1,4 @@
-// Vectors and matrices of three components; T is a double or a pack of them.
+// Vectors and matrices of three components; T is a double or a pack of doubles.
 #pragma once
 
 #include "pack.hpp"
@@ -11,7 +11,7 @@ struct Vec3 {
 
   T& operator[](int i) { return v[i]; }
   const T& operator[](int i) const { return v[i]; }
-  // Constants as values of every lane.
+  // Converts constants to packs with the constant in every lane.
   template <class S>
   operator Vec3<S>() const {
     return {{S(v[0]), S(v[1]), S(v[2])}};
@@ -20,7 +20,7 @@ struct Vec3 {
 template <class T>
 using Mat3 = Vec3<Vec3<T>>;  // row, column
 
-// What is made of doubles alone, of numbers one after the other.
+// Returns a struct that consists of doubles, from an array of doubles.
 template <class Value>
 Value of_numbers(const double* x) {
   Value out;
@@ -83,13 +83,13 @@ Mat3<T> outer(const Vec3<T>& a, const Vec3<T>& b) {
   return {{a[0] * b, a[1] * b, a[2] * b}};
 }
 
-// a x, as a matrix.
+// The matrix [a]x of the cross product with a.
 template <class T>
 Mat3<T> skew(const Vec3<T>& a) {
   return {{{{T{}, -a[2], a[1]}}, {{a[2], T{}, -a[0]}}, {{-a[1], a[0], T{}}}}};
 }
 
-// The inertia that a mass adds when it is looked at from so far away: mass (d.d 1 - d d^T).
+// Adds mass (d.d 1 - d d^T), the parallel-axis term of a mass at the distance vector d.
 template <class T>
 void add_steiner(Mat3<T>& inertia, T mass, const Vec3<T>& d) {
   const Vec3<T> scaled = mass * d;
@@ -100,7 +100,7 @@ void add_steiner(Mat3<T>& inertia, T mass, const Vec3<T>& d) {
   }
 }
 
-// The inverse of a symmetric positive definite matrix, by cofactors.
+// Returns the inverse of a symmetric positive definite matrix, by cofactors.
 template <class T>
 Mat3<T> inverse_symmetric(const Mat3<T>& a) {
   const T c00 = a[1][1] * a[2][2] - a[1][2] * a[2][1];
