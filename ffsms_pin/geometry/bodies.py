@@ -1,4 +1,4 @@
-"""The bodies that are kept apart: the robot's bodies and obstacles by their shapes, or the paper's points."""
+"""Pairs of bodies and their distances, by the shapes of robot and obstacles or by the paper's points."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ from ffsms_pin.geometry.obstacle import Obstacle
 from ffsms_pin.kernel import kernel
 
 MODES = ("auto", "points", "hulls", "shapes", "off")
-_FAR = 0.05  # [m] beyond the clearance: pairs that can be this far apart get the whole margin
-# Shapes may come nearer to a guide than in the grasp pose by this distance [m], because contacts yield by
-# millimetres and plans miss the grasp by millimetres. Plans use less than half of it.
+_FAR = 0.05  # [m] distances up to this value beyond the clearance are measured exactly in `_judged`
+# Shapes may be this much nearer to a guide than in the grasp pose [m], because contacts yield by millimetres
+# and plans miss the grasp by millimetres. Plans use _GUIDED_MARGIN of this distance.
 _GUIDED, _GUIDED_MARGIN = 0.01, 4e-3
 _THIN = 1e-6  # [m] radius of points and lines; axes with a shorter cross product are parallel
 
 
 class Body(NamedTuple):
-    """A body with its convex parts and its original shapes. Carriers are indices as in `ClearanceStack`."""
+    """A body with its convex parts and its original shapes; `carrier` is an index as in `ClearanceStack`."""
 
     name: str
     carrier: int
@@ -44,8 +44,8 @@ class Body(NamedTuple):
 class BodyStack(ClearanceStack):
     """The distances of pairs of bodies, by convex parts of their shapes ("hulls") or the shapes ("shapes").
 
-    With obstacles the pairs are those of robot and obstacles, with the obstacles' margins subtracted; without
-    obstacles the pairs are those of the robot's own bodies.
+    With obstacles each pair is a body of the robot and an obstacle, and the obstacle's margin is subtracted
+    from their distance. Without obstacles the pairs are those of the robot's own bodies.
     """
 
     def __init__(
@@ -59,9 +59,9 @@ class BodyStack(ClearanceStack):
         super().__init__(sms)
         self.mode, self._settings = mode, (sms, mode, clearance, payload, obstacles)
         self.obstacles = tuple(obstacles)
-        held = [] if payload is None else [payload]  # for obstacles a separate body
+        held = [] if payload is None else [payload]  # a separate body in pairs with obstacles
         own = robot_bodies(sms, mode, [] if obstacles else held)
-        # True if the shapes are more exact than their convex parts.
+        # True if a shape is not convex, so that its distances are more exact than those of its parts.
         self._refines = not all(part.convex for body in own for part in body.whole)
         if obstacles:
             own += [Body.of("payload", part) for part in held]
@@ -95,13 +95,13 @@ class BodyStack(ClearanceStack):
             self._take([(of[a], of[b]) for a, b in body_pairs(sms, list(of))])
             if not self.names:
                 count = sum(len(body.whole) for body in own)
-                message = "must give at least one pair of bodies that can meet"
+                message = "must have at least one pair of bodies that a joint does not connect"
                 raise InvalidValue("the collision shapes", count, message)
             self.largest = self._judged(clearance)
         self.reaches = self._parts.reaches
 
     def _take(self, pairs: list[tuple[Body, Body]]) -> None:
-        """Set the pairs of bodies to keep apart."""
+        """Set the pairs of bodies and the arrays that follow from the pairs."""
         self._bodies, self.names = pairs, [f"{a.name} - {b.name}" for a, b in pairs]
         self._parts = PartPairs(self.arm, [(a.parts, b.parts) for a, b in pairs])
         self.bodies, self.sizes = self._parts.bodies[:, [0, 1, 0]], self._parts.sizes
@@ -119,7 +119,10 @@ class BodyStack(ClearanceStack):
         return BodyStack, self._settings  # the shapes are read again
 
     def nearest(self, poses: Poses, where: Entries, near: FloatArray | float = np.inf) -> Nearest:
-        """Return distances and nearest points as `ClearanceStack.nearest`, by convex parts if possible."""
+        """Return distances and nearest points; see `ClearanceStack.nearest`.
+
+        Convex parts bound the distances. In the mode "shapes" distances below `near` are measured by shapes.
+        """
         margins = self.margins[where[0]]
         most = near + margins
         nearest = self._parts.nearest(poses, where, most)
@@ -132,7 +135,7 @@ class BodyStack(ClearanceStack):
         return Nearest(nearest.distance - margins, nearest.points)
 
     def refined(self, poses: Poses, where: Entries, values: FloatArray) -> FloatArray:
-        """Return the distances as `ClearanceStack.refined`, by the original shapes."""
+        """Return the distances by the original shapes; see `ClearanceStack.refined`."""
         if not self._refines:
             return values
         distances = self._shapes.nearest(poses, where).distance
@@ -141,11 +144,12 @@ class BodyStack(ClearanceStack):
         return np.asarray(np.where(distances > 0.0, np.maximum(values, exact), np.minimum(values, exact)))
 
     def _judged(self, clearance: float) -> FloatArray:
-        """Return bounds of the distances (m,) at zero, in the middle posture, and in six drawn postures.
+        """Return the largest distance (m,) of each pair in eight postures, and leave out pairs.
 
-        Pairs whose shapes are nearer than the clearance in all postures are so by construction and go to
-        `left_out`. A convex part is a little larger than its shape. If parts overlap in the first two
-        postures although the shapes do not, the distance of the pair is measured by the shapes.
+        The postures are the zero posture, the middle of the joint ranges, and six random ones. A pair that is
+        nearer than the clearance in all of them is near by construction and is moved to `left_out`. Convex
+        parts are slightly larger than their shapes: if the parts overlap in the first two postures but the
+        shapes do not, the pair is measured by its shapes from then on.
         """
         limits, rng = self.sms.limits, np.random.default_rng(0)
         low = np.where(np.isfinite(limits.lower), limits.lower, -np.pi)
@@ -178,13 +182,13 @@ class BodyStack(ClearanceStack):
 
 
 class PointStack(ClearanceStack):
-    """The points d_i of the paper: every joint's origin, and the end effector.
+    """The distances of the paper's points d_i, the joints' origins and the end effector, and the base's box.
 
     A pair of points is used if its distance can change (the distance of adjacent joints is constant). A point
-    and the base's box are used if the point moves relative to the base (the paper's i >= 2). Read literally,
-    const5 to const7 require all three inequalities at once; they mean that a point is outside the box, so one
-    of them must hold, in base axes. `ends` (m, 2) are the index of a point (joints in order, the end effector
-    last), and that of the other point, or -1 for the box.
+    and the box are a pair if the point moves relative to the base (the paper's i >= 2). The paper's const5 to
+    const7 require three inequalities together. They mean that a point is outside the box, so here one of them
+    must hold, in base axes. Each row of `ends` (m, 2) has the index of a point (joints in order, the end
+    effector last) and the index of the second point, or -1 for the box.
 
     Raises
     ------
@@ -192,7 +196,7 @@ class PointStack(ClearanceStack):
         The base has no box.
     """
 
-    # [m] Finished motions are checked twice a step; clearances change by a few micrometres in between.
+    # Finished motions are checked twice a step; clearances in between are a few micrometres less.
     mode, tolerance = "points", -1e-5
 
     def __init__(self, sms: ShapedMechanism) -> None:
@@ -202,7 +206,7 @@ class PointStack(ClearanceStack):
         super().__init__(sms)
         n, placed = sms.n, sms.base_box_placement
         self._box = np.vstack([placed.rotation, placed.translation, 0.5 * np.array(sms.base_size)])
-        # All pairs of points, and points and box, in four postures; pairs of constant distance are left out.
+        # Pairs whose distance is the same in four random postures are left out.
         first, second = np.triu_indices(n + 1, 1)
         ends = [*zip(second, first, strict=True), *((i, -1) for i in range(n + 1))]
         poses = Poses.of(np.random.default_rng(0).uniform(-1.0, 1.0, (n, 4)))
@@ -224,17 +228,17 @@ class PointStack(ClearanceStack):
         return PointStack, (self.sms,)
 
     def nearest(self, poses: Poses, where: Entries, near: FloatArray | float = np.inf) -> Nearest:
-        """Return distances as `ClearanceStack.nearest`, of pairs of points, and of points and the box."""
+        """Return distances and nearest points; see `ClearanceStack.nearest`."""
         columns, at = where
         return Nearest(*kernel.near_points(self.arm.tree, poses.joints, columns, at, self.ends, self._box))
 
 
 def _as_met(sms: ShapedMechanism, body: Body, obstacle: Obstacle, clearance: float) -> tuple[Body, float]:
-    """Return the shapes of a body that are kept from an obstacle, and their distance in the grasp pose [m].
+    """Return the body with the shapes to keep clear of an obstacle, and their distance at the grasp [m].
 
-    Some shapes of the body that carries the end effector are near the obstacle in the grasp pose. The other
-    shapes are kept from the obstacle, the near shapes from its pieces. The distance is infinite for a body
-    that does not carry the end effector.
+    In the grasp pose some shapes of the body that carries the end effector are nearer than the clearance.
+    They are kept clear of the obstacle's pieces, the other shapes of the obstacle itself. For other bodies
+    the distance is infinite.
     """
     frame = sms.model.frames[sms.frame_id]
     if obstacle.grasp is None:
@@ -259,9 +263,10 @@ def _as_met(sms: ShapedMechanism, body: Body, obstacle: Obstacle, clearance: flo
 
 
 def robot_bodies(sms: ShapedMechanism, mode: str, held: list[Part]) -> list[Body]:
-    """Return the robot's bodies with shapes and payloads; in mode "points" the points and lines between them.
+    """Return the robot's bodies with their shapes and the payloads `held`.
 
-    If the arm has no shapes, these lines represent the robot in the modes "auto" and "off", too.
+    In the mode "points" the shapes are the lines between the paper's points, and the base's box. They also
+    represent an arm without shapes in the modes "auto" and "off".
     """
     whole: list[Part] = []
     if mode != "points" and sms.description is not None:
@@ -280,7 +285,7 @@ def robot_bodies(sms: ShapedMechanism, mode: str, held: list[Part]) -> list[Body
 
 
 def body_pairs(sms: ShapedMechanism, indices: Sequence[int]) -> list[tuple[int, int]]:
-    """Return the pairs of the robot's bodies that can meet.
+    """Return the pairs of the robot's bodies that can collide.
 
     Pairs that are connected by a joint are left out, and pairs for which an SRDF disables all pairs of links.
     """
@@ -290,15 +295,15 @@ def body_pairs(sms: ShapedMechanism, indices: Sequence[int]) -> list[tuple[int, 
         return pairs
     geometry = sms.geometry("collision")
     on = [int(item.parentJoint) - 2 for item in geometry.geometryObjects]
-    counted = {frozenset((on[pair.first], on[pair.second])) for pair in geometry.collisionPairs}
-    return [pair for pair in pairs if frozenset(pair) in counted]
+    enabled = {frozenset((on[pair.first], on[pair.second])) for pair in geometry.collisionPairs}
+    return [pair for pair in pairs if frozenset(pair) in enabled]
 
 
 def chosen_mode(sms: ShapedMechanism) -> str:
-    """Resolve "auto": "hulls" if bodies with collision shapes can meet, else the paper's "points".
+    """Return the mode for "auto": "hulls" if bodies with collision shapes can collide, else "points".
 
-    For a planar arm the result is "points", as in the paper. If the shapes cannot be read, it is "points",
-    with a warning.
+    For a planar arm the mode is "points", as in the paper. If the shapes cannot be read, the mode is
+    "points", with a warning.
     """
     model = sms.model
     turns = pin.computeJointJacobians(model, model.createData(), pin.neutral(model))[3:, 6:].T
@@ -308,14 +313,14 @@ def chosen_mode(sms: ShapedMechanism) -> str:
     try:
         shapes = sms.geometry("collision").geometryObjects
     except GeometryError as error:
-        message = f"the paper's points are kept clear instead of the shapes: {error}"
+        message = f"clearances are those of the paper's points, because the shapes cannot be read: {error}"
         warnings.warn(message, FfsmsWarning, stacklevel=2)
         return "points"
     return "hulls" if body_pairs(sms, [int(item.parentJoint) - 2 for item in shapes]) else "points"
 
 
 def _lines(sms: ShapedMechanism) -> list[Part]:
-    """Return the paper's points, the lines between them (as parts of both bodies), and the base's box."""
+    """Return the lines between the paper's points as thin capsules, and the base's box."""
     parts = [part_of(line, body, place, True) for body, place, line in joint_lines(sms.arm_stack(), _THIN)]
     if sms.base_size is not None:
         parts.append(part_of(coal.Box(*sms.base_size), -1, sms.base_box_placement, True))
@@ -325,7 +330,7 @@ def _lines(sms: ShapedMechanism) -> list[Part]:
 def clearance_stack(
     sms: ShapedMechanism, collision: str, clearance: float = 0.0, payload: Part | None = None
 ) -> ClearanceStack | None:
-    """Return the pairs of the robot's bodies that a mode keeps apart; None for "off" or if none can meet."""
+    """Return the distances of the robot's own bodies in a mode; None for "off" or if no two can collide."""
     mode = one_of("collision", collision, MODES)
     if mode == "auto":
         mode = sms._once(chosen_mode, lambda: chosen_mode(sms), of_shapes=True)

@@ -1,8 +1,8 @@
 """The convex parts of collision shapes, for fast and conservative distances.
 
-A mesh is cut across the longest side of its box, and each slab is replaced by the convex hull of the mesh
-within it. Every point of the shape, inside or on its surface, therefore lies in one of its parts, and a
-distance between parts is never greater than that between shapes.
+A mesh is cut into slabs across the longest side of its bounding box, and the convex hull of the mesh within a
+slab is a part. Every point of the shape, inside or on its surface, is in one of its parts, so the distance
+between the parts of two shapes is never greater than the distance between the shapes.
 """
 
 from __future__ import annotations
@@ -20,10 +20,10 @@ from ffsms_pin.checks import LARGEST, FloatArray
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.system.batch.arm import ArmStack
 
-# The thickness of a slab is about this share of the box's second side, so that bounding balls are small and
-# bent shapes are approximated well.
+# The thickness of a slab as a share of the bounding box's second longest side, chosen so that bounding balls
+# are small and bent shapes are approximated well.
 _THICKNESS = 0.7
-_MOST = 8  # parts of a mesh
+_MOST = 8  # largest number of parts of a mesh
 _LEAST_HALF = 1e-6  # [m] half the thickness of a box around a flat mesh
 _ROUND = coal.Sphere | coal.Ellipsoid | coal.Capsule | coal.Cylinder | coal.Cone
 _CONVEX = coal.Box | coal.ConvexBase | _ROUND
@@ -41,11 +41,11 @@ class Part:
     place : coal.Transform3s
         Pose of the shape in the body.
     centre, radius : ndarray, shape (3,), and float
-        Bounding ball [m].
+        Bounding ball: its centre and radius [m].
     axes, half : ndarray, shape (3, 3), (3,)
         Bounding box with the same centre: its axes as columns, and half its sides [m].
     convex : bool
-        True for a convex coal shape, False for a mesh, which is a surface.
+        True for a convex coal shape, False for a mesh, which coal treats as a surface.
     """
 
     shape: Any
@@ -68,7 +68,7 @@ def convex_parts(geometry: Any) -> list[Part]:
 
 
 def whole_shapes(geometry: Any) -> list[Part]:
-    """Return all shapes of a pinocchio.GeometryModel without changes."""
+    """Return all shapes of a pinocchio.GeometryModel, with meshes uncut."""
     return [
         part_of(item.geometry, int(item.parentJoint) - 2, item.placement, not _is_mesh(item.geometry))
         for item in geometry.geometryObjects
@@ -89,7 +89,7 @@ def part_of(shape: Any, body: int, placed: Any, convex: bool) -> Part:
         body=body,
         place=coal.Transform3s(placed.rotation, placed.translation),
         centre=placed.act(0.5 * (low + high)),
-        radius=math.hypot(*half.tolist()),  # unlike a sum of squares it does not overflow
+        radius=math.hypot(*half.tolist()),  # does not overflow, unlike the root of a sum of squares
         axes=placed.rotation.copy(),
         half=half,
         convex=convex,
@@ -97,7 +97,7 @@ def part_of(shape: Any, body: int, placed: Any, convex: bool) -> Part:
 
 
 def _hull(corners: FloatArray, body: int, placed: Any) -> Part:
-    """Return the convex hull of points (k, 3), or a box around points in a plane."""
+    """Return the part that is the convex hull of points (k, 3), or a flat box if the points are coplanar."""
     low, high = corners.min(axis=0), corners.max(axis=0)
     centre = 0.5 * (low + high)
     try:
@@ -109,7 +109,7 @@ def _hull(corners: FloatArray, body: int, placed: Any) -> Part:
 
 
 def hull_of(corners: FloatArray) -> Any:
-    """Return the convex hull of points (k, 3); for points in a plane qhull raises its own exceptions."""
+    """Return the convex hull of points (k, 3); qhull raises its own exceptions if they are coplanar."""
     points = coal.StdVec_Vec3s()
     points.extend(list(corners))
     return coal.ConvexBase.convexHull(points, True, "Qt")
@@ -122,7 +122,7 @@ def mesh_triangles(mesh: Any) -> tuple[FloatArray, Any]:
 
 
 def _slabs(mesh: Any) -> list[FloatArray]:
-    """Return the corners of the part of a mesh in each slab across the longest side of its box."""
+    """Return, for each slab, the vertices of a mesh in the slab and its edges' crossings with both cuts."""
     vertices, faces = mesh_triangles(mesh)
     low, high = vertices.min(axis=0), vertices.max(axis=0)
     sides = high - low
@@ -143,7 +143,7 @@ def _slabs(mesh: Any) -> list[FloatArray]:
 
 
 def _crossings(here: FloatArray, there: FloatArray, axis: int, cut: float) -> FloatArray:
-    """Return the points at which edges cross a plane that is normal to an axis."""
+    """Return the points (k, 3) at which edges from `here` to `there` cross a plane normal to an axis."""
     a, b = here[:, axis] - cut, there[:, axis] - cut
     through = a * b < 0.0
     share = (a[through] / (a[through] - b[through]))[:, None]
@@ -153,7 +153,7 @@ def _crossings(here: FloatArray, there: FloatArray, axis: int, cut: float) -> Fl
 
 
 def convex_shape(name: str, shape: Any) -> Any:
-    """Return a shape to which coal measures distances: the shape itself, or the hull of a convex mesh."""
+    """Check a shape and return it, or the hull of a convex mesh; raise `InvalidValue` if it is not convex."""
     if not isinstance(shape, coal.CollisionGeometry):
         message = "must be a coal shape: coal.Box, Sphere, Capsule, Cylinder, Convex, or a convex mesh"
         raise InvalidValue(name, shape, message)
@@ -170,7 +170,7 @@ def convex_shape(name: str, shape: Any) -> Any:
 
 
 def _checked_hull(name: str, mesh: Any) -> Any:
-    """Return the hull of a mesh whose corners all lie behind its faces."""
+    """Return the hull of a mesh; raise `InvalidValue` if the mesh is not convex."""
     vertices, faces = mesh_triangles(mesh)
     if not len(faces) or not np.isfinite(vertices).all():
         raise InvalidValue(name, mesh, "must be a mesh with triangles whose corners are finite")
@@ -184,7 +184,7 @@ def _checked_hull(name: str, mesh: Any) -> Any:
     across = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     area = np.linalg.norm(across, axis=1)
     normals, first = (across / np.maximum(area, 1e-300)[:, None])[area > 0.0], triangles[area > 0.0, 0]
-    # In a convex mesh all corners are on one side of each face, except for rounding, for either winding.
+    # In a convex mesh all corners are on one side of each face, to rounding. Either winding is accepted.
     heights = corners @ normals.T - np.sum(normals * first, axis=1)
     out = float(np.minimum(heights.max(axis=0), -heights.min(axis=0)).max(initial=0.0))
     size = float(np.ptp(corners, axis=0).max())
@@ -196,9 +196,9 @@ def _checked_hull(name: str, mesh: Any) -> Any:
 
 
 def joint_lines(arm: ArmStack, radius: float) -> list[tuple[int, Any, Any]]:
-    """Return the body and a capsule for each link from a joint to the next or to the end effector.
+    """Return a body, a pose and a capsule for each line from a joint to the next, or to the end effector.
 
-    The capsule is a point if the two coincide.
+    Lines on the base are left out. If the two ends coincide, the length of the capsule is zero.
     """
     up, lines = np.array([0.0, 0.0, 1.0]), []
     for body, end in [*zip(arm.parents, arm.offset, strict=True), (arm.last, arm.tip_in_last)]:
@@ -211,7 +211,7 @@ def joint_lines(arm: ArmStack, radius: float) -> list[tuple[int, Any, Any]]:
 
 
 def outline(shape: Any) -> FloatArray:
-    """Return points (k, 3) of a shape in its own axes [m], whose hull is drawn in figures and viewer."""
+    """Return points (k, 3) on a shape, in its own axes [m]; figures and the viewer draw their hull."""
     if isinstance(shape, coal.Box):
         signs = np.array(list(itertools.product((-1.0, 1.0), repeat=3)))
         return np.asarray(signs * shape.halfSide)

@@ -1,11 +1,12 @@
-"""The distances of pairs of bodies at many configurations at once; a single configuration is a stack of one.
+"""The distances of pairs of bodies at many configurations at once, and along motions.
 
 The kernel bounds the distances by balls and boxes around the bodies and their parts, and measures the convex
 parts for which these bounds are not sufficient; coal measures overlapping shapes and meshes.
 
-Between two instants a distance changes at most by the joints' displacements times their reaches, plus the
-displacement and rotation of the obstacle in base axes. If this bound does not decide a query, the interval is
-halved: down to the instants, and further if it is not proven that the clearance is kept.
+Between two instants of a motion, a distance changes at most by the joints' displacements times their reaches
+(`ClearanceStack.reaches`), plus the displacement of the obstacle in base axes. If this bound does not decide
+whether the clearance is violated, the interval is halved. Intervals between adjacent instants are halved only
+until the clearance is proven.
 """
 
 from __future__ import annotations
@@ -28,16 +29,16 @@ from ffsms_pin.kernel import kernel
 from ffsms_pin.system.batch.arm import ArmStack
 from ffsms_pin.system.batch.stacks import apply, exp3, log3
 
-Entries: TypeAlias = tuple[Indices, ...]  # pairs (V,), and configurations (V,)
+Entries: TypeAlias = tuple[Indices, ...]  # indices of V pairs (V,) and of their configurations (V,)
 _STRIDE = 16  # spacing of the instants that are measured first
 _MOST = 5000  # largest number of clearances measured between instants
-# An obstacle turns by a few hundredths of a radian between instants, so the chord of its path is shorter than
-# the path by less than this share.
+# An obstacle rotates by a few hundredths of a radian between instants, so the path of a point is longer than
+# its chord by less than this share.
 _CHORD = 0.02
 
 
 class JointMotion(Protocol):
-    """The S motions of a robot at K instants for which distances are measured."""
+    """The S motions of a robot at K instants, for which distances are computed."""
 
     @property
     def times(self) -> FloatArray:
@@ -45,7 +46,7 @@ class JointMotion(Protocol):
 
     @property
     def time_offset(self) -> float:
-        """The time of the first instant on the clock of moving obstacles [s]."""
+        """The time that is added to `times` for the poses of moving obstacles [s]."""
 
     @property
     def count(self) -> int:
@@ -81,7 +82,10 @@ class JointMotion(Protocol):
 
 
 class Poses(NamedTuple):
-    """The arm's joint positions (n, B); axes (3, 3, o, B) and origins (3, o, B) of obstacles, base axes."""
+    """The joint positions (n, B), and the rotations (3, 3, o, B) and positions (3, o, B) of o obstacles.
+
+    The obstacles' poses are relative to the root frame.
+    """
 
     joints: FloatArray
     turns: FloatArray = np.empty((3, 3, 0, 0))
@@ -94,10 +98,11 @@ class Poses(NamedTuple):
 
 
 class Nearest(NamedTuple):
-    """The distances (V,) of pairs [m], negative if they overlap, and their nearest points (V, 3, 3).
+    """The distances (V,) of pairs [m], negative if the bodies overlap, and the nearest points (V, 3, 3).
 
-    The rows of the latter are the point on the first body, the point on the second, and the unit direction in
-    which the distance grows when the second body moves, in the axes of the pair.
+    The rows of an entry of `points` are the point on the first body, the point on the second body, and the
+    unit normal: the direction of motion of the second body in which the distance grows fastest. They are in
+    the axes of the third body of `ClearanceStack.bodies`.
     """
 
     distance: FloatArray
@@ -107,7 +112,7 @@ class Nearest(NamedTuple):
 class ClearanceStack(ABC):
     """A set of m pairs of bodies and their distances.
 
-    Links have the indices of their joints, obstacles the indices after them; the base is -1.
+    The index of a body is that of its joint, -1 for the base; obstacles have the indices from n on.
 
     Attributes
     ----------
@@ -116,22 +121,22 @@ class ClearanceStack(ABC):
     names : list of str
         The name of each pair.
     bodies : ndarray of int, shape (m, 3)
-        The two bodies of each pair, and the body in whose axes its nearest points are.
+        The two bodies of each pair, and the body in whose axes the nearest points are.
     largest : ndarray, shape (m,)
-        The largest known distances [m].
+        The largest distance of each pair in sample postures or the grasp pose [m]; infinite if unknown.
     margins : ndarray, shape (m,)
-        The margins beyond the clearance [m].
+        The distances that are subtracted from those of the pairs, the obstacles' margins [m].
     sizes : ndarray, shape (m, 2)
         The largest distance of a point of each body from the body's origin [m].
     reaches : ndarray, shape (m, n), or None
-        The largest rate of each distance per unit rate of each joint [m/rad, or 1]; None if it is not
-        bounded.
+        The largest rate of each distance per unit rate of each joint [m/rad, or 1]; None if no bound is
+        known.
     passes : ndarray of bool, shape (m,)
-        True for pairs whose second body moves relative to the base.
+        True for pairs with an obstacle that moves relative to the base.
     obstacles : tuple of Obstacle
-        The obstacles; if there are any, they are the second bodies.
+        The obstacles, which are second bodies of pairs.
     tolerance : float
-        The violation below which a clearance counts as kept [m].
+        The violation up to which a clearance is taken as satisfied [m].
     left_out : sequence of str
         The names of pairs that are nearer than the clearance by construction.
     """
@@ -165,22 +170,22 @@ class ClearanceStack(ABC):
     def below(self, poses: Poses, near: FloatArray | float) -> tuple[Entries, Nearest]:
         """Return the entries whose distance is below `near`, a number or (m,), and their nearest points."""
         columns, at = self.every(poses)
-        asked = np.broadcast_to(near, len(self.names))[columns]
-        nearest = self.nearest(poses, (columns, at), asked)
-        close = np.flatnonzero(nearest.distance < asked)
+        bounds = np.broadcast_to(near, len(self.names))[columns]
+        nearest = self.nearest(poses, (columns, at), bounds)
+        close = np.flatnonzero(nearest.distance < bounds)
         return (columns[close], at[close]), Nearest(*(values[close] for values in nearest))
 
     def values(self, poses: Poses, near: FloatArray | float = np.inf) -> FloatArray:
         """Return the distances (m, B), exact below `near`, a number or (m,), else lower bounds."""
         columns, at = self.every(poses)
-        asked = np.broadcast_to(near, len(self.names))[columns]
-        return self.nearest(poses, (columns, at), asked).distance.reshape(-1, len(self.names)).T
+        bounds = np.broadcast_to(near, len(self.names))[columns]
+        return self.nearest(poses, (columns, at), bounds).distance.reshape(-1, len(self.names)).T
 
     def slopes(self, poses: Poses, where: Entries, nearest: Nearest) -> tuple[FloatArray, FloatArray]:
-        """Return the gradients (n, V) of distances by the joints with the base at rest, and the geometry.
+        """Return the gradients (n, V) of distances by the joint positions, and the geometry (3, 3, V).
 
-        The geometry (3, 3, V) is in base axes: the nearest points on the first body and on the second, and
-        the normal.
+        The base and the obstacles are at rest. The rows of the geometry are the nearest points on the first
+        and the second body, and the normal, in base axes.
         """
         columns, at = where
         return kernel.distance_slopes(self.arm.tree, poses.joints, self.bodies, columns, at, nearest.points)
@@ -192,7 +197,7 @@ class ClearanceStack(ABC):
         return columns, at
 
     def seen(self, motions: JointMotion) -> Poses:
-        """Return the poses at the S K configurations of motions."""
+        """Return the poses at the S K configurations of motions, in base axes."""
         if not self.obstacles:
             return Poses.of(motions.joints)
         R, times = motions.base_attitude, np.tile(motions.time_offset + motions.times, motions.count)
@@ -200,7 +205,7 @@ class ClearanceStack(ABC):
         return self._among(motions.joints, times, R.reshape(3, 3, -1), root.reshape(3, -1))
 
     def at(self, q: FloatArray, time: float) -> Poses:
-        """Return the poses at one configuration q (nq,) and one time [s]."""
+        """Return the poses, in base axes, at one configuration q (nq,) and one time [s]."""
         joints = self.sms.layout.positions(q)[:, None]
         if not self.obstacles:
             return Poses(joints)
@@ -208,7 +213,7 @@ class ClearanceStack(ABC):
         return self._among(joints, np.array([time]), R[..., None], q[:3, None])
 
     def between(self, motion: JointMotion, k: Indices, after: FloatArray) -> Poses:
-        """Return the poses of one motion `after` (V,) seconds after the instants k (V,)."""
+        """Return the poses of one motion, in base axes, `after` (V,) seconds after the instants k (V,)."""
         u, steps = motion.rates[:, 0], np.diff(motion.times)[k]
         slope = (u[:, k + 1] - u[:, k]) / steps
         joints = motion.joints[:, 0, k] + after * (u[:, k] + 0.5 * after * slope)
@@ -222,7 +227,7 @@ class ClearanceStack(ABC):
         return self._among(joints, motion.time_offset + (motion.times[k] + after), here, root)
 
     def _among(self, joints: FloatArray, times: FloatArray, R: FloatArray, root: FloatArray) -> Poses:
-        """Return the poses at times (B,) in the axes of a base at R (3, 3, B) with root (3, B)."""
+        """Return the poses at times (B,) relative to root frames with attitude R (3, 3, B) at root (3, B)."""
         turns, origins = [], []
         for obstacle in self.obstacles:
             positions, rotations = obstacle.track(times)
@@ -236,10 +241,10 @@ class ClearanceStack(ABC):
 
 
 class PartPairs:
-    """A set of pairs of bodies (m), each a list of parts of the first and one of the second.
+    """A set of m pairs of bodies, each given by the parts of the first body and those of the second.
 
-    `bodies` (m, 2) are the two bodies of each pair; nearest points are in the axes of the first. For `sizes`
-    (m, 2) see `ClearanceStack`.
+    `bodies` (m, 2) are the indices of the two bodies; nearest points are in the axes of the first. For
+    `sizes` (m, 2) see `ClearanceStack`.
     """
 
     def __init__(self, arm: ArmStack, pairs: Sequence[tuple[list[Part], list[Part]]]) -> None:
@@ -270,7 +275,10 @@ class PartPairs:
         )
 
     def nearest(self, poses: Poses, where: Entries, near: FloatArray | float = np.inf) -> Nearest:
-        """Return the result of `ClearanceStack.nearest` in the first body's axes; points if below `near`."""
+        """Return distances and nearest points as `ClearanceStack.nearest`, in the first body's axes.
+
+        Points are set only for distances below `near`.
+        """
         columns, at = where
         most = near if isinstance(near, np.ndarray) else np.full(columns.shape, near)
         distance, points, left = kernel.near_parts(self.arm.tree, *poses, columns, at, most, *self._table)
@@ -298,10 +306,11 @@ class PartPairs:
 
     @cached_property
     def reaches(self) -> FloatArray:
-        """The bounds `ClearanceStack.reaches` (m, n), with sliding joints within their limits.
+        """The bounds `ClearanceStack.reaches` (m, n), for prismatic joints within their limits.
 
-        A joint between two bodies moves either of them relative to the other. The distance therefore changes
-        at most by the displacement of the points of the body that is nearer to the joint.
+        A joint between two bodies moves one of them relative to the other. A revolute joint therefore changes
+        the distance at most by its displacement times the largest distance of a point of the nearer body from
+        the joint.
         """
         arm, n, robot = self.arm, self.arm.n, cast(Any, self.arm.robot)
         slides = np.maximum(np.abs(robot.limits.lower), np.abs(robot.limits.upper))
@@ -309,7 +318,7 @@ class PartPairs:
         steps = np.linalg.norm(arm.offset, axis=1) + np.where(arm.revolute, 0.0, slides)
         others = max(0, int(self.bodies.max(initial=-1)) + 1 - n)
         carried = np.vstack([arm.carries.T, np.zeros((others + 1, n))])
-        # Stretched lengths from bodies to joints along the tree, over links that lead to one body only.
+        # Lengths of the stretched chain from each joint to each body, along the links between them.
         chains = carried[self.bodies]
         ways = np.abs(chains[:, :, None] - carried[None, None, :n]) @ steps
         ways += np.where(self.bodies < n, self.sizes, np.inf)[..., None]
@@ -318,9 +327,9 @@ class PartPairs:
 
 
 def _around(parts: Sequence[Part]) -> list[float]:
-    """Return a bounding ball and box with the same centre for all parts of a body.
+    """Return a bounding ball and a bounding box with the same centre for all parts of a body.
 
-    The result is a row of 17 numbers: the body, the centre, the radius, half the box's sides, and its axes.
+    The result has 17 numbers: the body's index, the centre, the radius, half the box's sides, and its axes.
     """
     reach = [np.abs(part.axes) @ part.half for part in parts]
     low = np.min([part.centre - far for part, far in zip(parts, reach, strict=True)], axis=0)
@@ -331,9 +340,10 @@ def _around(parts: Sequence[Part]) -> list[float]:
 
 
 def _hull(part: Part) -> tuple[FloatArray, list[float]]:
-    """Return the corners (k, 3) of a part in its body's axes, and the rounding around each corner.
+    """Return the corners (k, 3) of a part in its body's axes, and the ball or disc around each corner.
 
-    k is a multiple of four. The rounding is the radius of a ball, the radius of a disc, and the disc's axis.
+    The last corner is repeated until k is a multiple of four. The five numbers are the radius of the ball,
+    the radius of the disc, and the disc's axis; both radii are zero for a polyhedron.
     """
     shape, local, ball, disc = part.shape, np.zeros((0, 3)), 0.0, 0.0
     if isinstance(shape, coal.Box):
@@ -350,10 +360,10 @@ def _hull(part: Part) -> tuple[FloatArray, list[float]]:
 
 
 class Least(NamedTuple):
-    """The least clearance of a motion [m], its pair and time; and instants (k,) near the limit [s].
+    """The least clearance of a motion [m], its pair and time [s], and the instants `near` the limit (k,) [s].
 
-    The value is a lower bound, and `found` is False, if the minimum is between instants and it is not proven
-    whether the clearance is kept.
+    If the minimum is between instants and the clearance is neither proven nor refuted, the value is a lower
+    bound and `found` is False.
     """
 
     value: float
@@ -364,7 +374,10 @@ class Least(NamedTuple):
 
 
 def least_of(stack: ClearanceStack, motion: JointMotion, clearance: float, binding: float) -> Least:
-    """Return the least clearance of one motion at its instants, and between them if changes are bounded."""
+    """Return the least clearance of one motion at its instants, and between them if `reaches` is known.
+
+    Instants with a distance below `clearance + binding` [m] are reported as near the limit.
+    """
     poses = stack.seen(motion)
     if stack.reaches is not None:
         return _Search(stack, motion, poses, clearance - stack.tolerance, clearance + binding).least()
@@ -377,51 +390,51 @@ def least_of(stack: ClearanceStack, motion: JointMotion, clearance: float, bindi
 class _Search:
     """A search for a distance below `floor`, and for instants with a distance below `near` [m].
 
-    A place on the motion is an index of its instants, with a fraction between two instants.
+    A place on the motion is an index of its instants, fractional between two instants.
     """
 
     def __init__(self, stack: ClearanceStack, motion: JointMotion, poses: Poses, floor: float, near: float):
         self.stack, self.motion, self.poses = stack, motion, poses
         self.floor, self.near, self.steps = floor, near, np.diff(motion.times)
         self.change = changes(stack, motion, poses)
-        self.way = np.pad(np.cumsum(self.change, axis=1), ((0, 0), (1, 0)))
-        # The error of assuming a constant angular velocity between two instants: the angle's error is at most
-        # the change of the angular velocity times the time over 8.
+        self.travel = np.pad(np.cumsum(self.change, axis=1), ((0, 0), (1, 0)))
+        # The poses between two instants assume a constant angular velocity of the base. The error of the
+        # angle is at most the change of the angular velocity times the time step over 8.
         turn = np.linalg.norm(np.diff(motion.base_angular_velocity[:, 0]), axis=0) * self.steps / 8.0
         self.bend = (stack.passes * (stack.arm.length + stack.sizes[:, 0]))[:, None] * turn
         self.worst = (np.inf, 0, 0.0, True)  # distance, pair, place, and True if measured
         self.close = np.zeros(len(motion.times), dtype=bool)
 
     def least(self) -> Least:
-        """Halve intervals until every interval is decided."""
-        pairs, count = self.way.shape
+        """Return the least clearance, after halving intervals until every interval is decided."""
+        pairs, count = self.travel.shape
         cuts = np.append(np.arange(0, count - 1, _STRIDE), count - 1)
         pair, place = np.tile(np.arange(pairs), len(cuts)), np.repeat(cuts, pairs)
-        enough = self.near + 0.5 * np.diff(self.way[:, cuts]).max(axis=1, initial=0.0)
+        enough = self.near + 0.5 * np.diff(self.travel[:, cuts]).max(axis=1, initial=0.0)
         values = self.measure(pair, place.astype(np.float64), enough[pair])
         # Each row is an interval: its start and end, and the distances there.
         spans = np.stack([place[:-pairs], place[pairs:], values[:-pairs], values[pairs:]], axis=1)
         pair, measured, low = pair[pairs:], 0, np.zeros(0)
         while True:
-            change = self.went(pair, spans[:, 1]) - self.went(pair, spans[:, 0])
+            change = self.travelled(pair, spans[:, 1]) - self.travelled(pair, spans[:, 0])
             low, high = (0.5 * (spans[:, 2] + spans[:, 3] + side * change) for side in (-1.0, 1.0))
-            # Between two instants only the clearance itself is checked.
+            # Between two adjacent instants only `floor` is checked, not `near`.
             inside = spans[:, 1] - spans[:, 0] > 1.0
             sure = inside & (high < self.near) & (low >= self.worst[0])
             for first, last in spans[sure, :2].astype(np.intp):
                 self.close[first:last] = True
-            asked = np.where(inside, (low < self.near) & ~sure, low < self.floor)
-            done = not inside[asked].any()
-            if not asked.any() or (done and self.worst[0] < self.floor):
+            undecided = np.where(inside, (low < self.near) & ~sure, low < self.floor)
+            done = not inside[undecided].any()
+            if not undecided.any() or (done and self.worst[0] < self.floor):
                 break
-            pair, spans, change, low = pair[asked], spans[asked], change[asked], low[asked]
-            measured += int(np.count_nonzero(~inside[asked]))
+            pair, spans, change, low = pair[undecided], spans[undecided], change[undecided], low[undecided]
+            measured += int(np.count_nonzero(~inside[undecided]))
             if measured > _MOST:
                 which = int(np.argmin(low))
                 self.worst = (float(low[which]), int(pair[which]), float(spans[which, 0]), False)
                 break
             middle = 0.5 * (spans[:, 0] + spans[:, 1])
-            middle = np.where(inside[asked], np.floor(middle), middle)
+            middle = np.where(inside[undecided], np.floor(middle), middle)
             distance = self.measure(pair, middle, self.near + 0.5 * change)
             before, after = spans.copy(), spans.copy()
             before[:, 1], before[:, 3] = after[:, 0], after[:, 2] = middle, distance
@@ -431,13 +444,13 @@ class _Search:
         when = float(np.interp(at, np.arange(count), times))
         return Least(float(value), int(which), when, times[self.close], exact)
 
-    def went(self, pair: Indices, place: FloatArray) -> FloatArray:
-        """Bound the changes of the pairs' distances (V,) from the start to places (V,) [m]."""
+    def travelled(self, pair: Indices, place: FloatArray) -> FloatArray:
+        """Return bounds of the changes of the pairs' distances (V,) from the start to places (V,) [m]."""
         k = np.minimum(place.astype(np.intp), len(self.steps) - 1)
-        return np.asarray(self.way[pair, k] + (place - k) * self.change[pair, k])
+        return np.asarray(self.travel[pair, k] + (place - k) * self.change[pair, k])
 
     def measure(self, pair: Indices, place: FloatArray, near: FloatArray) -> FloatArray:
-        """Return the distances (V,) of pairs at places, or lower bounds if they are not below `near` (V,)."""
+        """Return the distances (V,) of pairs at places, or lower bounds of distances above `near` (V,)."""
         stack, k = self.stack, place.astype(np.intp)
         values, most, between = np.empty(len(pair)), np.empty(len(pair)), place > k
         for some in (np.flatnonzero(~between), np.flatnonzero(between)):
@@ -461,18 +474,18 @@ class _Search:
 def changes(stack: ClearanceStack, motion: JointMotion, poses: Poses) -> FloatArray:
     """Return a bound on the change of distances from one instant of a motion to the next (m, K - 1) [m]."""
     u = motion.rates[:, 0]
-    # Rates are linear between instants, which bounds the joints' displacements.
+    # Rates are linear between instants, so the larger end rate bounds the joints' displacements.
     change = stack.reaches @ (np.diff(motion.times) * np.maximum(np.abs(u[:, :-1]), np.abs(u[:, 1:])))
     if stack.passes.any():
         index = stack.bodies[stack.passes, 1] - stack.sms.n
         far = stack.sizes[stack.passes, 1:]
-        # Displacements, and rotations as chords of points at unit distance.
+        # Displacements of the obstacle's origin, and its rotations as chords of points at unit distance.
         ways = [np.diff(poses.origins[:, index]), np.diff(poses.turns[:, :, index]) / np.sqrt(2.0)]
         bends = [np.diff(displacement) for displacement in ways]
         sweep, bend = (
             np.linalg.norm(a, axis=0) + far * np.linalg.norm(b, axis=(0, 1)) for a, b in (ways, bends)
         )
-        # The largest speed exceeds the mean speed by at most half the change of the velocity.
+        # The path exceeds the mean speed times the time by at most half the change of the velocity.
         bend = np.pad(bend, ((0, 0), (1, 1)))
         change[stack.passes] += (1.0 + _CHORD) * sweep + 0.5 * np.maximum(bend[:, 1:], bend[:, :-1])
     return np.asarray(change)

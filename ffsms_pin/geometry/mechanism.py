@@ -1,4 +1,4 @@
-"""A mechanism with limits, a base box and shapes, for distances between its bodies."""
+"""The class `ShapedMechanism`: a mechanism with joint limits, a base box and shapes."""
 
 from __future__ import annotations
 
@@ -41,9 +41,10 @@ class ShapedMechanism(Mechanism):
         if limits is None:
             limits = limits_of(self.model, self.layout, acceleration)
         elif acceleration is not None:
-            raise InvalidValue("acceleration", acceleration, "is part of `limits`; pass only one of the two")
+            message = "cannot be used with `limits`, which has acceleration limits; pass only one of the two"
+            raise InvalidValue("acceleration", acceleration, message)
         elif not isinstance(limits, RobotLimits) or limits.lower.shape != (self.n,):
-            raise InvalidValue("limits", limits, f"must be RobotLimits of {self.n} joints")
+            raise InvalidValue("limits", limits, f"must be a RobotLimits with {self.n} joints")
         self.limits = within_turns(limits, self.layout.turns)
         self.base_size = None if base_size is None else positives("base_size", base_size, 3, "m", LONGEST)
         box = pin.SE3(np.eye(3), self.base_com) if base_box_placement is None else base_box_placement
@@ -68,14 +69,14 @@ class ShapedMechanism(Mechanism):
         return np.array(self.model.upperDryFrictionLimit[6:])
 
     def arm_stack(self, mode: str = "floating") -> ArmStack:
-        """Return the robot for the compiled kernel in a mode (see `opt.Problem`), from a cache."""
+        """Return the arm for the compiled kernel in a mode (see `opt.Problem`), from a cache."""
         one_of("mode", mode, dynamics.MODES)
         return self._once(("arm", mode), lambda: ArmStack(self, mode))
 
     def _once(self, key: Any, make: Callable[[], _Made], of_shapes: bool = False) -> _Made:
         """Return the result of `make`, cached under `key`.
 
-        A result that depends on shapes only (`of_shapes`) is kept by copies with other masses, too.
+        With `of_shapes` the result depends on shapes alone, and copies with other masses share it.
         """
         kept: dict[Any, _Made] = self._geometry if of_shapes else self._made
         if key not in kept:
@@ -83,16 +84,18 @@ class ShapedMechanism(Mechanism):
         return kept[key]
 
     def geometry(self, kind: ShapeKind) -> Any:
-        """Return the shapes of the robot, for viewers or collision checks; they are read once and cached.
+        """Return the visual or collision shapes of the robot; they are read once and cached.
 
         Parameters
         ----------
         kind : {"visual", "collision"}
+            The shapes for viewers, or those for collision checks.
 
         Returns
         -------
         pinocchio.GeometryModel
-            The geometry of `model`; create data with `pinocchio.GeometryData`. Copy it before a change.
+            The geometry of `model`; create data with `pinocchio.GeometryData`. Copy the geometry before you
+            change it.
 
         Raises
         ------
@@ -101,7 +104,7 @@ class ShapedMechanism(Mechanism):
         """
         one_of("kind", kind, ("visual", "collision"))
         if self.description is None:
-            text = "the robot has no shapes: it was made from a model without a URDF and without shapes"
+            text = "the robot has no shapes: load it from a file, or pass visual= and collision= to load"
             raise GeometryError(text)
         return self._once(kind, partial(self.description.geometry, self.model, kind), of_shapes=True)
 

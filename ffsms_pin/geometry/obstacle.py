@@ -1,4 +1,4 @@
-"""The obstacle, a convex shape in inertial space, on a client, or on the robot's base."""
+"""The class `Obstacle`: a convex shape in inertial space, on a client, or on the robot's base."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from ffsms_pin.options import NotNegative, Text, Unit
 
 @runtime_checkable
 class MovingBody(Protocol):
-    """A body that moves as a known function of time, such as a `Client`."""
+    """A body whose pose is a known function of time, such as a `Client`."""
 
     def pose(self, t: float) -> Any:
         """Return the pose (pinocchio.SE3) of the body at t [s]."""
@@ -45,17 +45,17 @@ class Obstacle:
         a `ffsms_pin.Client` or another object with `pose(t)` and
         `poses(times) -> (positions (K, 3), rotations (K, 3, 3))` in inertial axes.
     margin : float
-        Additional distance beyond the clearance [m].
+        Distance that is added to the clearance for this obstacle [m].
     name : str
         Name in messages. Default: the kind of the shape and its number in the list.
     grasp : pinocchio.SE3, optional
         Pose of the end-effector frame at the grasp, in the frame that `on` selects. Shapes that are fixed to
-        the end-effector frame and nearer than the clearance in this pose are not kept from the obstacle.
-        Default: all shapes are kept from it.
+        the end-effector frame and nearer than the clearance in this pose may touch the obstacle. Default: all
+        shapes are kept clear of it.
     piece_of : Obstacle, optional
-        The obstacle of which this obstacle is a piece, such as a wall of a nozzle. Only the shapes that are
-        not kept from the whole are kept from the piece: by the clearance, or by their distance in the grasp
-        pose less 10 mm if that is smaller.
+        The whole obstacle, if this obstacle is a piece, such as a wall of a nozzle. Only the shapes that may
+        touch the whole are kept clear of the piece, by the clearance or by their distance in the grasp pose
+        minus 10 mm, whichever is smaller.
 
     Raises
     ------
@@ -80,7 +80,8 @@ class Obstacle:
             checks.pose("obstacle.grasp", self.grasp)
             checks.set_frozen(self, grasp=pin.SE3(self.grasp))
         if self.piece_of is not None and (self.grasp is None or self.piece_of.grasp is None):
-            raise InvalidValue("obstacle.piece_of", self.piece_of.name, "requires a grasp of whole and piece")
+            message = "requires grasp= for the whole obstacle and for the piece"
+            raise InvalidValue("obstacle.piece_of", self.piece_of.name, message)
         if not (
             isinstance(self.on, MovingBody) or (isinstance(self.on, str) and self.on in ("inertial", "base"))
         ):
@@ -112,8 +113,8 @@ class Obstacle:
         size : array_like, shape (3,)
             Lengths of the edges along the box's x, y and z axes [m].
         at : array_like, shape (3,) or (4, 4), or pinocchio.SE3
-            Position of the centre in the frame that `on` selects [m], with its axes; or the pose. Default:
-            the origin.
+            Position of the centre [m], with the axes of the frame that `on` selects, or the box's pose in
+            that frame. Default: the origin.
         **options
             `on`, `margin` and `name`.
         """
@@ -131,7 +132,10 @@ class Obstacle:
         return not isinstance(self.on, str)
 
     def track(self, times: checks.FloatArray) -> tuple[checks.FloatArray, checks.FloatArray]:
-        """Return positions (K, 3) and rotations (K, 3, 3) at times (K,) [s], inertial axes or base axes."""
+        """Return positions (K, 3) and rotations (K, 3, 3) at times (K,) [s], in inertial axes.
+
+        The pose of an obstacle on the base is relative to the base link.
+        """
         own, count = self.pose, len(times)
         if not self.moves:
             return np.tile(own.translation, (count, 1)), np.tile(own.rotation, (count, 1, 1))
@@ -142,26 +146,33 @@ class Obstacle:
         return positions + rotations @ own.translation, rotations @ own.rotation
 
     def at(self, time: float, base: Any = None) -> Any:
-        """Return the pose (pinocchio.SE3) at a time [s] in inertial axes; `base` is the base link's pose."""
+        """Return the pose (pinocchio.SE3) at a time [s] in inertial axes.
+
+        `base` is the pose of the base link; without it the pose of an obstacle on the base is relative to the
+        base link.
+        """
         still = base if self.on_base and base is not None else pin.SE3.Identity()
         return (self.on.pose(time) if self.moves else still) * self.pose
 
     def distance(self, point: checks.FloatArray, time: float) -> float:
-        """Return the distance [m] to a point (3,) at a time [s], negative inside."""
+        """Return the distance [m] to a point (3,) at a time [s], negative if the point is inside.
+
+        The point is in inertial axes, or in those of the base link if the obstacle is on the base.
+        """
         own = self.at(time).actInv(np.asarray(point))
         here, still, result = coal.Transform3s(np.eye(3), own), coal.Transform3s(), coal.DistanceResult()
         return float(coal.distance(coal.Sphere(0.0), here, self.shape, still, coal.DistanceRequest(), result))
 
 
 def _centred(name: str, value: Any) -> Any:
-    """Return the pose (pinocchio.SE3) of a position (3,), with the identity as attitude, or of a pose."""
+    """Return a pose (pinocchio.SE3) from a position (3,), with the identity as attitude, or from a pose."""
     if isinstance(checks.from_homogeneous(name, value), pin.SE3):
         return checks.pose(name, value)
     return pin.SE3(np.eye(3), checks.vector(name, value, 3, "m"))
 
 
 def named(name: str, obstacles: Any) -> tuple[Obstacle, ...]:
-    """Return obstacles with unique names; raise `InvalidValue` if two have the same name."""
+    """Check obstacles and name those without a name; raise `InvalidValue` if two have the same name."""
     if not isinstance(obstacles, Sequence) or not all(isinstance(item, Obstacle) for item in obstacles):
         raise InvalidValue(name, obstacles, "must be a sequence of opt.Obstacle")
     kinds = [f"{type(obstacle.shape).__name__.lower()} {i}" for i, obstacle in enumerate(obstacles, start=1)]
@@ -171,5 +182,5 @@ def named(name: str, obstacles: Any) -> tuple[Obstacle, ...]:
     ]
     names = [obstacle.name for obstacle in named]
     if twice := [name for name in names if names.count(name) > 1]:
-        raise InvalidValue(name, twice[0], "must be the name of one obstacle only")
+        raise InvalidValue(name, twice[0], "must have different names; this name is used twice")
     return tuple(named)

@@ -1,4 +1,4 @@
-"""A grasped client: its clearance to the servicer's other bodies and to obstacles."""
+"""The clearance of a grasped client to the servicer's other bodies and to obstacles."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from ffsms_pin.geometry.obstacle import Obstacle, named
 from ffsms_pin.system.dynamics import frame_pose
 
 _STEPS, _FARTHEST = 40, 0.1  # steps of the search for a clear posture, and the largest step [rad or m]
-_BESIDE = 5e-3  # [m] searched beyond the requested distance
+_BESIDE = 5e-3  # [m] pairs up to this distance beyond the requested distance are included in a step
 
 
 class HeldClient:
@@ -29,12 +29,12 @@ class HeldClient:
         The servicer.
     shapes, obstacles : sequence of Obstacle
         The client's shapes, with poses in the client's axes, and the obstacles in inertial space and on the
-        base from which client and servicer are kept.
+        base.
     clearance, collision : float, str
         The requested distance [m] without the obstacles' margins, and the mode, as for `opt.Clearance`.
     q, pose : ndarray, shape (nq,), pinocchio.SE3
-        The configuration of the servicer at the grasp, and the pose of the client. The client is kept from
-        all bodies except the one that holds it.
+        The configuration of the servicer at the grasp, and the pose of the client. The pairs include all
+        bodies of the servicer except the body that carries the end effector.
     """
 
     def __init__(
@@ -55,9 +55,10 @@ class HeldClient:
         self._stacks = [stack for stack in (self._held, own) if stack is not None and stack.names]
 
     def least(self, q: FloatArray) -> tuple[float, str]:
-        """Return the client's least distance [m], less the margin, at configurations (K, nq), and its pair.
+        """Return the least distance [m] at configurations (K, nq), and the name of its pair.
 
-        If two of the servicer's own bodies are nearer, and nearer than requested, their distance is returned.
+        The distance is that of the client, minus the margin of the pair. If two of the servicer's own bodies
+        are nearer than the client and than the requested distance, their distance is returned.
         """
         nearest = [(np.inf, "")]
         for stack in self._stacks:
@@ -71,17 +72,21 @@ class HeldClient:
         return min(nearest)
 
     def away(self, joints: FloatArray, more: float = 0.0) -> FloatArray:
-        """Return a posture (n,) near `joints` with `more` clearance [m] than requested, or the last tried."""
+        """Return a posture (n,) near `joints` in which the distances are as requested.
+
+        The client's distance is `more` [m] larger than requested. If the search fails, the last posture is
+        returned.
+        """
         limits, q = self._sms.limits, self._q.copy()
         for _ in range(_STEPS):
             slopes, lacks = [], []
             self._sms.layout.set_positions(q, joints)
             for stack in self._stacks:
                 poses = stack.at(q, 0.0)
-                asked = self.clearance + _BESIDE + (more if stack is self._held else 0.0)
-                entries, violations = stack.below(poses, asked)
+                requested = self.clearance + _BESIDE + (more if stack is self._held else 0.0)
+                entries, violations = stack.below(poses, requested)
                 slopes.append(stack.slopes(poses, entries, violations)[0])
-                lacks.append(asked - violations.distance)
+                lacks.append(requested - violations.distance)
             if not sum(map(len, lacks)):
                 break
             step = np.linalg.pinv(np.hstack(slopes).T, rcond=1e-3) @ np.concatenate(lacks)
@@ -91,7 +96,7 @@ class HeldClient:
 
 
 class _HeldStack(BodyStack):
-    """The pairs of a payload's shapes with the robot's other bodies, and of all of them with obstacles."""
+    """The pairs of payload and robot, of robot and obstacles, and of payload and obstacles."""
 
     def __init__(self, sms: ShapedMechanism, mode: str, held: list[Any], around: Sequence[Obstacle]) -> None:
         ClearanceStack.__init__(self, sms)

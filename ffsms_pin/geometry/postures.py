@@ -1,4 +1,4 @@
-"""Start postures without self-collision."""
+"""The search for start postures without self-collision."""
 
 from __future__ import annotations
 
@@ -12,9 +12,10 @@ from ffsms_pin.geometry.mechanism import ShapedMechanism
 
 
 def clear_postures(sms: ShapedMechanism, count: int, seed: int, clearance: float, share: float) -> FloatArray:
-    """Return `count` or more clear joint positions (k, n) from the middle `share` of the joint ranges.
+    """Return k >= `count` random postures (k, n) whose bodies are at least `clearance` [m] apart.
 
-    They are drawn in blocks of 256; the search is given up if there is less than one in 64 blocks.
+    They are drawn, in blocks of 256, from the middle `share` of the joint ranges, which are cut to half a
+    turn each way. The search fails if fewer than one posture in 64 blocks has the clearance.
     """
     block, blocks = 256, 64
     number("clearance", clearance)
@@ -23,14 +24,16 @@ def clear_postures(sms: ShapedMechanism, count: int, seed: int, clearance: float
     wrong = ~(np.isfinite(low) & np.isfinite(high) & (low < high))
     if wrong.any():
         name = sms.joint_names[int(np.argmax(wrong))]
-        raise InvalidValue("limits", name, "must be finite for a prismatic joint, and within half a turn")
+        message = "must be finite for a prismatic joint, and include positions within half a turn for others"
+        raise InvalidValue("limits", name, message)
     middle, half = 0.5 * (low + high), 0.5 * share * (high - low)
     rng, stack = np.random.default_rng(seed), clearance_stack(sms, "auto", clearance)
     clear: list[FloatArray] = []
     tried = 0
     while len(clear) < count:
         if tried == blocks * (len(clear) + 1):
-            message = f"is kept by {len(clear)} of {tried * block} postures; reduce it, or widen joint limits"
+            message = f"is too large: {len(clear)} of {tried * block} postures have it; reduce it, or widen"
+            message += " the joint limits"
             raise InvalidValue("clearance", clearance, message)
         drawn = middle + half * rng.uniform(-1.0, 1.0, (block, sms.n))
         if stack is not None:

@@ -1,4 +1,4 @@
-"""The shapes of a robot: files of meshes, Pinocchio's geometry models, and shapes to draw."""
+"""The visual and collision shapes of a robot, from a URDF or from Pinocchio's geometry models."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 ShapeKind = Literal["visual", "collision"]
 _BODY, _ARM = (0.80, 0.78, 0.72, 1.0), (0.20, 0.42, 0.63, 1.0)  # colours of a robot without shapes
 _SCHEMES = ("package://", "model://")
-# The required attributes of shapes, and the number of positive numbers in each.
+# The required attributes of shapes, each with positive numbers, and how many.
 _SIZES: dict[str, dict[str, int]] = {
     "box": {"size": 3},
     "cylinder": {"radius": 1, "length": 1},
@@ -37,20 +37,21 @@ _SIZES: dict[str, dict[str, int]] = {
 
 
 class ShapeSource(ABC):
-    """A source of a robot's shapes; the file `srdf` lists pairs of links whose collisions are ignored."""
+    """A source of a robot's shapes, with an optional SRDF of pairs of links whose collisions are ignored."""
 
     srdf: Path | None = None
 
     @abstractmethod
     def geometry(self, model: Any, kind: ShapeKind) -> Any:
-        """Return the visual or collision shapes (pinocchio.GeometryModel) for `model`, a new object."""
+        """Return the visual or collision shapes for `model`, a new pinocchio.GeometryModel."""
 
 
 @dataclass(frozen=True, eq=False)
 class Description(ShapeSource):
-    """The tree of a robot's URDF, kept for its shapes.
+    """The <robot> element of a URDF as the source of shapes.
 
-    Names of meshes are relative to its path; `package://` names are looked up in `package_dirs` first.
+    Names of mesh files are relative to the folder of `path`; `package://` names are searched in
+    `package_dirs` first.
     """
 
     robot: Element
@@ -64,16 +65,16 @@ class Description(ShapeSource):
         return ElementTree.tostring(self.robot, encoding="unicode")
 
     def geometry(self, model: Any, kind: ShapeKind) -> Any:
-        """Return the visual or collision shapes (pinocchio.GeometryModel) of a file, for `model`.
+        """Return the visual or collision shapes of the URDF for `model`, a new pinocchio.GeometryModel.
 
-        With an SRDF the model has the collision pairs that are not disabled, without an SRDF it has none.
+        With an SRDF the result has all collision pairs that the SRDF does not disable, otherwise none.
         Missing visual meshes are left out, with one warning (`FfsmsWarning`).
         """
         robot, count = self._shapes_alone(kind)
-        wanted = pin.GeometryType.VISUAL if kind == "visual" else pin.GeometryType.COLLISION
+        type_ = pin.GeometryType.VISUAL if kind == "visual" else pin.GeometryType.COLLISION
         text = ElementTree.tostring(robot, encoding="unicode")
         try:
-            geometry = pin.buildGeomFromUrdfString(model, text, wanted)
+            geometry = pin.buildGeomFromUrdfString(model, text, type_)
         except Exception as error:  # mesh readers have exception types of their own
             raise GeometryError(f"{self.path}: its {kind} shapes cannot be built ({error})") from None
         if geometry.ngeoms != count:
@@ -88,10 +89,10 @@ class Description(ShapeSource):
         return geometry
 
     def _shapes_alone(self, kind: ShapeKind) -> tuple[Element, int]:
-        """Return the robot with joints and checked shapes of one kind only, and the number of shapes.
+        """Return a <robot> with joints and the checked shapes of one kind only, and the number of shapes.
 
-        Pinocchio's parser silently drops a shape that it cannot read, which would hide collisions. It also
-        prints messages on materials to the terminal.
+        The shapes are checked because Pinocchio's parser drops unreadable shapes silently, which would hide
+        collisions. Other elements are removed because it prints messages about them to the terminal.
         """
         robot = copy.deepcopy(bare(self.robot, kind))
         colours = {item.get("name"): item.find("color") for item in self.robot.findall("material")}
@@ -106,18 +107,23 @@ class Description(ShapeSource):
                         shape.remove(item)
                 if colour is not None:
                     shape.append(colour)
-                if not self._found(shape, missing):
+                if not self._locate_mesh(shape, missing):
                     link.remove(shape)
         if missing:
-            text = f"{self.path}: missing: {', '.join(missing)}; put {kind} meshes beside the file or name"
-            text += " their folder: package_dirs=[FOLDER]"
+            text = (
+                f"{self.path}: {kind} meshes are missing: {', '.join(missing)}; put them beside the file or"
+            )
+            text += " pass their folder as package_dirs=[FOLDER]"
             if kind == "collision":  # a missing collision shape would hide collisions
                 raise GeometryError(text)
             warnings.warn(f"{text}; they are not drawn", FfsmsWarning, stacklevel=5)
         return robot, sum(len(link) for link in robot.findall("link"))
 
-    def _found(self, shape: Element, missing: dict[str, None]) -> bool:
-        """Return whether the mesh of a shape, if it has one, exists; add its name to `missing` if not."""
+    def _locate_mesh(self, shape: Element, missing: dict[str, None]) -> bool:
+        """Write the path of a shape's mesh into the shape, or add the mesh's name to `missing`.
+
+        Returns False if the mesh is missing.
+        """
         mesh = shape.find("geometry/mesh")
         if mesh is None:
             return True
@@ -135,7 +141,7 @@ class Description(ShapeSource):
 
 
 def shape_problem(shape: Element) -> str | None:
-    """Return the problem of a <visual> or <collision> element, or None."""
+    """Return the problem of a <visual> or <collision> element as text, or None."""
     geometry = shape.find("geometry")
     items = [] if geometry is None else [item for item in geometry if isinstance(item.tag, str)]
     if len(items) != 1:
@@ -161,8 +167,8 @@ def shape_problem(shape: Element) -> str | None:
 def find_mesh(name: str, urdf: Path, package_dirs: tuple[Path, ...] = ()) -> Path | None:
     """Return the absolute path of a mesh file that a URDF names, or None if it does not exist.
 
-    A plain name is relative to the URDF's folder. A `package://` name is looked up in `package_dirs`, in
-    ROS_PACKAGE_PATH, and in the folders above the URDF, which include the package itself.
+    A plain name is relative to the URDF's folder. A `package://` name is searched in `package_dirs`, in
+    ROS_PACKAGE_PATH, and in the folders above the URDF, also if such a folder is the package itself.
     """
     name = name.replace("\\", "/").strip()
     if not name:
@@ -182,7 +188,7 @@ def find_mesh(name: str, urdf: Path, package_dirs: tuple[Path, ...] = ()) -> Pat
 
 
 def _colour(shape: Element, colours: dict[str | None, Element | None]) -> Element | None:
-    """Return a material with the colour of a shape, its own or the robot's; None without a colour."""
+    """Return a <material> with the colour of a shape, or of the robot's material it names; None if none."""
     material, colour = shape.find("material"), shape.find("material/color")
     if material is not None and colour is None:
         colour = colours.get(material.get("name"))
@@ -198,16 +204,16 @@ def _colour(shape: Element, colours: dict[str | None, Element | None]) -> Elemen
 
 @dataclass(frozen=True, eq=False)
 class GivenShapes(ShapeSource):
-    """The visual and collision geometry of a robot that is given as a Pinocchio model.
+    """The visual and collision shapes (pinocchio.GeometryModel) of a robot from a Pinocchio model.
 
-    Its collision pairs are not used: all pairs of bodies count except those that a joint connects.
+    Their collision pairs are not used; pairs of bodies that no joint connects are checked instead.
     """
 
     visual: Any
     collision: Any
 
     def geometry(self, model: Any, kind: ShapeKind) -> Any:
-        """Return a copy of the visual or the collision shapes."""
+        """Return a copy of the visual or the collision shapes, without collision pairs."""
         shapes = (self.visual if kind == "visual" else self.collision).copy()
         shapes.removeAllCollisionPairs()
         return shapes
@@ -223,7 +229,7 @@ def _in_file(item: Any) -> bool:
 
 
 def _without_meshes(shapes: Any) -> tuple[Any, list[int]]:
-    """Return a copy without the meshes that are in files, and the indices of these meshes."""
+    """Copy shapes, with a point in place of each mesh that is in a file, and return its index, too."""
     light, meshes = shapes.copy(), [k for k, item in enumerate(shapes.geometryObjects) if _in_file(item)]
     for k in meshes:
         light.geometryObjects[k].geometry = coal.Sphere(0.0)
@@ -250,7 +256,7 @@ def visual_shapes(sms: ShapedMechanism) -> Any:
 
 
 def _plain_shapes(sms: ShapedMechanism) -> Any:
-    """Return the base as a box and the arm as capsules from joint to joint."""
+    """Return shapes for a robot without visual shapes: the base as a box, the arm as capsules."""
     shapes = pin.GeometryModel()
     if sms.base_size is not None:
         shapes.addGeometryObject(_box(sms))

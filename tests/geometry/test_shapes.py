@@ -75,7 +75,7 @@ def test_shapes_that_cannot_be_had(refused: Refused, tmp_path: Path) -> None:
     sms = ffsms.load(path)
     refused(lambda: sms.geometry("collision"), GeometryError, "package://robot/arm.stl", "package_dirs")
     with pytest.warns(
-        FfsmsWarning, match=r"'package://robot/arm\.stl'; put visual meshes .* not drawn"
+        FfsmsWarning, match=r"visual meshes are missing: 'package://robot/arm\.stl'; .* not drawn"
     ) as told:
         assert sms.geometry("visual").ngeoms == 1  # three links have the mesh
     assert len(told) == 1

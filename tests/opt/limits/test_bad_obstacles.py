@@ -59,7 +59,7 @@ def test_bad_obstacles(options: dict[str, Any], words: str) -> None:
 
 def test_bad_lists_and_payloads() -> None:
     ball = opt.Obstacle(coal.Sphere(0.1), name="ball")
-    with pytest.raises(InvalidValue, match="the name of one obstacle only"):
+    with pytest.raises(InvalidValue, match="must have different names"):
         opt.Clearance(obstacles=[ball, ball])
     with pytest.raises(InvalidValue, match=r"sequence of opt\.Obstacle"):
         opt.Clearance(obstacles=ball)  # type: ignore[arg-type]
