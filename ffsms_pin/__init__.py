@@ -71,7 +71,7 @@ __all__ = [
     "viewer",
 ]
 
-# Names with a lazy import: together they take three times as long to load as all others.
+# Names that are imported at their first use, because together they take three times as long as all others.
 _MODULES = {
     "Client": "client",
     "ComputedTorque": "control",

@@ -1,4 +1,4 @@
-"""The numbers of plans and runs: travel, tracking errors, clearances, actuators, and success rates."""
+"""Summary numbers of plans and runs: travel, tracking errors, clearances, actuators, and success rates."""
 
 from __future__ import annotations
 
@@ -36,21 +36,21 @@ def position_range(trajectory: Trajectory) -> tuple[FloatArray, FloatArray]:
 
 
 def base_motion(sms: SpaceManipulator, q: FloatArray) -> FloatArray:
-    """Return the base's displacement from its start along configurations q (k, nq), inertial axes (k, 6).
+    """Return the base's displacement (k, 6) from its start along configurations q (k, nq), inertial axes.
 
-    It consists of the displacement of the base's centre of mass [m] and the rotation vector, at most pi
-    [rad].
+    Each row has the displacement of the base's centre of mass [m] and the rotation vector [rad], whose length
+    is at most pi.
     """
     if q.ndim != 2 or q.shape[1] != sms.nq:
         raise InvalidValue("q", q, f"must have shape (k, {sms.nq})")
     first, *_ = poses = [pin.XYZQUATToSE3(row[:7]) for row in q]
     start, back = first.act(sms.base_com), first.rotation.T
-    ways = [(pose.act(sms.base_com) - start, pin.log3(pose.rotation @ back)) for pose in poses]
-    return np.array(ways).reshape(-1, 6)
+    displacements = [(pose.act(sms.base_com) - start, pin.log3(pose.rotation @ back)) for pose in poses]
+    return np.array(displacements).reshape(-1, 6)
 
 
 def base_numbers(sms: SpaceManipulator, q: FloatArray) -> dict[str, float]:
-    """Return the largest and the final displacement of the base along configurations q (k, nq)."""
+    """Return the largest and final displacement and rotation of the base along configurations q (k, nq)."""
     motion = base_motion(sms, q)
     translation = np.linalg.norm(motion[:, :3], axis=1)
     rotation = np.degrees(np.linalg.norm(motion[:, 3:], axis=1))
@@ -63,11 +63,11 @@ def base_numbers(sms: SpaceManipulator, q: FloatArray) -> dict[str, float]:
 
 
 def plan_numbers(sms: SpaceManipulator, made: Trajectory) -> dict[str, Any]:
-    """Return the numbers of a plan; keys end in their unit.
+    """Return the summary numbers of a plan; keys end in their unit.
 
-    `path_over_straight` is the length of the end effector's path over the straight line between its ends;
-    joint effort is the integral of the squared joint rates, torque effort that of the squared torques H_q
-    qdd + C_q.
+    `path_over_straight` is the length of the end effector's path divided by the distance between its ends.
+    The joint effort is the integral of the squared joint rates, the torque effort the integral of the squared
+    torques H_q qdd + C_q.
     """
     first, last = made.joint_rates[:-1], made.joint_rates[1:]  # linear between nodes: exact
     torques = 0.0
@@ -89,7 +89,7 @@ def plan_numbers(sms: SpaceManipulator, made: Trajectory) -> dict[str, Any]:
 
 
 def path_numbers(plan: Trajectory, flown: Tracking | None = None) -> dict[str, float]:
-    """Return the largest path errors of a plan, or of its flight; empty without a path."""
+    """Return the largest path errors of a plan, or of its simulation `flown`; empty without a path."""
     if not np.isfinite(plan.path_error).all():
         return {}
     distance, angle = plan.path_error, plan.path_angle_error
@@ -102,21 +102,21 @@ def path_numbers(plan: Trajectory, flown: Tracking | None = None) -> dict[str, f
 
 
 def why_not_reached(made: Trajectory) -> str:
-    """Return the error and the note of a motion that misses its target; empty if it has `reached`."""
+    """Return the errors and the note of a plan that misses its target; "" if `reached` is true."""
     if made.reached:
         return ""
     late = made.t >= ARRIVAL_SHARE * made.duration - 1e-9
     reasons, farthest = [], float(made.position_error[late].max())
     if farthest > made.reach:
         reasons.append(
-            f"it is up to {1e3 * farthest:.3g} mm from the target in the last tenth of the time, where"
-            f" {1e3 * made.reach:.3g} mm are allowed, and ends {1e3 * made.position_error[-1]:.3g} mm off"
+            f"the end effector is up to {1e3 * farthest:.3g} mm from the target in the last tenth of the time"
+            f" ({1e3 * made.reach:.3g} mm are allowed) and ends {1e3 * made.position_error[-1]:.3g} mm off"
         )
     turned = float(made.orientation_error[late].max())
     if turned > made.orientation_reach:
         reasons.append(
-            f"it is turned by up to {np.degrees(turned):.3g} deg there, where"
-            f" {np.degrees(made.orientation_reach):.3g} deg are allowed"
+            f"its attitude is up to {np.degrees(turned):.3g} deg off in this time"
+            f" ({np.degrees(made.orientation_reach):.3g} deg are allowed)"
         )
     return "; ".join(filter(None, [*reasons, made.note]))
 
@@ -157,7 +157,7 @@ def tracked_numbers(
         "momentum_drift_angular_kg_m2_per_s": float(np.linalg.norm(momentum[:, 3:], axis=1).max()),
         "kinetic_energy_max_J": scale,
         "energy_error_max_J": energy,
-        # A share of the largest kinetic energy, dimensionless.
+        # Relative to the largest kinetic energy.
         "energy_error_relative": energy / scale if scale > 0.0 else 0.0,
         "base": base_numbers(plant, tracking.q),
         **_actuator_numbers(plant, tracking),
@@ -165,7 +165,7 @@ def tracked_numbers(
 
 
 def clearance_numbers(least: LeastClearance | None) -> dict[str, Any]:
-    """Return a motion's least clearance, its pair, time and position; each None if none was required."""
+    """Return a motion's least clearance, its pair, time and position; all None without a clearance limit."""
     if least is None:
         return {"wanted_m": None, "least_m": None, "pair": None, "time_s": None, "place_m": None}
     numbers = {"wanted_m": least.wanted, "least_m": least.distance, "pair": least.pair, "time_s": least.time}
@@ -173,7 +173,7 @@ def clearance_numbers(least: LeastClearance | None) -> dict[str, Any]:
 
 
 def _frame_numbers(tracking: Tracking) -> dict[str, dict[str, float]]:
-    """Return the final errors of other frames with goals, by frame."""
+    """Return the final errors of the frames with goals besides the end effector, by frame."""
     last = tracking.frame_error[-1]
     return {
         name: {"final_error_m": float(error[0]), "final_error_deg": float(np.degrees(error[1]))}
@@ -216,7 +216,7 @@ def _actuator_numbers(plant: SpaceManipulator, tracking: Tracking) -> dict[str, 
 
 
 def _wheel_energy(wheels: ReactionWheels, tracking: Tracking) -> float:
-    """Return the integral of the sum of |motor torque x wheel speed| [J], as `Trajectory.wheel_energy`."""
+    """Return the time integral [J] of |motor torque x wheel speed|, summed over the wheels."""
     speed = np.abs(tracking.wheel_momentum) / wheels.inertia
     steps = min(len(tracking.wheel_torque), len(speed) - 1)
     mean = 0.5 * (speed[:steps] + speed[1 : steps + 1])
@@ -229,8 +229,8 @@ def end_effector_deviation(
 ) -> FloatArray:
     """Return the distance (k,) [m] from the simulated to the planned end effector at each planning step.
 
-    Distances are taken at the first control instant at or after each node. If this is not a node, the plan
-    is propagated there exactly from its last node.
+    A distance is taken at the first control instant at or after each node. If this instant is not a node, the
+    plan is propagated to it exactly from the last node.
     """
     plant = sms if plant is None else plant
     momentum = plan.momentum if plan.momentum.any() else None
@@ -244,13 +244,13 @@ def end_effector_deviation(
         if k < steps and h > 1e-12:
             rates, accelerations = plan.joint_rates[k], plan.joint_accelerations[k]
             planned, _ = advance(sms, planned, rates, accelerations, h, momentum, plan.mode)
-        wanted, flown = frame_pose(sms, planned), frame_pose(plant, tracking.q[row])
-        distances.append(np.linalg.norm(wanted.translation - flown.translation))
+        goal, flown = frame_pose(sms, planned), frame_pose(plant, tracking.q[row])
+        distances.append(np.linalg.norm(goal.translation - flown.translation))
     return np.array(distances)
 
 
 def joint_error_numbers(sms: SpaceManipulator, tracking: Tracking) -> dict[str, float]:
-    """Return the largest errors of revolute and of prismatic joints."""
+    """Return the largest and final joint errors, those of revolute and of prismatic joints apart."""
     sliding = ~sms.layout.turns
     position, rate = np.abs(tracking.joint_error), np.abs(tracking.joint_rate_error)
     numbers = {}

@@ -1,4 +1,4 @@
-"""The user's web browser."""
+"""The opening of pages in the user's web browser."""
 
 from __future__ import annotations
 

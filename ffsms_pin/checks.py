@@ -1,9 +1,9 @@
 """The checks of arguments, which return a clean value or raise `InvalidValue` with the wrong value.
 
-Numbers are checked once, at the entry, for a plausible range. Magnitudes are limited to 1e9, where float64
-still resolves a tenth of a micrometre; nothing in orbit is as large (the space station's inertia is some 1e8
-kg m^2). Positive numbers may lie between 1e-12 and 1e12, so that products and quotients of a dozen of them
-stay finite. Infinity is only for limits whose documentation allows it.
+Numbers are checked once, in the functions that users call, for a plausible range. Magnitudes are limited to
+1e9, where float64 still resolves a tenth of a micrometre; no value in orbit is as large (the space station's
+inertia is some 1e8 kg m^2). Positive numbers may lie between 1e-12 and 1e12, so that products and quotients
+of a dozen such numbers stay finite. Infinity is allowed only for limits that document it.
 """
 
 from __future__ import annotations
@@ -23,15 +23,16 @@ Indices: TypeAlias = NDArray[np.signedinteger[Any]]
 
 LARGEST = 1e9
 SMALLEST_POSITIVE, LARGEST_POSITIVE = 1e-12, 1e12
-# [m] within a robot or a client: tethers of 30 km have flown, and an asteroid of 1e12 kg measures 1 km.
+# [m] Largest length within a robot or a client: tethers of 30 km have flown, an asteroid of 1e12 kg has 1 km.
 LONGEST = 1e5
 _LARGEST_INERTIA = 1e18  # [kg m^2]: an asteroid of 1e12 kg has 1e17
-_SMALLEST_RADIUS = 1e-6  # [m] of gyration
-# A centre of mass this many radii of gyration away costs ten of the inertia's sixteen float64 digits.
+_SMALLEST_RADIUS = 1e-6  # [m] smallest radius of gyration
+# A centre of mass at this many radii of gyration costs the inertia ten of its sixteen float64 digits.
 _MOST_RADII = 1e5
 _FLOAT64 = np.dtype(np.float64)
-_NO_ARRAY = (TypeError, ValueError, OverflowError, RuntimeError)  # such as for rows of different lengths
-MOST_STEPS = 10_000_000  # steps of a run kept in memory: some 3 GB for an arm of seven joints
+# Errors of NumPy for values that are no arrays, such as rows of different lengths.
+_NO_ARRAY = (TypeError, ValueError, OverflowError, RuntimeError)
+MOST_STEPS = 10_000_000  # largest number of steps of a run in memory: some 3 GB for seven joints
 
 
 def _floats(name: str, value: Any) -> FloatArray:
@@ -64,14 +65,14 @@ def _within(name: str, value: Any, array: FloatArray, largest: float = LARGEST) 
 def vector(name: str, value: ArrayLike, size: int, unit: str = "", largest: float = LARGEST) -> FloatArray:
     """Copy `value` as a finite vector of `size` numbers with magnitudes up to `largest`."""
     if isinstance(value, np.ndarray) and value.dtype == _FLOAT64 and value.shape == (size,):
-        # The most common case: a norm below a number excludes infinite and NaN entries.
+        # The most common case. A norm below `largest` excludes infinite and NaN entries.
         length = math.hypot(*value.tolist())
         if length < largest:
             return np.array(value)
     array = _floats(name, value)
     if array.shape != (size,):
-        wanted = f"must have shape ({size},){unit and f' [{unit}]'}"
-        raise InvalidValue(name, value, f"{wanted} but has shape {array.shape}")
+        expected = f"must have shape ({size},){unit and f' [{unit}]'}"
+        raise InvalidValue(name, value, f"{expected} but has shape {array.shape}")
     return _within(name, value, array, largest)
 
 
@@ -86,11 +87,11 @@ def direction(name: str, value: ArrayLike) -> FloatArray:
 def matrix(
     name: str, value: ArrayLike, rows: int | None, columns: int | None, largest: float = LARGEST
 ) -> FloatArray:
-    """Copy `value` as a finite matrix of `rows` and `columns` (None: any), magnitudes up to `largest`."""
+    """Copy `value` as a finite matrix (rows, columns) with magnitudes up to `largest`; None: any number."""
     array = _floats(name, value)
     if array.ndim != 2 or len(array) != (rows or len(array)) or array.shape[1] != (columns or array.shape[1]):
-        wanted = f"must have shape ({rows or 'k'}, {columns or 'n'})"
-        raise InvalidValue(name, value, f"{wanted} but has {array.shape}")
+        expected = f"must have shape ({rows or 'k'}, {columns or 'n'})"
+        raise InvalidValue(name, value, f"{expected} but has shape {array.shape}")
     return _within(name, value, array, largest)
 
 
@@ -117,7 +118,7 @@ def gyration_radius(mass: float, inertia: FloatArray) -> float:
 
 
 def inertia_problem(mass: float, inertia: FloatArray) -> str:
-    """Return an error text if no body of a mass [kg] can have an inertia (3, 3) [kg m^2], else ""."""
+    """Return an error text if no body of this mass [kg] can have this inertia (3, 3) [kg m^2], else ""."""
     radius = gyration_radius(mass, inertia)
     if _SMALLEST_RADIUS <= radius <= LONGEST:
         return ""
@@ -194,7 +195,8 @@ def _scalar(name: str, value: Any) -> FloatArray:
 def step_count(name: str, duration: float, dt: float, most: int = MOST_STEPS) -> int:
     """Return the number of steps of dt in a duration [s], between one and `most`."""
     if duration / dt > most:
-        message = f"makes {duration / dt:.3g} steps of {duration:g} s, more than {most:g}; use a longer one"
+        message = f"divides {duration:g} s into {duration / dt:.3g} steps; at most {most:g} are allowed, so"
+        message += " use a longer step"
         raise InvalidValue(name, dt, message)
     return max(1, round(duration / dt))
 
@@ -209,11 +211,11 @@ _IN_WORDS: Mapping[type, str] = {
 
 def instance(name: str, value: Any, kind: type | tuple[type, ...], optional: bool = False) -> None:
     """Raise `InvalidValue` unless `value` is an instance of `kind`, or None if `optional`."""
-    single = isinstance(value, np.ndarray) and not value.ndim  # a 0-d array passes for an iterable
+    single = isinstance(value, np.ndarray) and not value.ndim  # a 0-d array is an instance of Iterable
     if single or not (isinstance(value, kind) or (optional and value is None)):
         kinds = kind if isinstance(kind, tuple) else (kind,)
-        wanted = " or ".join([_in_words(kind) for kind in kinds] + ["None"] * optional)
-        raise InvalidValue(name, value, f"must be {wanted}")
+        expected = " or ".join([_in_words(kind) for kind in kinds] + ["None"] * optional)
+        raise InvalidValue(name, value, f"must be {expected}")
 
 
 def _in_words(kind: type) -> str:
@@ -222,13 +224,15 @@ def _in_words(kind: type) -> str:
 
 
 def names(name: str, value: Any, known: Collection[str], of: str) -> tuple[str, ...]:
-    """Return a sequence of names as a tuple; a bare string would be iterated character by character.
+    """Check a sequence of names and return it as a tuple.
+
+    `of` is the kind of the names in messages, such as "joints". A bare string is refused, because it would be
+    iterated character by character.
 
     Raises
     ------
     InvalidValue
-        The value is no sequence, or an entry is not `known`; `of` is the kind of names for the message, such
-        as "joints".
+        The value is not a sequence, or an entry is not in `known`.
     """
     listed = ", ".join(known)
     if isinstance(value, str) or not isinstance(value, Sequence):
@@ -274,7 +278,7 @@ def dimensions(name: str, value: Any) -> int:
 
 
 def common_length(rows: Mapping[str, Sequence[Any]]) -> int:
-    """Return the common length of named sequences, 1 if there are none."""
+    """Return the common length of named sequences; 1 without sequences."""
     lengths = [len(row) for row in rows.values()] or [1]
     if len(set(lengths)) > 1:
         lengths_by_name = ", ".join(f"{len(row)} of {name}" for name, row in rows.items())
@@ -298,7 +302,7 @@ def one_each(
     least: float = SMALLEST_POSITIVE,
     largest: float = LARGEST,
 ) -> FloatArray:
-    """Return read-only numbers (count,) from one or `count` numbers, above zero or at least `least`.
+    """Return read-only numbers (count,) between `least` and `largest`, from one or `count` numbers.
 
     Infinity is accepted if `largest` is infinite.
     """
@@ -307,7 +311,7 @@ def one_each(
     if array.dtype.kind not in "fiu" or array.shape not in ((), (count,)):
         raise InvalidValue(name, value, f"must be one number or ({count},){of}")
     numbers = np.full(count, array, dtype=np.float64)
-    if not ((numbers >= least) & (numbers <= largest)).all():  # also NaN
+    if not ((numbers >= least) & (numbers <= largest)).all():  # true for NaN, too
         message = f"must be {'above' if least else 'at least'} zero{of}"
         raise InvalidValue(
             name, value, message if largest == math.inf else f"{message}, and at most {largest:g}"
@@ -316,7 +320,7 @@ def one_each(
 
 
 def rotation(name: str, value: Any) -> FloatArray:
-    """Copy `value` as a rotation matrix (3, 3); reject reflections and scaled matrices."""
+    """Copy `value` as a rotation matrix (3, 3); raise `InvalidValue` for reflections and scaled matrices."""
     turn = matrix(name, value, 3, 3)
     if np.abs(turn.T @ turn - np.eye(3)).max() > 1e-6 or np.linalg.det(turn) < 0.0:
         raise InvalidValue(name, value, "must hold a rotation matrix")
@@ -324,10 +328,7 @@ def rotation(name: str, value: Any) -> FloatArray:
 
 
 def pose(name: str, value: Any) -> Any:
-    """Return a new pinocchio.SE3 from a pinocchio.SE3 or a homogeneous matrix (4, 4).
-
-    The rotation must be valid and the position within the allowed range.
-    """
+    """Check a pose and return a new pinocchio.SE3, from a pinocchio.SE3 or a homogeneous matrix (4, 4)."""
     placed = from_homogeneous(name, value)
     if not isinstance(placed, pin.SE3):
         raise InvalidValue(name, value, "must be a pinocchio.SE3, or a homogeneous matrix (4, 4)")
@@ -345,7 +346,8 @@ def from_homogeneous(name: str, value: Any) -> Any:
         return value
     T = _floats(name, value)
     if not np.array_equal(T[3], [0.0, 0.0, 0.0, 1.0]):
-        raise InvalidValue(name, value, "is no homogeneous matrix: its last row must be [0, 0, 0, 1]")
+        message = "must be a homogeneous matrix, so its last row must be [0, 0, 0, 1]"
+        raise InvalidValue(name, value, message)
     return pin.SE3(rotation(name, T[:3, :3]), T[:3, 3])
 
 
@@ -370,6 +372,6 @@ def frozen(array: FloatArray) -> FloatArray:
 
 
 def set_frozen(made: object, **values: Any) -> None:
-    """Set attributes of a frozen object during its construction, bypassing the guard of its class."""
+    """Set attributes of a frozen object during its construction."""
     for name, value in values.items():
         object.__setattr__(made, name, value)

@@ -1,4 +1,4 @@
-"""The dynamic coupling of arm and base: the paper's measures, the SVD of C_bm, and its null space."""
+"""The dynamic coupling of arm and base: the SVD of C_bm, the paper's measures, and the null space."""
 
 from __future__ import annotations
 
@@ -34,20 +34,20 @@ _ROWS = {"all": slice(0, 6), "translation": slice(0, 3), "rotation": slice(3, 6)
 def entropy_of_values(values: Sequence[float], n: int) -> float:
     """Return the normalised Shannon entropy of singular values (paper Eq. SVD_2).
 
-    It works on Python floats, which are several times faster than array calls for a handful of values.
+    Python floats are used because they are several times faster than arrays for a handful of values.
 
     Parameters
     ----------
     values : sequence of float
-        Singular values of C_bm, none negative, at most n; those beyond the rank count as zero.
+        Singular values of C_bm, at most n, none negative. If there are fewer, the others are zero.
     n : int
         Number of joints; the sum is divided by log n.
 
     Returns
     -------
     float
-        H_norm in [0, 1]: 0 if one direction carries all the coupling, 1 if all directions carry the same.
-        0 log 0 counts as 0. H_norm is 0 for n = 1 and without any coupling.
+        H_norm in [0, 1]: 0 if only one singular value is not zero, 1 if all n are equal, with 0 log 0 = 0.
+        H_norm is 0 for n = 1, and if all values are zero.
     """
     total = math.fsum(values)
     if n <= 1 or total <= 0.0:
@@ -69,7 +69,7 @@ def cosine(velocity: Iterable[float], direction: Iterable[float], scale: float =
         Vectors of any length in the same axes. Python floats are several times faster than arrays.
     scale : float
         Magnitude of the terms whose sum is the velocity, |J| |rates| [m/s]. If the velocity is below the
-        rounding error of this scale, it has no direction and the result is 0.
+        rounding error at this scale, the result is 0.
 
     Returns
     -------
@@ -77,7 +77,7 @@ def cosine(velocity: Iterable[float], direction: Iterable[float], scale: float =
         The cosine in [-1, 1].
     """
     (a, b, c), (x, y, z) = velocity, direction
-    # hypot neither overflows nor loses small numbers, so only directions matter.
+    # hypot neither overflows nor underflows, so vectors of any length are accepted.
     speed, distance = math.hypot(a, b, c), math.hypot(x, y, z)
     if speed == 0.0 or distance == 0.0 or speed <= ROUNDING * scale:
         return 0.0
@@ -96,12 +96,12 @@ def singular_values(matrices: FloatArray) -> FloatArray:
 
 
 def entropies(sigma: FloatArray, n: int) -> FloatArray:
-    """Return the paper's H_norm (...) of singular values (r, ...) of n joints; see `entropy_of_values`."""
+    """Return the paper's H_norm (...) of singular values (r, ...) for n joints; see `entropy_of_values`."""
     total = sigma.sum(axis=0)
     if n <= 1:
         return np.zeros_like(total)
     share = sigma / np.where(total > 0.0, total, 1.0)
-    # 0 log 0 = 0
+    # The logarithm of a zero share is set to 0, because 0 log 0 = 0.
     logs = np.log(np.where(share > 0.0, share, 1.0))
     return np.asarray(np.clip(-np.sum(share * logs, axis=0) / math.log(n), 0.0, 1.0))
 
@@ -112,22 +112,23 @@ def decompose(C_bm: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     Parameters
     ----------
     C_bm : ndarray, shape (m, n)
-        Six rows, or fewer if only some are used.
+        The coupling matrix, or some of its rows.
 
     Returns
     -------
     U : ndarray, shape (m, m)
+        The principal base motions as columns.
     sigma : ndarray, shape (min(m, n),)
-        Descending.
+        The singular values, descending.
     V : ndarray, shape (n, n)
-        The columns are the principal joint directions.
+        The principal joint directions as columns.
     """
     U, sigma, Vt = np.linalg.svd(C_bm)
     return U, sigma, Vt.T
 
 
 class CouplingMetrics(Unchanging):
-    """The dynamic coupling: the singular value decomposition of C_bm at one state (paper Eqs. SVD to SVD_4).
+    """The singular value decomposition of C_bm at one state, and its measures (paper Eqs. SVD to SVD_4).
 
     The singular values mix m/rad (translation) and rad/rad (rotation), and depend on the base's reference
     point. `State.coupling` uses metres and the base's centre of mass, as in the paper; `State.coupling_at`
@@ -138,7 +139,7 @@ class CouplingMetrics(Unchanging):
     C_bm : ndarray, shape (m, n)
         Joint-to-base coupling matrix: m = 6 for rows [linear; angular], m = 3 for either part alone.
     velocity_jacobian : callable
-        Function that returns the linear rows of J*, shape (3, n); it is called when they are first needed.
+        Function that returns the linear rows of J*, shape (3, n); it is called by `assistance` only.
 
     Attributes
     ----------
@@ -179,8 +180,8 @@ class CouplingMetrics(Unchanging):
         Returns
         -------
         float
-            The cosine in [-1, 1]: 1 if the end effector moves straight along `direction`, base reaction
-            included; 0 if the end effector does not move or `direction` vanishes (arrived).
+            The cosine in [-1, 1] of the angle between `direction` and the end effector's velocity, with the
+            base reacting; 0 if the end effector does not move or `direction` is zero.
         """
         J = self._velocity_jacobian()
         rates = _of_size_one(vector("joint_rates", joint_rates, self.V.shape[0], "rad/s", largest=np.inf))
@@ -201,27 +202,29 @@ def _of_size_one(values: FloatArray) -> FloatArray:
 
 
 def reaction_null_space(C_bm: FloatArray, of: str, tolerance: float) -> FloatArray:
-    """Return an orthonormal basis of the joint rates for which the base's angular velocity or twist is zero.
+    """Return an orthonormal basis of the joint rates that do not rotate, or do not move, the base.
 
     The total momentum is zero. The dimension of the space is n minus the rank of the rows of C_bm that
-    `of` selects: at least n - 3 for the attitude and n - 6 for the twist, and more if the arm cannot move the
+    `of` selects: at least n - 3 for "attitude" and n - 6 for "twist", and more if the arm cannot move the
     base in some direction (2 and 0 for a planar arm of three joints). The choice of the basis is arbitrary.
     For a basis N, the rates N x move the base by at most tolerance times the largest singular value times
-    |x|. A twist of zero is zero for every reference point of the base.
+    |x|. The result for "twist" does not depend on the base's reference point.
 
     Parameters
     ----------
     C_bm : ndarray, shape (6, n)
         Joint-to-base coupling matrix, rows [linear; angular].
     of : {"attitude", "twist"}
+        The motion of the base that is zero: its angular velocity, or its whole twist.
     tolerance : float
-        Threshold in [0, 1): singular values of the selected rows count as zero up to this fraction of the
-        largest singular value of the whole C_bm. (The selected rows alone give no scale: if an arm cannot
-        rotate its base at all, they contain only rounding errors.)
+        Threshold in [0, 1): singular values of the selected rows are taken as zero up to this fraction of the
+        largest singular value of the whole C_bm. (The scale is that of C_bm, because the selected rows
+        contain only rounding errors if an arm cannot rotate its base at all.)
 
     Returns
     -------
     ndarray, shape (n, k)
+        The basis as columns; k may be 0.
 
     Raises
     ------
@@ -243,9 +246,10 @@ def reaction_null_space(C_bm: FloatArray, of: str, tolerance: float) -> FloatArr
 
 
 def scaled(C_bm: FloatArray, characteristic_length: float, offset: FloatArray, rows: Rows) -> FloatArray:
-    """Return rows (6, n) or (3, n) of C_bm (6, n) for another length and point; see `State.coupling_at`.
+    """Return the selected rows of C_bm (6, n) for another unit of length and reference point.
 
-    `offset` (3,) is the vector from the base's centre of mass to the point, inertial axes [m].
+    `offset` (3,) is the vector from the base's centre of mass to the reference point, inertial axes [m]. The
+    other arguments are those of `State.coupling_at`.
     """
     length = positive("characteristic_length", characteristic_length, "m")
     one_of("rows", rows, _ROWS)

@@ -1,7 +1,4 @@
-"""The errors of the library: a root class, and subclasses by cause with the values as attributes.
-
-`require` raises `DependencyMissing` if a package of an extra is not installed.
-"""
+"""The errors of the library: a root class, and a subclass for each cause with the values as attributes."""
 
 from __future__ import annotations
 
@@ -17,7 +14,7 @@ from typing import Any
 
 
 class FfsmsError(Exception):
-    """The root of all errors that the library raises on purpose; their texts have one line."""
+    """The root class of the library's errors; each message has one line."""
 
     def __init__(self, message: str = "") -> None:
         super().__init__(" ".join(message.split()))
@@ -57,9 +54,9 @@ class UnknownOption(InvalidValue, TypeError):
 
 
 def meant(name: str | Path, known: Iterable[str], before: str = "") -> str:
-    """Return a question with the known name most similar to `name`, after `before`; "" if none is similar.
+    """Return "did you mean NAME?" with the known name most similar to `name`; "" if none is similar.
 
-    Leading dashes of options are ignored.
+    `before` is put in front of the question. Leading dashes of options are ignored.
     """
     bare = {known_name.lstrip("-"): known_name for known_name in known}
     near = get_close_matches(str(name).lstrip("-"), list(bare), n=1, cutoff=0.54)
@@ -67,10 +64,10 @@ def meant(name: str | Path, known: Iterable[str], before: str = "") -> str:
 
 
 def advised(message: str, advice: str, known: Container[str] | None = None) -> str:
-    """Return an error's text, its advice for Python (`load(..., key=VALUE)`, `mount`) put as `advice`.
+    """Replace the advice for Python in an error's text, such as `load(..., key=VALUE)`, by other advice.
 
     `advice` is a format with {key}, {option} (the key as an option of the command line), {value}, and
-    {listed}, the value in TOML; keys that are not `known` are not replaced.
+    {listed} (the value in TOML). Advice on keys that are not in `known` is not replaced.
     """
 
     def written(match: re.Match[str]) -> str:
@@ -85,13 +82,14 @@ def advised(message: str, advice: str, known: Container[str] | None = None) -> s
 
 
 class PartError(FfsmsError, ValueError):
-    """A term or a limit returns an unusable value, or fails.
+    """A term or a limit of a plan returns an unusable value, or fails.
 
     Attributes
     ----------
     part : str
-        The class of the part.
+        The class of the term or limit.
     method : str
+        The method that failed.
     """
 
     def __init__(self, part: object, method: str, problem: str) -> None:
@@ -101,12 +99,15 @@ class PartError(FfsmsError, ValueError):
 
     @classmethod
     def of(cls, part: object, method: str, error: Exception) -> PartError:
-        """Make the error from an exception inside a part."""
+        """Make the error from an exception in a method of a term or limit."""
         return cls(part, method, f"failed with {type(error).__name__}: {error}")
 
 
 class ModelNotFound(FfsmsError, FileNotFoundError):
-    """The name of a robot is neither packaged nor a file; `remedy` replaces a similar name as advice."""
+    """A robot's name is neither that of a packaged model nor a file.
+
+    `remedy` is the advice in the message; default: a similar name.
+    """
 
     def __init__(self, name: str | Path, packaged: Sequence[str], remedy: str = "") -> None:
         super().__init__(
@@ -145,7 +146,7 @@ class InvalidInertia(InvalidUrdf):
 
 
 class UnsupportedJoint(InvalidUrdf):
-    """A joint is of a type with several degrees of freedom, or the robot has no joint at all."""
+    """A joint cannot be used, such as one with several degrees of freedom, or the robot has no joint."""
 
 
 class FrameNotFound(FfsmsError, KeyError):
@@ -187,7 +188,7 @@ class DependencyMissing(FfsmsError, ImportError):
         self.package, self.extra = package, extra
 
 
-# By extra of pyproject.toml, the modules that it installs.
+# The modules that each extra of pyproject.toml installs.
 EXTRAS = {
     "plot": ("matplotlib",),
     "view": ("meshcat", "umsgpack"),
@@ -203,7 +204,7 @@ def installed(extra: str) -> bool:
 
 
 def require(extra: str, needed_for: str) -> None:
-    """Raise `DependencyMissing`, with the command that installs the extra, if one of its modules is missing.
+    """Raise `DependencyMissing`, with the command that installs the extra, if a module of it is missing.
 
     Parameters
     ----------
@@ -218,7 +219,7 @@ def require(extra: str, needed_for: str) -> None:
 
 
 class InvalidScenario(FfsmsError, ValueError):
-    """A scenario file is missing, is not TOML, or holds a key or value that cannot be used."""
+    """A scenario file is missing, is not TOML, or contains a key or value that cannot be used."""
 
     def __init__(self, source: str | Path, problem: str) -> None:
         super().__init__(f"scenario {source}: {problem}")
@@ -268,7 +269,9 @@ class ResultError(FfsmsError, OSError):
     Attributes
     ----------
     path : str
+        The file.
     problem : str
+        The reason.
     """
 
     def __init__(self, path: str | os.PathLike[str], problem: str) -> None:
@@ -277,11 +280,11 @@ class ResultError(FfsmsError, OSError):
 
 
 class TaskError(FfsmsError, RuntimeError):
-    """A failure of a task in another process whose own error could not be returned."""
+    """A task failed in another process, and its error could not be returned."""
 
 
 class TasksFailed(FfsmsError, RuntimeError):
-    """A failure of some tasks of a sequence.
+    """Some tasks of a sequence failed.
 
     Attributes
     ----------
@@ -305,7 +308,7 @@ class ClusterError(FfsmsError, RuntimeError):
 
 
 class FfsmsWarning(UserWarning):
-    """The root of the library's warnings."""
+    """The class of the library's warnings."""
 
 
 def short(value: Any) -> str:
@@ -317,7 +320,7 @@ def short(value: Any) -> str:
     return text if len(text) <= 80 else text[:77] + "..."
 
 
-# Their frames are skipped in the search for the calling code.
+# Libraries whose stack frames are skipped in the search for the code that raised an error.
 _LIBRARIES = frozenset({"numpy", "scipy", "pinocchio", "coal", "proxsuite", "daqp", "contextlib"})
 
 
@@ -325,7 +328,7 @@ _LIBRARIES = frozenset({"numpy", "scipy", "pinocchio", "coal", "proxsuite", "daq
 def numerical_errors(task: str) -> Iterator[None]:
     """Convert errors of NumPy, SciPy, Pinocchio and solvers into `NumericalError`; also a decorator.
 
-    It wraps the calls of users, such as a plan or a simulation. Exceptions of a user's own function,
+    It wraps functions that users call, such as `opt.plan` or `simulate`. Exceptions of a user's own function,
     controller or term pass unchanged.
     """
     try:

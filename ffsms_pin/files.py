@@ -1,4 +1,4 @@
-"""The atomic writing of files, and their reading with errors that describe a faulty file."""
+"""The atomic writing of files, and the reading of files with errors that describe a faulty file."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ from numpy.typing import NDArray
 
 from ffsms_pin.errors import FfsmsError, InvalidValue, ResultError
 
-LARGEST_TEXT = 2**26  # [bytes] for a robot, a scenario or a summary: hundreds of times the usual size
-LARGEST_DATA = 2**31  # [bytes] for a table or a mesh: the size of an hour at 1 kHz in CSV
+LARGEST_TEXT = 2**26  # [bytes] of a robot, a scenario or a summary: hundreds of times the usual size
+LARGEST_DATA = 2**31  # [bytes] of a table or a mesh: an hour at 1 kHz in CSV
 
-_LONGEST_NAME = 255  # [bytes] for one part of a path, the limit of file systems
+_LONGEST_NAME = 255  # [bytes] of one part of a path, the limit of file systems
 _KINDS = {
     stat.S_IFDIR: "a folder",
     stat.S_IFIFO: "a pipe",
@@ -33,8 +33,8 @@ _KINDS = {
 }
 
 _FORMAT_KEY = "format"
-# Arrays of doubles compress to half of their size, seldom to a tenth. An archive is rejected if it would
-# unpack to more than a gigabyte and to more than twenty times its own size.
+# An archive is rejected if it would unpack to more than a gigabyte and to more than twenty times its size.
+# Arrays of doubles compress to half of their size, seldom to a tenth.
 _UNPACKED = 2**30  # [bytes]
 _RATIO = 20
 
@@ -49,7 +49,7 @@ _WRONG_KINDS = {_NUMBERS: "no numbers", "b": "no truth value", "U": "no text"}
 
 
 def path_like(name: str, value: Any) -> Path:
-    """Return argument `name` as a path; raise `InvalidValue` unless a file system accepts it."""
+    """Return an argument as a path; raise `InvalidValue` if no file system accepts it."""
     try:
         path = os.fspath(value)
         if not isinstance(path, str) or not path or "\0" in path:
@@ -63,10 +63,10 @@ def path_like(name: str, value: Any) -> Path:
 
 @contextmanager
 def wrap_os_error(path: str | os.PathLike[str], action: str = "written") -> Iterator[None]:
-    """Convert an OSError of the block into a `ResultError` with `path` and the failed action."""
+    """Convert an OSError in the block into a `ResultError` with `path` and the failed action."""
     try:
         yield
-    except FfsmsError:  # may be an OSError too, with its own text
+    except FfsmsError:  # a `ResultError` is an OSError, too
         raise
     except OSError as error:
         missing = action == "read" and isinstance(error, FileNotFoundError)
@@ -94,20 +94,20 @@ def read_content(path: str | os.PathLike[str], largest: int = LARGEST_TEXT) -> b
     """Return the bytes of a file; errors as in `check_readable`."""
     check_readable(path, largest)
     with open(path, "rb") as file:
-        return file.read(min(largest, os.fstat(file.fileno()).st_size))  # read allocates this size at once
+        return file.read(min(largest, os.fstat(file.fileno()).st_size))  # read() allocates the whole size
 
 
 def load_arrays(path: str | os.PathLike[str], kind: str, names: Sequence[str]) -> dict[str, NDArray[Any]]:
     """Return the named arrays of an npz file that `save_arrays` wrote for the same `kind` of result.
 
-    Objects (pickles) and arrays of other names are never read. `ResultError` is raised if a file is missing,
-    damaged, of another kind, incomplete, or too large when unpacked.
+    Pickled objects and arrays with other names are never read. `ResultError` is raised if the file is
+    missing, damaged, incomplete, of another kind, or too large when unpacked.
     """
     path = path_like("path", path)
     try:
         with wrap_os_error(path, "read"):
             check_readable(path, math.inf)  # the limit below applies to the named arrays
-            # numpy.load leaves a path open when the archive is damaged, so it is given an open file.
+            # numpy.load does not close the file of a path if the archive is damaged; this block does.
             with open(path, "rb") as file:
                 with zipfile.ZipFile(file) as archive:
                     sizes = {
@@ -129,7 +129,7 @@ def load_arrays(path: str | os.PathLike[str], kind: str, names: Sequence[str]) -
 def _named_arrays(
     path: Path, arrays: Mapping[str, NDArray[Any]], sizes: Mapping[str, int], kind: str, names: Sequence[str]
 ) -> dict[str, NDArray[Any]]:
-    """Return the named arrays after checks of the archive's kind, its names and its `sizes` [bytes]."""
+    """Check an archive's kind, names and unpacked `sizes` [bytes], and return the named arrays."""
     unpacked = sum(sizes.get(name, 0) for name in (*names, _FORMAT_KEY))
     packed = path.stat().st_size
     if unpacked > max(_UNPACKED, _RATIO * packed):
@@ -153,10 +153,10 @@ def check_shapes(
 ) -> None:
     """Raise `ResultError` unless arrays have the expected kinds of data and shapes that fit together.
 
-    A dimension in `shapes` is a number, or the name of a size ("N", "n", "nq"), also plus a number ("N+1");
-    the first array with a named size sets its value. If both "n" (joints) and "nq" are named, nq must be 7 +
-    n to 7 + 2 n, because a free base takes 7 and a continuous joint 2. `kinds` maps arrays without numbers to
-    NumPy's letter of their data type.
+    A dimension in `shapes` is a number, the name of a size ("N", "n", "nq"), or a name plus a number
+    ("N+1"). The first array with a named size sets its value. If both "n" (joints) and "nq" are named, nq
+    must be 7 + n to 7 + 2 n, because a free base has 7 entries of q, a continuous joint 2 and any other
+    joint 1. `kinds` maps the names of arrays that are not numeric to NumPy's letter of their data type.
     """
     sizes: dict[str, int] = {}
     for name, dimensions in shapes.items():
@@ -172,7 +172,7 @@ def check_shapes(
             if len(array.shape) == len(dimensions):
                 sizes.setdefault(size_name, array.shape[k] - int(added or 0))
             size = sizes.get(size_name)
-            # No array has a negative size.
+            # A negative size remains as it is, so that no array fits.
             expected.append(size if size is None or size < 0 else size + int(added or 0))
         if array.shape != tuple(expected):
             fit = ", ".join("any" if size is None else "more" if size < 0 else str(size) for size in expected)
@@ -186,7 +186,7 @@ def check_shapes(
 
 
 def check_times(path: str | os.PathLike[str], t: NDArray[np.float64], least: int = 1) -> None:
-    """Raise `ResultError` unless t holds at least `least` instants, finite and increasing."""
+    """Raise `ResultError` unless t has at least `least` instants that are finite and increasing."""
     if len(t) < least:
         raise ResultError(path, f"holds {len(t)} instants in t where at least {least} are needed")
     if not (np.isfinite(t).all() and (np.diff(t) > 0.0).all()):
@@ -214,11 +214,11 @@ def _number(value: Any) -> float:
 
 
 def write_atomically(path: str | os.PathLike[str], write: Callable[[IO[bytes]], object]) -> None:
-    """Write a file atomically, also in case of a power failure.
+    """Write a file completely or not at all, also if the power fails.
 
-    `write` is called with an open binary file: a hidden one in the same folder, which is renamed at the end.
-    If `path` is a link, its target is replaced. A replaced file keeps its mode. If the file cannot be
-    written, `ResultError` is raised and the old file is unchanged.
+    `write` is called with a hidden binary file in the same folder, which is open for writing and is renamed
+    to `path` at the end. If `path` is a link, its target is replaced. A replaced file keeps its mode. If the
+    file cannot be written, `ResultError` is raised and the old file is unchanged.
     """
     target = regular_target(path)
     with wrap_os_error(path):
@@ -236,15 +236,15 @@ def write_atomically(path: str | os.PathLike[str], write: Callable[[IO[bytes]], 
 
 
 def write_content(path: str | os.PathLike[str], content: str | bytes) -> None:
-    """Write a text, in UTF-8, or bytes to a file atomically."""
+    """Write bytes, or a text in UTF-8, to a file atomically."""
     data = content.encode() if isinstance(content, str) else content
     write_atomically(path, lambda file: file.write(data))
 
 
 def save_arrays(path: str | os.PathLike[str], kind: str, values: Mapping[str, Any]) -> None:
-    """Write arrays, numbers and texts to a compressed npz file with its `kind` of result, atomically.
+    """Write arrays, numbers and texts, and the `kind` of result, to a compressed npz file atomically.
 
-    File name endings of other formats are rejected.
+    Raises `InvalidValue` if the file name has the ending of another format.
     """
     if (suffix := path_like("path", path).suffix.lower()) in _OTHER_FORMATS:
         message = "must end in .npz, because the format is NumPy's archive, read by load"
@@ -277,7 +277,7 @@ def check_writable(path: str | os.PathLike[str]) -> Path:
 
 def hidden_path(folder: Path, name: str) -> Path:
     """Return a new hidden path in `folder` for a file or folder that is renamed to `name` when complete."""
-    # 40 characters of the name are enough: file systems take 255 bytes.
+    # The name is cut, because file systems allow 255 bytes.
     return folder / f".{name[:40]}.ffsms-pin-{secrets.token_hex(4)}"
 
 

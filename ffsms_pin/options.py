@@ -1,8 +1,8 @@
-"""The types of options: the fields of frozen dataclasses with their unit and allowed values.
+"""The types of options, which are fields of frozen dataclasses with a unit and allowed values.
 
-A field is written as ``delay: Annotated[NotNegative, Unit("s")] = 0.0`` with a docstring below it. Tables of
-scenario files, their JSON Schema and the tables of the documentation are made from these fields. Values in a
-file are not converted: `true` and "3" are not numbers.
+A field is written as ``delay: Annotated[NotNegative, Unit("s")] = 0.0`` with a docstring below it. The tables
+of scenario files, their JSON Schema and the tables of the documentation are made from these fields. Values in
+a file are not converted: `true` and "3" are not numbers.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ class Unit:
 
 @dataclass(frozen=True)
 class Angle(Unit):
-    """The unit of a field that a file may also give in degrees, under its name with _deg."""
+    """The unit of an angle, which a file may also give in degrees, with _deg appended to the field's name."""
 
 
 def unusable(words: str) -> Exception:
@@ -49,10 +49,10 @@ class Kind(ABC):
 
     @abstractmethod
     def schema(self) -> Any:
-        """Return the kind as a schema of pydantic, which is imported only for files."""
+        """Return the kind as a pydantic schema; pydantic is imported only for files."""
 
     def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> Any:
-        """Return this schema in place of that of the annotated type."""
+        """Return the schema of the kind, which replaces that of the annotated type."""
         return self.schema()
 
 
@@ -102,7 +102,7 @@ class Name(Kind):
 
 @dataclass(frozen=True)
 class OneOf(Kind):
-    """A text out of `choices`: a `Literal` for choices known at run time."""
+    """A text from `choices`, for choices that are known only at run time."""
 
     choices: tuple[str, ...]
 
@@ -115,7 +115,10 @@ class OneOf(Kind):
 
 @dataclass(frozen=True)
 class List(Kind):
-    """A list of `size` values, of one or more, or also `empty`; `what` names the values in messages."""
+    """A list of `size` values, by default one or more; `what` names the values in messages.
+
+    With `empty` the list may be empty.
+    """
 
     of: Kind
     size: int | None = None
@@ -176,7 +179,7 @@ class Either(Kind):
 
 @dataclass(frozen=True)
 class Only(Kind):
-    """A value of a kind with true `holds(value)`; `words` is the requirement in messages."""
+    """A value of the kind `of` for which `holds(value)` is true; `words` is the requirement in messages."""
 
     of: Kind
     holds: Callable[[Any], bool]
@@ -208,7 +211,10 @@ def _has_rows(value: Any) -> bool:
 
 
 def values_per_joint(kind: Kind) -> Either:
-    """Return one value for all joints, or a list with one each, whose length is checked against the robot."""
+    """Return the kind of one value for all joints, or a list with a value per joint.
+
+    The length of the list is checked later, when the robot is known.
+    """
     return Either(_is_list, List(kind), kind)
 
 
@@ -226,7 +232,7 @@ NotNegative: TypeAlias = Annotated[float, Real(0.0)]
 Share: TypeAlias = Annotated[
     float, Only(Real(), lambda share: 0.0 <= share < 1.0, "must be a share, at least zero and below one")
 ]
-# Numbers above zero, at least zero, or any; or inf for no limit.
+# Numbers above zero, at least zero, or any; each may also be inf, which means no limit.
 Bound: TypeAlias = Annotated[float, Real(SMALLEST_POSITIVE, infinite=True)]
 Margin: TypeAlias = Annotated[float, Real(0.0, infinite=True)]
 AnyTime: TypeAlias = Annotated[float, Real(infinite=True)]

@@ -1,4 +1,4 @@
-"""Parallel work in several processes of this machine."""
+"""Parallel work in several processes on one machine."""
 
 from __future__ import annotations
 
@@ -32,22 +32,23 @@ def map_in_processes(
     jobs: int | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> list[T]:
-    """Return `work(task)` of each task in order, computed on copies of the tasks.
+    """Return the results of `work(task)` in the order of the tasks, each computed on a copy of the task.
 
     Parameters
     ----------
     work : callable
         A module-level function, or a partial of one.
     tasks : sequence
+        The arguments of `work`.
     jobs : int, optional
-        The number of processes; 1 uses the present process. Default: the number of cores.
+        The number of processes; 1 uses this process. Default: the number of cores.
     progress : callable, optional
-        A function called with the completed share of the tasks, 0 to 1.
+        A function that is called with the completed share of the tasks, 0 to 1.
 
     Raises
     ------
     TasksFailed
-        Some tasks raised errors; the exception holds them and the results of the other tasks.
+        Some tasks raised errors; the exception has these errors and the results of the other tasks.
     TaskError
         A task cannot be sent to another process, or its process died.
     """
@@ -68,7 +69,7 @@ def map_in_processes(
 
 
 def _attempts(work: Callable[[Any], T], tasks: Sequence[Any]) -> list[_Attempt[T]]:
-    """Process a chunk of tasks."""
+    """Return the result or the error of each task of a chunk."""
     attempts: list[_Attempt[T]] = []
     for task in tasks:
         try:
@@ -81,7 +82,10 @@ def _attempts(work: Callable[[Any], T], tasks: Sequence[Any]) -> list[_Attempt[T
 def _in_pool(
     attempt: Callable[[Any], list[_Attempt[T]]], chunks: Sequence[Any], jobs: int
 ) -> Iterator[list[_Attempt[T]]]:
-    """Yield the attempts of chunks in order; raise `TaskError` if a process dies or a task cannot be sent."""
+    """Yield the results of `attempt(chunk)` in the order of the chunks.
+
+    Raises `TaskError` if a process dies or a task cannot be sent.
+    """
     context = multiprocessing.get_context("forkserver")
     context.set_forkserver_preload(["ffsms_pin.opt", "ffsms_pin.simulation"])
     with ProcessPoolExecutor(jobs, context, _begin) as pool:
@@ -95,14 +99,14 @@ def _in_pool(
             ) from None
         except (pickle.PicklingError, AttributeError, TypeError) as error:
             raise TaskError(f"a task cannot be sent to another process ({error}); use jobs=1") from None
-        except BaseException:  # Ctrl-C: do not wait for running tasks
+        except BaseException:  # such as Ctrl-C, which must not wait for running tasks
             for process in pool._processes.values():
                 process.kill()
             raise
 
 
 def _begin() -> None:
-    """Leave Ctrl-C to the parent, and end this process when the parent ends."""
+    """Ignore Ctrl-C, which the parent process handles, and end this process when the parent ends."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with_parent, daemon=True).start()
 

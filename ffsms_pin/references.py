@@ -23,10 +23,9 @@ class Reference(Protocol):
     Three more attributes are used if a reference has them:
 
     - ``q``, an array of rows (nq,): its first row is the start of the plant if `simulate` has no `q0`.
-    - ``momentum``, (6,) or None: the total momentum of the plant at the start if `simulate` has none.
-    - ``base_mode``, as in `opt.Problem.mode`: the base motion that is held at zero. Unless `simulate` has a
-      velocity, the plant starts with the reference's velocity and this base motion at rest. Default:
-      "floating".
+    - ``momentum``, (6,) or None: the total momentum of the plant at the start, unless `simulate` has another.
+    - ``base_mode``, a mode of `opt.Problem`, default "floating". Unless `simulate` has a velocity, the plant
+      starts with the reference's joint rates and with the base motion that the mode holds at zero.
     """
 
     @property
@@ -48,9 +47,9 @@ class Reference(Protocol):
 class Observer(Protocol):
     """An observer of a closed loop, such as a re-planning reference or an adaptive controller.
 
-    Derive from this class and override the methods that are needed; the others do nothing. `simulate` calls
-    them for its reference and its controller. An object with some of these methods that does not derive from
-    this class is rejected, because a misspelt method would never be called.
+    Derive from this class and override the methods that you need; the others do nothing. `simulate` calls the
+    methods of its reference and its controller. An object that has some of these methods but does not derive
+    from this class is rejected, because a misspelt method would never be called.
 
     Attributes
     ----------
@@ -84,11 +83,11 @@ class Observer(Protocol):
         return
 
     def joint_failed(self, joint: int, locked: bool) -> None:
-        """Process the fault of a joint (index from 0), which is locked or, if not `locked`, limp."""
+        """Process the failure of a joint (index from 0), which is then locked or, if not `locked`, limp."""
         return
 
     def observe_robot(self, robot: Any) -> None:
-        """Process the `SpaceManipulator` that the controller estimates, such as with an unknown payload."""
+        """Process the controller's estimate of the robot, a `SpaceManipulator` such as with a payload."""
         return
 
     def expect_noise(self, distance: float) -> None:
@@ -122,13 +121,13 @@ def observers(**objects: Any) -> tuple[Observer, ...]:
             if not any(value is other for other in observing):
                 observing.append(value)
         elif partly := [method for method in _NAMES if method in dir(value)]:
-            message = f"has a method {partly[0]}, which nothing calls: derive its class from"
+            message = f"has a method {partly[0]} that is never called: derive the class from"
             raise InvalidValue(name, value, f"{message} ffsms_pin.simulation.Observer")
     return tuple(observing)
 
 
 class Rest(NamedTuple):
-    """A reference at rest, which replaces a motion that is not planned yet."""
+    """A reference at rest, used in place of a motion that is not planned yet."""
 
     duration: float
     target: ArrayLike

@@ -1,4 +1,4 @@
-"""The limit of one BLAS thread during plans and simulations, and guards of single-threaded objects."""
+"""The limit of one BLAS thread, a lock for single-threaded objects, and a base class of constant objects."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ _limited = threading.Lock()
 def one_blas_thread() -> Iterator[None]:
     """Limit BLAS to one thread; also a decorator, `@one_blas_thread()`.
 
-    The matrices are small, so a second thread costs more time than it saves. Setting the limit takes 0.1 ms,
-    so it is set around whole plans and simulations. It applies to the whole process.
+    The matrices are small, so a second thread costs more time than it saves. The limit applies to the whole
+    process. Setting it takes 0.1 ms, so it is set for whole plans and simulations.
     """
     if not _limited.acquire(blocking=False):  # held by an outer call or by another thread
         yield
@@ -34,7 +34,7 @@ def one_blas_thread() -> Iterator[None]:
 
 @lru_cache(maxsize=2)
 def _controller(with_scipy: bool) -> Any:
-    """Return the controller of all loaded BLAS libraries; finding them takes milliseconds."""
+    """Return the controller of all loaded BLAS libraries, from a cache because it takes milliseconds."""
     from threadpoolctl import ThreadpoolController
 
     return ThreadpoolController()
@@ -45,9 +45,9 @@ class InUse(FfsmsError, RuntimeError):
 
 
 class OneThread:
-    """A context manager for one thread at a time; a second thread raises `InUse`.
+    """A context manager that only one thread at a time can enter; a second thread raises `InUse`.
 
-    A copy of it has not been entered.
+    A copy is not entered.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Actuators of the base: reaction wheels and thrusters, and the model in which wheels are joints."""
+"""The actuators of the base, reaction wheels and thrusters, and robot models with wheels as joints."""
 
 from ffsms_pin.actuation.thrusters import Thrusters
 from ffsms_pin.actuation.wheels import ReactionWheels, gyrostat

@@ -1,4 +1,4 @@
-"""Thrusters of a satellite, and the allocation of a force and a moment to them."""
+"""The thrusters of a satellite, and the allocation of a desired force and moment to thrusters."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from ffsms_pin.checks import FloatArray, at_least_zero, frozen, instance, one_ea
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.options import NotNegative, PerJointPositive, Positive, Rows, Unit
 
-STANDARD_GRAVITY = 9.80665  # [m/s^2] in the definition of a specific impulse in seconds
-_PULSES = 10.0  # default period, in least on-times
+STANDARD_GRAVITY = 9.80665  # [m/s^2] by which a specific impulse in seconds is multiplied
+_PULSES = 10.0  # default period as a multiple of the least on-time
 
 
 @dataclass(frozen=True, eq=False)
 class Thrusters:
-    """A set of thrusters that are fixed to the base; each pushes with a force from zero to its largest.
+    """A set of thrusters that are fixed to the base; each exerts a force from zero to its largest force.
 
     Raises
     ------
@@ -29,19 +29,19 @@ class Thrusters:
     places: Annotated[Rows, Unit("m")]
     """The points (k, 3) at which the forces act, root frame."""
     directions: Annotated[Rows, Unit()]
-    """The directions (k, 3) of the forces on the satellite (against the jets), root axes, of any length but
-    zero."""
+    """The directions (k, 3) of the forces on the satellite (opposite to the jets), root axes; vectors of any
+    length above zero."""
     force: Annotated[PerJointPositive, Unit("N")]
     """The largest force; one number, or one per thruster."""
     least_on_time: Annotated[NotNegative, Unit("s")] = 0.0
-    """The shortest pulse, of thrusters that are on or off."""
+    """The shortest pulse of thrusters that are either on or off."""
     proportional: Annotated[bool, Unit()] = False
-    """True if thrusters can give any force up to the largest. If not, forces in between are made by pulses
-    (`ffsms_pin.control.PulseWidth`), and `least_on_time` or `period` must be given."""
+    """True if the thrusters can exert any force up to the largest. If not, pulses with the same mean force
+    are used (`ffsms_pin.control.PulseWidth`), and `least_on_time` or `period` must be given."""
     specific_impulse: Annotated[Positive, Unit("s")] = 220.0
-    """The specific impulse; the default is of the order of hydrazine."""
+    """The specific impulse; the default is typical of hydrazine."""
     period: Annotated[Positive | None, Unit("s", "10 least_on_time")] = None
-    """The time from pulse to pulse."""
+    """The period of the pulses."""
 
     def __post_init__(self) -> None:
         set_frozen(self, places=rows("thrusters.places", self.places))
@@ -57,7 +57,8 @@ class Thrusters:
             raise InvalidValue(
                 "thrusters.period",
                 self.period,
-                "must exceed least_on_time; give one of the two, or make them proportional",
+                "must exceed least_on_time; give a larger period, or least_on_time > 0 without a period, or"
+                " proportional=True",
             )
         set_frozen(self, period=period if self.proportional else positive("thrusters.period", period, "s"))
 
@@ -67,7 +68,7 @@ class Thrusters:
 
     @property
     def wrenches(self) -> FloatArray:
-        """The force and moment about the root's origin (6, k) of a unit force of each thruster, root axes."""
+        """The wrench (6, k) per unit force of each thruster: [force; moment about the root], root axes."""
         moments = np.cross(self.places, self.directions)
         return frozen(np.concatenate([self.directions, moments], axis=1).T)
 
@@ -80,11 +81,12 @@ class Thrusters:
 
 
 class ThrusterAllocation:
-    """A map of a desired force and moment about a `centre` (3,) [m] to thruster forces, none negative.
+    """A map from a desired force and moment about a point to non-negative thruster forces.
 
-    The allocation is by non-negative least squares: C. L. Lawson, R. J. Hanson, "Solving least squares
-    problems", Prentice-Hall 1974, chapter 23. Forces are weighted as moments at the thrusters' mean distance.
-    If a thruster is too weak, all forces are scaled down by one factor, which keeps the direction.
+    The point is `centre` (3,) [m], root frame. The allocation is by non-negative least squares: C. L. Lawson,
+    R. J. Hanson, "Solving least squares problems", Prentice-Hall 1974, chapter 23. Forces are multiplied by
+    the thrusters' mean distance from the centre, to compare with moments. If a thruster is too weak, all
+    forces are scaled down by one factor, which keeps the direction of the wrench.
     """
 
     def __init__(self, thrusters: Thrusters, centre: FloatArray) -> None:
@@ -96,27 +98,26 @@ class ThrusterAllocation:
 
     @property
     def shares(self) -> FloatArray:
-        """The forces (k, 6) for a unit of each [force; moment], some negative, by the pseudo-inverse.
+        """The thruster forces (k, 6) per unit of [force; moment], by the pseudo-inverse; some are negative.
 
-        If thrusters come in opposed pairs, the two of a pair have half of the force that one of them must
-        give.
+        In an opposed pair of thrusters, each has half of the force that one of them must exert.
         """
         scale = np.repeat([self._length, 1.0], 3)
         shares: FloatArray = np.linalg.pinv(self._effect) * scale
         return shares
 
     def forces(self, force: FloatArray, moment: FloatArray) -> FloatArray:
-        """Return thruster forces (k,) [N] for a force [N] and a moment [N m] (3,) each, root axes."""
+        """Return thruster forces (k,) [N] for a force (3,) [N] and a moment (3,) [N m], root axes."""
         from scipy.optimize import nnls  # slow to load, and not needed for wheels
 
-        wanted = np.concatenate([force * self._length, moment])
-        if not np.isfinite(wanted).all():
+        wrench = np.concatenate([force * self._length, moment])
+        if not np.isfinite(wrench).all():
             return np.full(len(self._largest), np.nan)
-        shares, _ = nnls(self._effect, wanted)
+        shares, _ = nnls(self._effect, wrench)
         result: FloatArray = shares / max(1.0, float((shares / self._largest).max()))
         return result
 
     def moment(self, forces: FloatArray) -> FloatArray:
-        """Return the moment (3,) [N m] of thruster forces (k,)."""
+        """Return the moment (3,) [N m] of thruster forces (k,) [N] about the centre, root axes."""
         result: FloatArray = (self._effect @ forces)[3:]
         return result

@@ -1,6 +1,6 @@
-"""Reaction wheels of a satellite, the model with wheels as joints (gyrostat), and torque allocation.
+"""The reaction wheels of a satellite, models with wheels as joints (gyrostats), and torque allocation.
 
-The module begins with checks of actuator arguments and the friction of bearings.
+The first functions check arguments of actuators and compute the friction of bearings.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ SLOW = 1e-2  # [rad/s or m/s] speed at which three quarters of the Coulomb frict
 
 
 def rows(name: str, value: ArrayLike, count: int | None = None) -> FloatArray:
-    """Return a read-only array (count, 3); one row may be given without the second pair of brackets."""
+    """Check rows of three numbers and return a read-only array (count, 3); a vector (3,) is one row."""
     count_given = dimensions(name, value)
     table: Any = [value] if count_given == 1 else value if isinstance(value, Sequence) else np.asarray(value)
     length = len(table) if count_given else 0
@@ -43,18 +43,21 @@ def rows(name: str, value: ArrayLike, count: int | None = None) -> FloatArray:
 
 
 def directions(name: str, value: ArrayLike, count: int | None = None) -> FloatArray:
-    """Return unit vectors (count, 3), from vectors of any length but zero."""
+    """Check vectors and return unit vectors (count, 3) of the same directions."""
     array = rows(name, value, count)
     lengths = np.linalg.norm(array, axis=1, keepdims=True)
     if not (lengths > 1e-9).all():
-        raise InvalidValue(name, value, "must not hold a vector of length zero")
+        raise InvalidValue(name, value, "must not contain a vector of length zero")
     return frozen(array / lengths)
 
 
 def friction_torque(
     rates: FloatArray, viscous: FloatArray, coulomb: FloatArray, transition: float = SLOW
 ) -> FloatArray:
-    """Return viscous and Coulomb torques (n,) at rates (n,); the sign is tanh(rate / transition)."""
+    """Return the sum (n,) of viscous and Coulomb friction torques at rates (n,).
+
+    tanh(rate / transition) replaces the sign of the rate in the Coulomb friction.
+    """
     torque: FloatArray = -(viscous * rates + coulomb * np.tanh(rates / transition))
     return torque
 
@@ -63,8 +66,8 @@ def friction_torque(
 class ReactionWheels:
     """A set of wheels that are fixed to the base, each balanced and symmetric about its axis.
 
-    Mass and inertia of the wheels are part of the base's, as if they stood still: a robot with wheels has the
-    same inertia matrix, and so the same H_b and C_bm, as without.
+    The base's mass and inertia include the wheels as fixed bodies. A robot with wheels therefore has the same
+    inertia matrix, H_b and C_bm as the robot without wheels.
 
     Raises
     ------
@@ -73,17 +76,17 @@ class ReactionWheels:
     """
 
     axes: Annotated[Rows, Unit()]
-    """The spin axes (w, 3), root axes, of any length but zero."""
+    """The spin axes (w, 3), root axes; vectors of any length above zero."""
     inertia: Annotated[PerJointPositive, Unit("kg m²")]
-    """The inertia about the spin axis; per wheel."""
+    """The inertia about the spin axis; one number, or one per wheel."""
     torque: Annotated[PerJointLimit, Unit("N m")] = np.inf
-    """The largest motor torque; per wheel."""
+    """The largest motor torque; one number, or one per wheel."""
     momentum: Annotated[PerJointLimit, Unit("N m s")] = np.inf
-    """The largest spin momentum, inertia times speed against the base; per wheel."""
+    """The largest spin momentum, inertia times speed relative to the base; one number, or one per wheel."""
     friction: Annotated[PerJointNotNegative, Unit("N m s/rad")] = 0.0
-    """The viscous friction in the bearing; per wheel."""
+    """The viscous friction in the bearing; one number, or one per wheel."""
     coulomb: Annotated[PerJointNotNegative, Unit("N m")] = 0.0
-    """The dry friction in the bearing; per wheel."""
+    """The dry (Coulomb) friction in the bearing; one number, or one per wheel."""
     transition: Annotated[Positive, Unit("rad/s")] = 1.0
     """The speed at which three quarters of the dry friction act."""
     names: Annotated[Texts, Unit("", '"wheel 1", ...')] = None
@@ -106,7 +109,7 @@ class ReactionWheels:
 
     @property
     def spin_inertia(self) -> FloatArray:
-        """The sum of I a a^T (3, 3) [kg m^2], root axes: the part of the base's inertia due to spin."""
+        """The sum (3, 3) [kg m^2] of I a a^T over the wheels with inertia I and axis a, root axes."""
         tensor: FloatArray = (self.axes.T * self.inertia) @ self.axes
         return tensor
 
@@ -116,11 +119,11 @@ class ReactionWheels:
         return bool(self.friction.any() or self.coulomb.any())
 
     def friction_torque(self, speed: FloatArray) -> FloatArray:
-        """Return the friction torque on the wheels (w,) [N m] at speeds (w,) [rad/s] against the base."""
+        """Return the friction torques (w,) [N m] at wheel speeds (w,) [rad/s] relative to the base."""
         return friction_torque(speed, self.friction, self.coulomb, self.transition)
 
     def total(self, momentum: FloatArray) -> FloatArray:
-        """Return the sum of wheel momenta (w,) or (N, w) as a vector (3,) or (N, 3) [N m s], root axes."""
+        """Return the vector sum (3,) or (N, 3) of wheel momenta (w,) or (N, w) [N m s], root axes."""
         vector: FloatArray = momentum @ self.axes
         return vector
 
@@ -133,7 +136,7 @@ def _names(given: Any, count: int) -> tuple[str, ...]:
         return tuple(f"wheel {i}" for i in range(1, count + 1))
     names = tuple(given) if isinstance(given, Sequence) and not isinstance(given, str) else ()
     if len(names) != count or not all(isinstance(name, str) for name in names):
-        raise InvalidValue("wheels.names", given, f"must be {count} texts")
+        raise InvalidValue("wheels.names", given, f"must be a list of {count} names (str)")
     return names
 
 
@@ -143,13 +146,15 @@ def gyrostat(model: Any, wheels: ReactionWheels) -> Any:
     Parameters
     ----------
     model : pinocchio.Model
-        The model, with a free-flyer as its first joint; its base's inertia includes the wheels as locked.
+        A model with a free-flyer as its first joint; the base's inertia includes the wheels as fixed bodies.
     wheels : ReactionWheels
+        The wheels to add.
 
     Returns
     -------
     pinocchio.Model
-        q = [q of `model`; wheel angles (w,)], v = [v of `model`; wheel speeds (w,) against the base].
+        A model with q = [q of `model`; wheel angles (w,)] and v = [v of `model`; wheel speeds (w,) relative
+        to the base].
     """
     model = model.copy()
     base = model.inertias[1]
@@ -163,7 +168,7 @@ def gyrostat(model: Any, wheels: ReactionWheels) -> Any:
 
 
 def check_inertia(model: Any, wheels: ReactionWheels) -> None:
-    """Raise `InvalidValue` if the wheels' spin inertias exceed the base's inertia."""
+    """Raise `InvalidValue` unless the base's inertia exceeds the wheels' spin inertia."""
     rest = model.inertias[1].inertia - wheels.spin_inertia
     if np.linalg.eigvalsh(rest)[0] <= 0.0:
         message = "must be smaller than the base's inertia, which includes the wheels"
@@ -179,30 +184,34 @@ def _turn_z_to(axis: FloatArray) -> FloatArray:
 
 
 class WheelAllocation:
-    """A map of a desired torque on the base to motor torques of wheels."""
+    """A map from a desired torque on the base to motor torques of the wheels."""
 
     def __init__(self, wheels: ReactionWheels) -> None:
         self.wheels = wheels
         self._change = np.linalg.pinv(wheels.axes.T)
 
     def changes(self, torque: FloatArray) -> FloatArray:
-        """Return the least momentum rates (w,) [N m] whose sum is `torque` (3,) along the wheels' axes."""
+        """Return the wheel momentum rates (w,) [N m] of least norm whose vector sum is `torque` (3,).
+
+        If the axes do not span `torque`, the sum is its projection.
+        """
         change: FloatArray = self._change @ torque
         return change
 
     def torques(
-        self, torque: FloatArray, spin: FloatArray, turn: FloatArray, momentum: FloatArray
+        self, torque: FloatArray, spin: FloatArray, acceleration: FloatArray, momentum: FloatArray
     ) -> FloatArray:
         """Return the motor torques (w,) [N m] for a torque on the base, with gyroscopic torque compensated.
 
-        The wheels' momenta h relative to the base have to change so that -a h' - w x (a h) is the desired
-        torque. A motor also accelerates its wheel with the base: tau = h' + I a . w'.
+        With the wheels' axes A (3, w), their momenta h relative to the base and their inertias I, the rates
+        h' must satisfy -A h' - omega x (A h) = torque. A motor also accelerates its wheel together with the
+        base, so tau = h' + I A^T omega'.
 
-        `torque` (3,) is the desired torque on the base with locked wheels, `spin` (3,) [rad/s] and `turn`
-        (3,) [rad/s^2] the base's angular velocity and acceleration, root axes, and `momentum` (w,) [N m s]
-        that of the wheels relative to the base.
+        `torque` (3,) is the desired torque on the base with fixed wheels. `spin` (3,) [rad/s] is omega, the
+        base's angular velocity, `acceleration` (3,) [rad/s^2] its derivative omega', both in root axes.
+        `momentum` (w,) [N m s] is h.
         """
         wheels = self.wheels
         change = -self.changes(torque + np.cross(spin, wheels.total(momentum)))
-        result: FloatArray = change + wheels.inertia * (wheels.axes @ turn)
+        result: FloatArray = change + wheels.inertia * (wheels.axes @ acceleration)
         return result

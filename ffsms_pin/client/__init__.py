@@ -1,6 +1,6 @@
-"""Clients: free rigid bodies in torque-free motion, and the momentum after a rigid capture.
+"""Clients, which are free rigid bodies in torque-free motion, and the motion after a rigid capture.
 
-This package is a layer below planning, because `opt.Meet` plans to a client's free motion. All other parts of
+This package is a layer below planning, because plans to `opt.Meet` need a client's motion. The other parts of
 a capture are in `ffsms_pin.capture`.
 """
 

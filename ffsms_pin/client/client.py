@@ -1,4 +1,4 @@
-"""A client: a free rigid body in torque-free motion, given by its mass and inertia or by a URDF."""
+"""The class `Client`: a free rigid body in torque-free motion, from its mass and inertia or from a URDF."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ from ffsms_pin.errors import InvalidInertia, InvalidUrdf, InvalidValue
 from ffsms_pin.files import path_like
 from ffsms_pin.geometry.shapes import Description
 from ffsms_pin.options import Inertia, Positive, Unit
-from ffsms_pin.robot.building import Asked, checked, folders, model_of
+from ffsms_pin.robot.building import LoadOptions, checked, folders, model_of
 from ffsms_pin.system.urdf_elements import read_robot
 
 
 @runtime_checkable
 class FreeBody(Protocol):
-    """A free rigid body whose motion is known or estimated, as `Client` and `capture.ClientEstimate`."""
+    """A free rigid body with a known or estimated motion: a `Client` or a `capture.ClientEstimate`."""
 
     @property
     def mass(self) -> float:
@@ -53,11 +53,11 @@ class FreeBody(Protocol):
         ...
 
     def poses(self, times: ArrayLike) -> tuple[FloatArray, FloatArray]:
-        """Return positions (K, 3) [m] and attitudes (K, 3, 3) at times (K,) [s]."""
+        """Return positions (K, 3) [m] and attitudes (K, 3, 3) of the body frame at times (K,) [s]."""
         ...
 
     def twist(self, t: float) -> FloatArray:
-        """Return the twist (6,) at a time [s]: [m/s] and [rad/s], inertial axes."""
+        """Return the twist (6,) of the body frame at a time [s], inertial axes [m/s; rad/s]."""
         ...
 
 
@@ -72,27 +72,28 @@ class Shape(NamedTuple):
 class Client:
     """A free rigid body that moves without force and torque.
 
-    Its body frame has its origin at the centre of mass; "body axes" are that frame's.
+    The origin of the body frame is the centre of mass; "body axes" are the axes of this frame.
 
     Parameters
     ----------
     mass : float
         Mass [kg].
     inertia : array_like, shape (3, 3) or (3,)
-        Inertia about the centre of mass, body axes [kg m^2]; three numbers are the principal ones along x, y,
-        z.
+        Inertia about the centre of mass, body axes [kg m^2]; three numbers are the principal inertias along
+        x, y, z.
     pose : pinocchio.SE3, optional
-        The pose of the body frame at time zero, inertial axes. Default: at the inertial origin.
+        The pose of the body frame at time zero, inertial axes. Default: the identity.
     twist : array_like, shape (6,), optional
         The velocity of the centre of mass [m/s] and angular velocity [rad/s] at time zero, inertial axes.
         Default: at rest.
     shapes : sequence, optional
         Coal geometries, or pairs of a geometry and its placement (pinocchio.SE3) in body axes.
     link_placement : pinocchio.SE3, optional
-        The root link's frame in body axes, for a body from a URDF. Default: the body frame. A grasp given in
-        link axes is `client.link_placement * grasp` in body axes.
+        Pose of the root link's frame in body axes, for a body from a URDF. Default: the identity. If `grasp`
+        is a pose in the root link's frame, `client.link_placement * grasp` is that pose in body axes.
 
-    The attributes have the same names, except `start_pose` and `start_twist`; the inertia has shape (3, 3).
+    The parameters are attributes with the same names, except `start_pose` for `pose` and `start_twist` for
+    `twist`. The attribute `inertia` has shape (3, 3).
 
     Raises
     ------
@@ -107,7 +108,7 @@ class Client:
     shapes: tuple[Shape, ...]
     link_placement: Any
     _rotation: Rotation = field(repr=False)
-    _known: dict[bytes, tuple[FloatArray, FloatArray]] = field(repr=False)  # poses at times
+    _cache: dict[bytes, tuple[FloatArray, FloatArray]] = field(repr=False)  # results of `poses`, by times
 
     def __init__(
         self,
@@ -132,7 +133,7 @@ class Client:
             shapes=placed_shapes("shapes", shapes),
             link_placement=_placement("link_placement", link_placement),
             _rotation=torque_free(tensor, np.array(start.rotation), motion[3:]),
-            _known={},
+            _cache={},
         )
 
     @classmethod
@@ -144,12 +145,12 @@ class Client:
         package_dirs: Sequence[str | os.PathLike[str]] = (),
         inertias: Literal["check", "repair"] = "check",
     ) -> Client:
-        """Make a client from a URDF of one body: links that are fixed to each other.
+        """Make a client from a URDF whose joints are all fixed.
 
-        Its shapes are the collision shapes, or the visual ones where the file has no others; its pose has the
-        axes of the root link. `package_dirs` are the folders for `package://` names of meshes. An inertia
-        that no rigid body has is an error; with `inertias` "repair" it is replaced by the nearest physically
-        consistent one, with a warning (`FfsmsWarning`).
+        The shapes are the collision shapes, or the visual shapes if the file has no collision shapes. The
+        body axes are the axes of the root link; `pose`, `twist` and `package_dirs` are as for `Client` and
+        `ffsms_pin.load`. An inertia that no rigid body has is an error; if `inertias` is "repair", the
+        nearest inertia of a rigid body replaces it, with a warning (`FfsmsWarning`).
 
         Raises
         ------
@@ -158,7 +159,7 @@ class Client:
         checks.one_of("inertias", inertias, ("check", "repair"))
         robot = read_robot(path := path_like("path", path))
         try:
-            urdf = checked(robot, path, Asked(inertias=inertias), stacklevel=3)
+            urdf = checked(robot, path, LoadOptions(inertias=inertias), stacklevel=3)
         except InvalidInertia as error:
             error.args = (str(error).replace('inertias="keep" or ', ""),)  # "keep" is no option of a client
             raise
@@ -174,50 +175,54 @@ class Client:
         return cls(body.mass, body.inertia, pose, twist, shapes, link)
 
     def pose(self, t: float) -> Any:
-        """Return the pose (pinocchio.SE3) of the body frame at a time [s], which may be negative."""
+        """Return the pose (pinocchio.SE3) of the body frame at a time t [s], which may be negative."""
         positions, rotations = self.poses([t])
         return pin.SE3(rotations[0], positions[0])
 
     def poses(self, times: ArrayLike) -> tuple[FloatArray, FloatArray]:
         """Return positions (K, 3) [m] and attitudes (K, 3, 3) of the body frame at times (K,) [s]."""
         t = np.asarray(times, dtype=np.float64)
-        if (known := self._known.get(key := t.tobytes())) is None:  # plans evaluate the same times often
-            if len(self._known) >= 8:
-                self._known.clear()
+        if (cached := self._cache.get(key := t.tobytes())) is None:  # plans evaluate the same times often
+            if len(self._cache) >= 8:
+                self._cache.clear()
             places = self.start_pose.translation + t[:, None] * self.start_twist[:3]
-            self._known[key] = known = places, self._rotation(t)
-        return known[0].copy(), known[1].copy()
+            self._cache[key] = cached = places, self._rotation(t)
+        return cached[0].copy(), cached[1].copy()
 
     def twist(self, t: float) -> FloatArray:
-        """Return the twist (6,) at a time [s]: velocity of the centre of mass [m/s], angular [rad/s]."""
+        """Return the twist (6,) at a time t [s], inertial axes.
+
+        Its parts are the velocity of the centre of mass [m/s] and the angular velocity [rad/s].
+        """
         return np.asarray(self.twists([t])[0])
 
     def twists(self, times: ArrayLike) -> FloatArray:
         """Return the twists (K, 6) at times (K,) [s]; see `twist`."""
         _, attitudes = self.poses(times)
-        h = self.momentum[3:] @ attitudes  # angular, in body axes: each spin is R I^-1 R^T h
+        h = self.momentum[3:] @ attitudes  # angular momentum in body axes; the angular velocity is R I^-1 h
         spins = attitudes @ np.linalg.solve(self.inertia, h.T).T[..., None]
         return np.hstack([np.broadcast_to(self.start_twist[:3], (len(h), 3)), spins[..., 0]])
 
     @property
     def momentum(self) -> FloatArray:
-        """The momentum (6,) [linear; angular] about the centre of mass, inertial axes, which is constant."""
+        """The constant momentum (6,) [linear; angular] about the centre of mass, inertial axes."""
         R = self.start_pose.rotation
         angular = R @ self.inertia @ R.T @ self.start_twist[3:]
         return np.concatenate([self.mass * self.start_twist[:3], angular])
 
     @property
     def kinetic_energy(self) -> float:
-        """The kinetic energy [J], which is constant."""
+        """The constant kinetic energy [J]."""
         return 0.5 * float(self.momentum @ self.start_twist)
 
 
 def other_motion(
     body: Client, pose: Any, twist: FloatArray, mass: float | None = None, inertia: FloatArray | None = None
 ) -> Client:
-    """Return the same body with another pose and twist at time zero; its shapes are not checked again.
+    """Return a copy of a body with another pose and twist at time zero.
 
     `mass` [kg] and `inertia` (3, 3) [kg m^2] replace those of the body; they must be physically consistent.
+    Mass, inertia and shapes are not checked.
     """
     made, tensor = copy(body), body.inertia if inertia is None else frozen(inertia)
     start, motion = checks.pose("pose", pose), checks.vector("twist", twist, 6)
@@ -228,13 +233,16 @@ def other_motion(
         start_pose=start,
         start_twist=frozen(motion),
         _rotation=torque_free(tensor, np.array(start.rotation), motion[3:]),
-        _known={},
+        _cache={},
     )
     return made
 
 
 def carried(pose: Any, twist: FloatArray, frame: Any) -> tuple[Any, FloatArray]:
-    """Return pose and twist (6,) of a frame (pinocchio.SE3, body axes) that is fixed to a moving body."""
+    """Return the pose and twist (6,) of a frame on a moving body, from the body's pose and twist.
+
+    `frame` is a pose (pinocchio.SE3) in body axes. Twists are in inertial axes, [linear; angular].
+    """
     shift = pose.rotation @ frame.translation
     return pose * frame, np.concatenate([twist[:3] + cross(twist[3:], shift), twist[3:]])
 
@@ -246,12 +254,12 @@ def cross(a: FloatArray, b: FloatArray) -> FloatArray:
 
 
 def _placement(name: str, value: Any) -> Any:
-    """Return a copy of a pose; identity for None."""
+    """Check a pose and return a copy; return the identity for None."""
     return pin.SE3.Identity() if value is None else checks.pose(name, value)
 
 
 def placed_shapes(name: str, shapes: Any) -> tuple[Shape, ...]:
-    """Return shapes from coal geometries, or from pairs of a geometry and its placement in body axes."""
+    """Check shapes: coal geometries, or pairs of a geometry and its placement in body axes."""
     if isinstance(shapes, str) or not isinstance(shapes, Sequence):
         raise InvalidValue(name, shapes, "must be a sequence of coal geometries")
     return tuple(_shape(name, item) for item in shapes)
@@ -260,5 +268,5 @@ def placed_shapes(name: str, shapes: Any) -> tuple[Shape, ...]:
 def _shape(name: str, item: Any) -> Shape:
     geometry, placement = item if isinstance(item, (tuple, list)) and len(item) == 2 else (item, None)
     if not isinstance(geometry, coal.CollisionGeometry):
-        raise InvalidValue(name, item, "must hold coal geometries, or pairs (geometry, pinocchio.SE3)")
+        raise InvalidValue(name, item, "must contain coal geometries, or pairs (geometry, pinocchio.SE3)")
     return Shape(geometry, _placement("placement of a shape", placement))

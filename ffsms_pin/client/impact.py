@@ -1,7 +1,8 @@
-"""The rigid capture of a client: the plastic impact, and the momentum that servicer and client share.
+"""The rigid capture of a client: the plastic impact, and the motion of servicer and client after it.
 
-Neither the contact nor the joints' braking changes the total momentum of servicer and client. With the joints
-at rest both are one rigid body, of mass m and inertia I(q) about the common centre of mass, so
+Neither the contact nor the braking of the joints changes the total momentum [p; L] of servicer and client.
+With the joints at rest, both are one rigid body with the mass m and the inertia I(q) about the common centre
+of mass, so
 
     v_com = p / m,    omega = I(q)^-1 L.
 
@@ -35,17 +36,17 @@ class AfterCapture:
     Attributes
     ----------
     robot : SpaceManipulator
-        The servicer with the client on the link that carries its end effector; its limits, shapes and
+        The servicer with the client's inertia on the link that carries the end effector; limits, shapes and
         end-effector frame are those of the servicer.
     q : ndarray, shape (nq,)
         Configuration at the capture.
     v : ndarray, shape (6 + n,)
         Velocity right after the capture.
     momentum : ndarray, shape (6,)
-        Total momentum of both [linear; angular], inertial axes, about the common centre of mass
-        [kg m/s; kg m^2/s]; constant from the capture on.
+        Total momentum of servicer and client [linear; angular], inertial axes, about the common centre of
+        mass [kg m/s; kg m^2/s]; constant from the capture on.
     energy_lost : float
-        The kinetic energy lost in the contact [J]; zero if the grasp was met without relative velocity.
+        The kinetic energy lost in the contact [J]; zero if the relative velocity before it was zero.
     """
 
     robot: SpaceManipulator
@@ -55,11 +56,11 @@ class AfterCapture:
     energy_lost: float
 
     def at_rest(self, q: ArrayLike | None = None) -> Client:
-        """Return servicer and client as one free rigid body, whose time zero is when the joints come to rest.
+        """Return servicer and client as one free rigid body, after the joints have come to rest.
 
-        Its `twist(t)` is the remaining motion, t seconds after the joints came to rest, and `pose(t)` has its
-        origin at the common centre of mass and the axes of the root link. The configuration at rest is q
-        (nq,), base pose included; default: that at the capture.
+        The time of the body is zero when the joints come to rest. The origin of its pose is the common centre
+        of mass; its axes are those of the root link. The configuration at rest is q (nq,), base pose
+        included; default: the configuration at the capture.
         """
         q = self.q if q is None else self.robot.checked_configuration("q", q)
         data = self.robot.model.createData()
@@ -72,7 +73,10 @@ class AfterCapture:
         return Client(mass, 0.5 * (inertia + inertia.T), pin.SE3(R, np.array(data.com[0])), twist)
 
     def rest_rate(self, q: ArrayLike | None = None) -> FloatArray:
-        """Return the angular velocity (3,) of both with the joints at rest at q, inertial axes [rad/s]."""
+        """Return the angular velocity (3,) of servicer and client with the joints at rest at q.
+
+        It is in inertial axes [rad/s]; q is as for `at_rest`.
+        """
         return np.array(self.at_rest(q).start_twist[3:])
 
 
@@ -84,17 +88,17 @@ def after_capture(
     t: float = 0.0,
     locked: Sequence[int] = (),
 ) -> AfterCapture:
-    """Join servicer and client at the end effector, rigidly, with the velocity after the impact.
+    """Return servicer and client rigidly joined at the end effector, with the velocity after the impact.
 
-    The client keeps its pose relative to the end effector at that time, so an error of the grasp remains. A
-    relative velocity ends in a plastic impact (see `plastic`). The state before the capture is q (nq,) and v
-    (6 + n,), at the client's time t [s]; an invalid state raises `InvalidValue`. `locked` are indices in v of
-    locked joints.
+    The state before the capture is q (nq,) and v (6 + n,), at the client's time t [s]; an invalid state
+    raises `InvalidValue`. The client keeps its pose relative to the end effector at that time, so an error of
+    the grasp remains. A relative velocity causes a plastic impact (see `plastic`). `locked` are indices in v
+    of locked joints.
 
     Examples
     --------
     >>> after = after_capture(sms, plan.q[-1], plan.v[-1], client, plan.duration)
-    >>> after.rest_rate()  # [rad/s] what base and client turn with once the joints rest
+    >>> after.rest_rate()  # [rad/s] angular velocity of base and client with the joints at rest
     """
     q, v = sms.checked_configuration("q", q), checks.vector("v", v, sms.nv)
     model, data, joint = sms.model.copy(), sms.model.createData(), sms.model.frames[sms.frame_id].parentJoint
@@ -102,7 +106,7 @@ def after_capture(
     place, twist = data.oMi[joint], client.twist(t)
     body = (place.inverse() * client.pose(t)).act(pin.Inertia(client.mass, np.zeros(3), client.inertia))
     linear = twist[:3] - np.cross(twist[3:], place.rotation @ body.lever)
-    # The client's motion before the impact, expressed at the link's frame as if fixed to the client.
+    # The client's twist before the impact, in the link's frame, as if that frame were fixed to the client.
     motion = pin.Motion(place.rotation.T @ linear, place.rotation.T @ twist[3:])
     J = pin.getJointJacobian(model, data, joint, pin.ReferenceFrame.LOCAL)
     momentum = pin.crba(model, data, q) @ v + J.T @ (body * motion).vector
@@ -115,10 +119,10 @@ def after_capture(
 
 
 def plastic(M: FloatArray, momentum: FloatArray, locked: Sequence[int]) -> FloatArray:
-    """Return the velocity (6 + n,) after an instantaneous plastic impact; the joints are free in it.
+    """Return the velocity v (6 + n,) after an instantaneous plastic impact.
 
-    Drives bear no impulse, so M v equals the generalised `momentum` (6 + n,) before the impact, where M is
-    the inertia matrix after it. `locked` joints, indices in v, bear an impulse and do not move.
+    Drives transmit no impulse, so M v equals the generalised `momentum` (6 + n,) before the impact, where M
+    is the inertia matrix after it. `locked` joints (indices in v) transmit impulses and do not move.
     """
     free, after = np.setdiff1d(np.arange(len(M)), locked), np.zeros(len(M))
     after[free] = np.linalg.solve(M[np.ix_(free, free)], momentum[free])
@@ -128,16 +132,16 @@ def plastic(M: FloatArray, momentum: FloatArray, locked: Sequence[int]) -> Float
 def rest_momentum(client: FreeBody, com: ArrayLike) -> FloatArray:
     """Return the servicer's momentum (6,) before a capture that leaves servicer and client at rest.
 
-    The total momentum about the common centre of mass must be zero. With p and L those of the client about
-    its own centre of mass r_c, and r_s the servicer's centre of mass,
+    The total momentum about the common centre of mass must be zero. With the client's momentum [p; L] about
+    its own centre of mass r_c, and the servicer's centre of mass r_s,
 
         p_s = -p,    L_s = -L - (r_c - r_s) x p.
 
-    Both centres then move along p, so the product is constant. `com` is r_s (3,) when the client's time is
-    zero, inertial axes [m]; the momentum is [linear; angular] about it [kg m/s; kg m^2/s].
+    Both centres then move along p, so the cross product is constant. `com` is r_s (3,) at the client's time
+    zero, inertial axes [m]. The result is [p_s; L_s] about r_s [kg m/s; kg m^2/s].
     """
     if not isinstance(client, FreeBody):
-        raise InvalidValue("client", client, "must be a Client, or a ClientEstimate")
+        raise InvalidValue("client", client, "must be a ffsms_pin.Client or a capture.ClientEstimate")
     own = client.momentum
     apart = client.pose(0.0).translation - checks.vector("com", com, 3, "m")
     return np.concatenate([-own[:3], -own[3:] - np.cross(apart, own[:3])])

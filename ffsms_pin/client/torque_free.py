@@ -1,26 +1,27 @@
-"""Motion of a rigid body without torque, in closed form, at any time.
+"""The torque-free motion of a rigid body, in closed form.
 
-In principal axes the unit vector m along the angular momentum h moves round the axis z, that of the least or
-the greatest inertia, depending on the energy (Poinsot). With a = 1 / inertia and M = |h|,
+In principal axes the unit vector m along the angular momentum h moves round the axis z of the least or the
+greatest inertia, depending on the energy (Poinsot). With a = 1 / inertia (three numbers), M = |h|, Jacobi's
+elliptic functions cn, sn, dn of modulus k, and constants X, Y, Z and lambda,
 
     m = (X cn u, Y sn u, Z dn u),     u = u0 + M lambda t,     Z > 0.
 
-The attitude is C R_z(psi) A(m): A is the least rotation of m to z, C is constant. A is smooth, because
-m never comes near -z. With A chosen so, the phase follows from omega . (m + z) = (1 + m_z) dpsi/dt:
+The attitude is C R_z(psi) A(m), where A is the smallest rotation of m to z and C is constant. A is smooth,
+because m never comes near -z. The phase psi follows from omega . (m + z) = (1 + m_z) dpsi/dt:
 
     psi = M a_z t + M (e - a_z) int dt / (1 + Z dn u),     e = 2 (energy) / M^2.
 
 The integrand is smooth and periodic, so its Fourier series gives the integral to rounding. SciPy's elliptic
-functions take the parameter k^2, which near 1 cannot resolve the difference between motions, so the functions
-below take k' = sqrt(1 - k^2).
+functions take the parameter k^2, and near k^2 = 1 floating-point numbers cannot resolve different motions.
+The functions below therefore take k' = sqrt(1 - k^2).
 
-Errors are rounding, some 1e-16 times the angle of rotation, except after a departure from the unstable
-intermediate axis, which magnifies them.
+Errors are about 1e-16 times the angle of rotation, except near the unstable intermediate axis, where the
+motion itself magnifies them.
 
-References: L. D. Landau, E. M. Lifshitz, "Mechanics", section 37 (m); the phase in these axes is derived
-here; compare R. van Zon, J. Schofield, "Numerical implementation of the exact dynamics of free rigid bodies",
-Journal of Computational Physics 225 (2007), who take Euler's angles. NIST Digital Library of Mathematical
-Functions, 22.20(ii) (arithmetic-geometric mean), 19.25 (Legendre's integrals by Carlson's).
+References: L. D. Landau, E. M. Lifshitz, "Mechanics", section 37, for m. The phase is derived here; R. van
+Zon, J. Schofield, "Numerical implementation of the exact dynamics of free rigid bodies", Journal of
+Computational Physics 225 (2007), derive it with Euler's angles. NIST Digital Library of Mathematical
+Functions, 22.20(ii) for the arithmetic-geometric mean, 19.25 for Legendre's integrals by Carlson's.
 """
 
 from __future__ import annotations
@@ -35,11 +36,11 @@ import numpy as np
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.system.batch.stacks import exp3
 
-# Thresholds below which float64 cannot distinguish values from zero: the rate of m relative to the spin rate,
-# and the distance k' from the separatrix.
+# Below this value float64 cannot distinguish from zero the rate of m relative to the spin rate, and k', the
+# distance from the separatrix.
 _NONE = 4.0 * float(np.finfo(np.float64).eps)
-# Nodes of a period. The coefficients of 1 / (1 + u dn) fall at least as fast as exp(-n pi K'/K): even for
-# k' = 1e-15, where K = 36, some 300 of them are above rounding.
+# Nodes in a period of the integrand 1 / (1 + Z dn). Its Fourier coefficients fall at least as fast as
+# exp(-n pi K'/K). Even for k' = 1e-15, where K = 36, only some 300 of them are above rounding.
 _NODES = 1024
 _ROUNDING = 1e-17
 
@@ -48,13 +49,13 @@ Rotation: TypeAlias = Callable[[FloatArray], FloatArray]
 
 
 def _steady(attitude: FloatArray, spin: FloatArray, t: FloatArray) -> FloatArray:
-    """Return attitudes (K, 3, 3) at times (K,) [s] of a rotation about a fixed axis, or of none."""
+    """Return attitudes (K, 3, 3) at times (K,) [s] for a constant angular velocity, possibly zero."""
     return np.moveaxis(exp3(spin[:, None] * t), -1, 0) @ attitude
 
 
 @dataclass(frozen=True, eq=False)
 class TumblingSpin:
-    """The rotation of a body that tumbles; see the module."""
+    """The rotation of a tumbling body, with the symbols of the module's docstring."""
 
     axes: FloatArray  # principal axes x, y, z as columns, body axes; m moves round z, and m_z > 0
     start: FloatArray  # C = R axes A(m)^T at the start, with the attitude R
@@ -75,9 +76,9 @@ class TumblingSpin:
 
 
 def torque_free(inertia: FloatArray, attitude: FloatArray, spin: FloatArray) -> Rotation:
-    """Return the rotation of a body with an inertia (3, 3) [kg m^2], body axes.
+    """Return the rotation of a body with an inertia (3, 3) [kg m^2], body axes, as a function of time.
 
-    It starts from an attitude (3, 3) with an angular velocity (3,) [rad/s], inertial axes.
+    The motion starts at an attitude (3, 3) with an angular velocity `spin` (3,) [rad/s], inertial axes.
     """
     moments, principal = np.linalg.eigh(inertia)
     if np.linalg.det(principal) < 0.0:
@@ -89,7 +90,7 @@ def torque_free(inertia: FloatArray, attitude: FloatArray, spin: FloatArray) -> 
     if np.abs(np.cross(m, a * m)).max() <= _NONE * a.max():
         return partial(_steady, attitude, spin)
 
-    # The sign of 2 (energy) / M^2 - 1 / (the middle inertia) determines the axis.
+    # The sign of 2 (energy) / M^2 - 1 / (the middle inertia) determines whether z has the least inertia.
     low, high = (moments[1] - moments[0]) * a[0] * a[1], (moments[2] - moments[1]) * a[1] * a[2]
     if low * m[0] ** 2 - high * m[2] ** 2 <= 0.0:
         axes = principal
@@ -135,7 +136,10 @@ def _about_z(angle: FloatArray) -> FloatArray:
 
 
 def _least_turn(x: FloatArray, y: FloatArray, z: FloatArray) -> FloatArray:
-    """Return rotations (K, 3, 3) that bring unit vectors with components (K,), z > -1, to the axis z."""
+    """Return the smallest rotations (K, 3, 3) of unit vectors to the axis z.
+
+    The vectors have the components x, y, z (K,), with z > -1.
+    """
     share = 1.0 / (1.0 + z)
     rows = [[1.0 - x * x * share, -x * y * share, -x], [-x * y * share, 1.0 - y * y * share, -y], [x, y, z]]
     turns: FloatArray = np.moveaxis(np.array(rows), -1, 0)
@@ -143,14 +147,17 @@ def _least_turn(x: FloatArray, y: FloatArray, z: FloatArray) -> FloatArray:
 
 
 def quarter_period(k1: float) -> float:
-    """Return K, the complete integral of the first kind, of the complementary modulus `k1` in (0, 1]."""
+    """Return K, the complete elliptic integral of the first kind, for the complementary modulus `k1`.
+
+    `k1` is in (0, 1].
+    """
     from scipy.special import elliprf  # slow to load
 
     return float(elliprf(0.0, k1**2, 1.0))
 
 
 def amplitude_argument(sine: float, cosine: float, k1: float) -> float:
-    """Return u = F(atan2(sine, cosine)): sn u and cn u have the signs and the ratio of the two numbers."""
+    """Return the u at which sn u and cn u have the signs and the ratio of `sine` and `cosine`."""
     from scipy.special import elliprf
 
     scale = np.hypot(sine, cosine)
@@ -160,13 +167,13 @@ def amplitude_argument(sine: float, cosine: float, k1: float) -> float:
 
 
 def jacobi(u: FloatArray, k1: float) -> FloatArray:
-    """Return cn, sn and dn at arguments of any shape, by the arithmetic-geometric mean."""
+    """Return cn, sn and dn (3, ...) at arguments u (...), by the arithmetic-geometric mean."""
     a, b, c = 1.0, k1, float(np.sqrt((1.0 - k1) * (1.0 + k1)))
     means = []
-    while abs(c) > np.sqrt(np.finfo(np.float64).eps) * a:  # c / a is squared each time: the next is rounding
+    while abs(c) > np.sqrt(np.finfo(np.float64).eps) * a:  # each step squares c / a
         a, b, c = 0.5 * (a + b), float(np.sqrt(a * b)), 0.5 * (a - b)
         means.append((a, c))
-    # Whole periods are subtracted first, because the amplitude would grow with them and lose digits.
+    # Whole periods are subtracted first, because the amplitude would grow with u and lose digits.
     period = 4.0 * quarter_period(k1)
     phi = 2.0 ** len(means) * a * (u - period * np.round(u / period))
     for a, c in reversed(means):
@@ -185,7 +192,7 @@ class PeriodicIntegral:
 
     @classmethod
     def of(cls, function: Callable[[FloatArray], FloatArray], k1: float) -> PeriodicIntegral:
-        """Make the integral of `function(dn)`, smooth and even in the argument of dn with modulus `k1`."""
+        """Make the integral of `function(dn u)` over u, with the complementary modulus `k1` of dn."""
         K = quarter_period(k1)
         _, _, dn = jacobi(np.linspace(0.0, 2.0 * K, _NODES, endpoint=False), k1)
         series = np.fft.rfft(function(dn)).real / _NODES
@@ -196,7 +203,7 @@ class PeriodicIntegral:
         return cls(float(series[0]), np.pi / K, amplitudes[:last])
 
     def __call__(self, u: FloatArray) -> FloatArray:
-        """Return the integral from 0 to each of `u` (K,)."""
+        """Return the integrals (K,) from 0 to `u` (K,)."""
         n = np.arange(1, len(self.amplitudes) + 1)
         waves: FloatArray = np.sin(self.wave_number * u[:, None] * n) @ self.amplitudes
         return self.mean * u + waves

@@ -1,4 +1,4 @@
-"""The inspection and the repair of URDF files."""
+"""The inspection and repair of URDF files."""
 
 from ffsms_pin.inspection.faults import Change, Fault
 from ffsms_pin.inspection.report import JointReport, LinkReport, Report, inspect, repair

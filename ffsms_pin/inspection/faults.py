@@ -1,4 +1,4 @@
-"""Faults of a URDF and their remedies; numbers that readers drop or refuse."""
+"""The classes `Fault` and `Change`, and the search for numbers in a URDF that readers drop or refuse."""
 
 from __future__ import annotations
 
@@ -41,6 +41,8 @@ class Fault:
         True if `load` refuses the file because of the fault.
     remedy : str or None
         The change that a repair makes; None if only the file's author can decide.
+    mend : callable or None
+        The function that makes this change.
     """
 
     where: str
@@ -55,14 +57,14 @@ class Fault:
 
 @dataclass(frozen=True)
 class Settings:
-    """The file, and the rate [rad/s, m/s] and effort [N m, N] limits for joints without limits."""
+    """The file, and the limits of rate [rad/s, m/s] and effort [N m, N] for joints without limits."""
 
     path: Path
     rate: float
     effort: float
 
 
-# Numeric attributes, and the number of numbers in each.
+# The numeric attributes of elements, and how many numbers each attribute has.
 _ATTRIBUTES: dict[str, dict[str, int]] = {
     "mass": {"value": 1},
     "inertia": dict.fromkeys(INERTIA_KEYS, 1),
@@ -77,7 +79,7 @@ _ATTRIBUTES: dict[str, dict[str, int]] = {
     "sphere": {"radius": 1},
     "mesh": {"scale": 3},
 }
-# Elements that `load` does not read: they concern pictures only, or joints that it refuses.
+# Elements in which an unreadable number does not make `load` refuse the file.
 _NOT_READ = {"cylinder", "capsule", "sphere", "mesh", "mimic"}
 _COMMA = re.compile(r"[+-]?\d+,\d+", re.ASCII)
 _FORMULA = re.compile(r"(?:[\d.+\-*/() \t]|[eE](?=[+-]?\d)|math\.pi|M_PI|PI|pi)+", re.ASCII)
@@ -89,7 +91,7 @@ _OPERATORS: dict[type[ast.AST], Callable[..., float]] = {
     ast.USub: operator.neg,
     ast.UAdd: operator.pos,
 }
-# Longer texts are not formulas, and Python's parser may fail on them with other exceptions.
+# Longer texts are not parsed as formulas, because Python's parser may raise other exceptions for them.
 _LONGEST = 100
 
 
@@ -115,8 +117,8 @@ def faults_in(item: ElementTree.Element, where: str) -> Iterator[Fault]:
             if text is None or (len(numbers) == count and all(is_number(str(number)) for number in numbers)):
                 continue
             better = _mended(text, count, f"{element.tag} {key}")
-            wanted = "a plain decimal number" if count == 1 else f"{count} plain decimal numbers"
-            problem = f'{key}="{text}" in <{element.tag}> is not {wanted}; readers drop or refuse it'
+            expected = "a plain decimal number" if count == 1 else f"{count} plain decimal numbers"
+            problem = f'{key}="{text}" in <{element.tag}> is not {expected}; readers drop or refuse it'
             remedy = None if better is None else f'written as "{better}"'
             mend = None if better is None else partial(element.set, key, better)
             yield Fault(where, problem, element.tag not in _NOT_READ, remedy, mend)

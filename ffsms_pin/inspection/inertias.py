@@ -1,4 +1,4 @@
-"""Faults of masses and inertias; `ffsms_pin.system.urdf_elements` has the conditions for rigid bodies."""
+"""The search for faults of masses and inertias in a URDF."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _ALUMINIUM = 2700.0  # [kg/m^3]
 
 
 def inertial_numbers(link: ElementTree.Element) -> tuple[float | None, FloatArray | None]:
-    """Return the mass [kg] and inertia (3, 3) [kg m^2] of a link; None if missing or not in numbers."""
+    """Return the mass [kg] and inertia (3, 3) [kg m^2] of a link; each is None if missing or not numeric."""
     mass, inertial = link.find("inertial/mass"), link.find("inertial")
     kilograms = None
     if mass is not None and urdf.is_number(mass.get("value", "")):
@@ -97,7 +97,7 @@ def mass_faults(robot: ElementTree.Element, settings: Settings) -> Iterator[Faul
 
 
 def thicken(robot: ElementTree.Element, group_of: str) -> Iterator[Fault]:
-    """Repair the rods and point masses of the body that begins with the link `group_of`."""
+    """Find the rods and point masses among the link `group_of` and the links that are fixed to it."""
     tree = map(urdf.joint_of, robot.findall("joint"))
     group = urdf.reached(group_of, (joint for joint in tree if not joint.moves))
     for link in robot.findall("link"):

@@ -1,4 +1,4 @@
-"""Faults of joints and of the robot as a whole: names, types, limits and shapes."""
+"""The search for faults of joints, shapes, the root, and unused declarations in a URDF."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from ffsms_pin.system.urdf_elements import (
     tensor_of,
     triple_of,
 )
-from ffsms_pin.system.urdf_file import chain_words, light_base, unused_declarations, virtual_base
+from ffsms_pin.system.urdf_file import chain_text, light_base, unused_declarations, virtual_base
 
 
 def name_faults(robot: ElementTree.Element, settings: Settings) -> Iterator[Fault]:
@@ -36,7 +36,7 @@ def name_faults(robot: ElementTree.Element, settings: Settings) -> Iterator[Faul
 
 
 def root_faults(robot: ElementTree.Element, settings: Settings) -> Iterator[Fault]:
-    """Find a world link that carries the satellite by a floating joint, which the library adds itself."""
+    """Find floating joints, and chains of virtual joints that make the base float."""
     items = robot.findall("joint")
     tree = [joint_of(item) for item in items]
     children, parents = {joint.child for joint in tree}, [joint.parent for joint in tree]
@@ -54,7 +54,7 @@ def root_faults(robot: ElementTree.Element, settings: Settings) -> Iterator[Faul
             yield Fault(label(item), "a floating joint inside the robot is not supported", True)
     if chain := virtual_base(robot):
         problem = (
-            f"the joints {chain_words(chain)} let the base float, but the library adds the free-flyer itself"
+            f"the joints {chain_text(chain)} let the base float, but the library adds the free-flyer itself"
         )
         mend = partial(_remove, robot, chain)
         yield Fault(label(chain[0]), problem, True, "removed, with their massless links", mend)
@@ -73,7 +73,7 @@ def joint_faults(robot: ElementTree.Element, settings: Settings) -> Iterator[Fau
     for joint in robot.findall("joint"):
         where = label(joint)
         if joint.get("type") not in MOVING or any(faults_in(joint, where)):
-            continue  # a number that cannot be repaired is a fault already
+            continue  # `number_faults` has reported the number
         mimic = joint.find("mimic")
         if mimic is not None:
             yield _mimic_fault(robot, joint, mimic, where)
@@ -139,7 +139,7 @@ def _limit_faults(
 
 
 def _is_wheel(robot: ElementTree.Element, joint: ElementTree.Element) -> bool:
-    """Return whether a joint turns one body on the base that is balanced and symmetric about its axis."""
+    """Return whether the child of a joint is a wheel: on the base, balanced and symmetric about the axis."""
     tree = [joint_of(item) for item in robot.findall("joint")]
     own = joint_of(joint)
     roots = {link.get("name", "") for link in robot.findall("link")} - {other.child for other in tree}
@@ -171,7 +171,7 @@ def _mimic_fault(
     robot: ElementTree.Element, joint: ElementTree.Element, mimic: ElementTree.Element, where: str
 ) -> Fault:
     leaders = [other.get("name", "") for other in robot.findall("joint") if other is not joint]
-    blocks = mimic.get("joint", "") not in leaders  # else `load` locks the joint, too
+    blocks = mimic.get("joint", "") not in leaders  # otherwise `load` locks the joint as the repair does
     problem = f"it mimics '{mimic.get('joint', '')}', which is not supported"
     if _axis_length(joint) <= 1e-9:
         return Fault(where, problem, True)

@@ -1,6 +1,7 @@
-"""`inspect`: the contents and faults of a URDF file; `repair`: a file that loads, and its changes.
+"""The functions `inspect` and `repair` for URDF files.
 
-All rules are applied in turn to a copy that is repaired on the way, so that no fault hides another.
+The rules are applied in turn to a copy of the robot. A fault is repaired before the next rule is applied, so
+that it does not hide other faults.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ from ffsms_pin.inspection.joints import (
     root_faults,
     shape_faults,
 )
-from ffsms_pin.robot.building import Asked, build, model_of, robot_file
+from ffsms_pin.robot.building import LoadOptions, build, model_of, robot_file
 from ffsms_pin.system.urdf_elements import MOVING, inertia_problem, read_robot
 from ffsms_pin.system.urdf_file import DEFAULT_EFFORT, DEFAULT_RATE, UrdfFile, lenient
 
@@ -53,7 +54,7 @@ _RULES: tuple[Callable[[ElementTree.Element, Settings], Iterator[Fault]], ...] =
 
 
 class Examination(NamedTuple):
-    """The faults, the repaired robot, and the reason if the strict reader refuses the repaired robot."""
+    """The faults of a <robot>, the repaired <robot>, and the error if it is still refused."""
 
     faults: list[Fault]
     mended: ElementTree.Element
@@ -72,7 +73,7 @@ def examine(robot: ElementTree.Element, settings: Settings) -> Examination:
                 if fault.mend is not None:
                     fault.mend()
                     mends += 1
-                elif (fault.where, fault.problem) in lasting:  # found again on every pass
+                elif (fault.where, fault.problem) in lasting:  # a fault that stays is found on every pass
                     continue
                 else:
                     lasting.add((fault.where, fault.problem))
@@ -87,9 +88,10 @@ def examine(robot: ElementTree.Element, settings: Settings) -> Examination:
 
 
 def refusal(path: Path, robot: ElementTree.Element) -> FfsmsError | None:
-    """Return the error with which `load`, or `Client.from_urdf` if no joint moves, refuses a robot, or None.
+    """Return the error that `load` raises for a robot, or None.
 
-    If there are several last links, the choice of the end effector does not matter.
+    If no joint moves, it is the error of `Client.from_urdf`. If several links are last, any of them is taken
+    as the end effector.
     """
     try:
         copied = copy.deepcopy(robot)
@@ -98,7 +100,7 @@ def refusal(path: Path, robot: ElementTree.Element) -> FfsmsError | None:
         if not any(joint.moves for joint in urdf.joints):  # a client: one rigid body
             model_of(urdf)
             return None
-        build(urdf, Asked(next(iter(urdf.tips()), urdf.root)))
+        build(urdf, LoadOptions(next(iter(urdf.tips()), urdf.root)))
     except FfsmsError as error:
         return error
     return None
@@ -111,10 +113,12 @@ class LinkReport:
     Attributes
     ----------
     name : str
+        Name of the link.
     mass : float or None
         Mass [kg]; None if it is missing or not a number.
     principal_inertias : tuple of float or None
-        Principal inertias about the centre of mass, ascending [kg m^2].
+        Principal inertias about the centre of mass, ascending [kg m^2]; None if they are missing or not
+        numbers.
     verdict : str
         "valid", "frame" (a link without mass, which is valid for a frame), or the fault in a few words.
     """
@@ -127,7 +131,7 @@ class LinkReport:
 
 @dataclass(frozen=True)
 class JointReport:
-    """A joint with the values of the file; limits are texts of the file, None if they are missing."""
+    """A joint with the values of the file; a limit is the text in the file, or None if it is missing."""
 
     name: str
     type: str
@@ -144,6 +148,7 @@ class Report:
     Attributes
     ----------
     path : Path
+        The file.
     name : str
         The robot's name; empty if the file has none.
     loads : bool
@@ -155,7 +160,9 @@ class Report:
     moves : bool
         True if any joint moves. If none does, the file describes a client, a single rigid body.
     links, joints : tuple of LinkReport, of JointReport
+        The links and joints, in the order of the file.
     faults : tuple of Fault
+        The faults, in the order in which they were found.
     """
 
     path: Path
@@ -250,7 +257,7 @@ def repair(
     Returns
     -------
     list of Change
-        The changes; empty if the file loads without a repair, `out` is then a copy.
+        The changes; empty if `out` is a copy because the file loads without a repair.
 
     Raises
     ------
@@ -270,7 +277,7 @@ def repair(
     changes = [Change(fault.where, fault.problem, str(fault.remedy)) for fault in mended]
     changes += _move_meshes(examination.mended, settings.path, Path(out))
     if changes:
-        # Two dashes would end a comment.
+        # An XML comment must not contain two dashes.
         comment_text = "\n".join(["Changed by ffsms-pin:", *(f"  {change}" for change in changes), ""])
         comment: Any = ElementTree.Comment(" " + comment_text.replace("--", "- -"))
         comment.tail = "\n"
@@ -281,7 +288,7 @@ def repair(
 
 
 def _move_meshes(robot: ElementTree.Element, source: Path, out: Path) -> list[Change]:
-    """Adapt mesh names that are relative to the file's folder to a file in another folder."""
+    """Rewrite mesh names that are relative to the folder of `source` for the folder of `out`."""
     moved: dict[Change, None] = {}
     for mesh in robot.iter("mesh"):
         name = mesh.get("filename", "")
@@ -290,5 +297,7 @@ def _move_meshes(robot: ElementTree.Element, source: Path, out: Path) -> list[Ch
             continue
         new = Path(os.path.relpath(path, os.path.abspath(out.parent))).as_posix()
         mesh.set("filename", new)
-        moved[Change("file", f"the mesh '{name}' is in the old folder", f"written as '{new}'")] = None
+        moved[Change("file", f"the mesh '{name}' is relative to the old folder", f"written as '{new}'")] = (
+            None
+        )
     return list(moved)

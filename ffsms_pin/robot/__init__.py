@@ -1,4 +1,4 @@
-"""Robots: load one, mount an arm on a satellite, and compute its configurations and states."""
+"""Functions that load robots and mount arms on satellites, and the robot class `SpaceManipulator`."""
 
 from ffsms_pin.robot.base import SatelliteBase
 from ffsms_pin.robot.building import with_srdf

@@ -1,4 +1,4 @@
-"""Robots from Pinocchio models and MJCF files, whole or as arms on a satellite."""
+"""The construction of robots from Pinocchio models: complete robots, or arms on a satellite."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from ffsms_pin.checks import number
 from ffsms_pin.errors import FfsmsWarning, InvalidValue, UnsupportedJoint
 from ffsms_pin.geometry.shapes import GivenShapes, ShapeKind
 from ffsms_pin.robot.base import SatelliteBase, satellite_model
-from ffsms_pin.robot.building import Asked, set_limits
+from ffsms_pin.robot.building import LoadOptions, set_limits
 from ffsms_pin.robot.manipulator import SpaceManipulator
 from ffsms_pin.system.inertias import settle, settled
 from ffsms_pin.system.mechanism import JointLayout
@@ -24,22 +24,23 @@ from ffsms_pin.system.urdf_file import DEFAULT_RATE
 
 ShapePair = tuple[Any, Any] | None  # visual and collision shapes, pinocchio.GeometryModel
 
-# Attributes of a pinocchio.Model that describe a joint besides its kinematics, by entries of v and of q.
-_OF_RATES = (
+# Attributes of a pinocchio.Model that describe joints beyond their kinematics, one entry per entry of v.
+_PER_VELOCITY = (
     "armature",
     "damping",
     "rotorInertia",
     "rotorGearRatio",
     *(f"{end}{kind}Limit" for end in ("lower", "upper") for kind in ("Effort", "Velocity", "DryFriction")),
 )
-_OF_SATELLITE = 3  # frames of a satellite, the first of any robot on it: universe, root_joint and satellite
-_OF_POSITIONS = ("lowerPositionLimit", "upperPositionLimit", "positionLimitMargin")
+_SATELLITE_FRAMES = 3  # universe, root_joint and satellite, the first frames of each robot on a satellite
+# The same, one entry per entry of q.
+_PER_POSITION = ("lowerPositionLimit", "upperPositionLimit", "positionLimitMargin")
 
 
-def settled_model(model: Any, asked: Asked, stacklevel: int) -> Any:
-    """Return a copy of a model whose inertias are checked, kept or repaired as `asked.inertias` requires.
+def settled_model(model: Any, options: LoadOptions, stacklevel: int) -> Any:
+    """Copy a model, and check, keep or repair its inertias as `options.inertias` requires.
 
-    `stacklevel` is that of the warning, 2 for the caller of this function.
+    `stacklevel` is the argument of `warnings.warn`: 2 names the line that calls this function.
     """
     changes, made = dict[str, str](), model.copy()
     for j in range(1, model.njoints):
@@ -48,61 +49,61 @@ def settled_model(model: Any, asked: Asked, stacklevel: int) -> Any:
         if not np.isfinite(tensor).all() or not tensor.any():
             continue  # the constructor of the robot raises the error
         name = JointLayout.body_name(model, j)
-        better, change = settle(model.name or "the robot", name, tensor, asked.inertias)
+        better, change = settle(model.name or "the robot", name, tensor, options.inertias)
         if change:
             made.inertias[j] = pin.Inertia(body.mass, body.lever, better)
             changes[name] = change
     if changes:
-        text = f"{model.name or 'the robot'}: {settled(changes, asked.inertias)}"
+        text = f"{model.name or 'the robot'}: {settled(changes, options.inertias)}"
         warnings.warn(text, FfsmsWarning, stacklevel=stacklevel)
     return made
 
 
 def append(
-    arm: Any, shapes: ShapePair, base: SatelliteBase, placement: Any, asked: Asked
+    arm: Any, shapes: ShapePair, base: SatelliteBase, placement: Any, options: LoadOptions
 ) -> SpaceManipulator:
     """Return a satellite with the arm `arm` (pinocchio.Model) at `placement`.
 
     Links that the model fixes to its universe are fixed to the satellite. `shapes` are the visual and the
-    collision shapes of the arm; those of the satellite are added to both. A `_` is appended to a name of the
-    satellite's that the arm uses, too.
+    collision shapes of the arm; the satellite's shapes are added to both. If the arm uses the name of a joint
+    or a frame of the satellite, a `_` is appended to the satellite's name.
     """
     _check_freedoms(arm)
     taken = {*arm.names, *(frame.name for frame in arm.frames)}
     model, own = satellite_model(base, taken)
-    join = _Join(model, model.nframes - 1, placement, arm, asked.locked or {})
+    join = _Join(model, model.nframes - 1, placement, arm, options.locked or {})
     description = None
     if shapes is not None:
         for known, added in zip(own, shapes, strict=True):
             join.add_shapes(known, added)
         description = GivenShapes(*own)
     model.name = f"satellite_{arm.name or 'arm'}"
-    box = (base.size, pin.SE3.Identity()) if asked.base_size is None else (asked.base_size, None)
-    return _made(model, asked, box, description)
+    box = (base.size, pin.SE3.Identity()) if options.base_size is None else (options.base_size, None)
+    return _made(model, options, box, description)
 
 
-def whole(robot: Any, asked: Asked, shapes: ShapePair) -> SpaceManipulator:
-    """Return the robot of a pinocchio.Model with a free-flyer root."""
-    JointLayout(robot)  # a free-flyer first, and joints of one degree of freedom
+def whole(robot: Any, options: LoadOptions, shapes: ShapePair) -> SpaceManipulator:
+    """Return the robot that a pinocchio.Model with a free-flyer root describes."""
+    JointLayout(robot)  # checks the free-flyer, and that other joints have one degree of freedom
     model = pin.Model()
-    join = _Join(model, 0, pin.SE3.Identity(), robot, asked.locked or {})
-    model.name, description, box = robot.name, None, (asked.base_size, None)
+    join = _Join(model, 0, pin.SE3.Identity(), robot, options.locked or {})
+    model.name, description, box = robot.name, None, (options.base_size, None)
     if shapes is not None:
         own = [pin.GeometryModel(), pin.GeometryModel()]
         for known, added in zip(own, shapes, strict=True):
             join.add_shapes(known, added)
         description = GivenShapes(*own)
-        if asked.base_size is None:
+        if options.base_size is None:
             box = _base_box(model, own)
-    return _made(model, asked, box, description)
+    return _made(model, options, box, description)
 
 
 def joined(
-    robots: Sequence[SpaceManipulator], prefixes: Sequence[str], base: SatelliteBase, asked: Asked
+    robots: Sequence[SpaceManipulator], prefixes: Sequence[str], base: SatelliteBase, options: LoadOptions
 ) -> SpaceManipulator:
-    """Merge robots of one arm each, all on the same satellite, into one robot.
+    """Merge robots, each with one arm on the same satellite, into one robot.
 
-    The names of each arm's joints and frames begin with its prefix.
+    The prefix of an arm is put before the names of its joints and frames.
     """
     satellite, _ = satellite_model(base)
     model, own, drawn = pin.Model(), [pin.GeometryModel(), pin.GeometryModel()], False
@@ -117,22 +118,25 @@ def joined(
                 join.add_shapes(known, sms.geometry(kind))
     model.inertias[1] = pin.Inertia.FromDynamicParameters(parameters)
     model.name = "_".join(["satellite", *(sms.model.name.removeprefix("satellite_") for sms in robots)])
-    size = base.size if asked.base_size is None else asked.base_size
-    return whole(model, replace(asked, base_size=size), tuple(own) if drawn else None)
+    size = base.size if options.base_size is None else options.base_size
+    return whole(model, replace(options, base_size=size), tuple(own) if drawn else None)
 
 
 def _prefixed(model: Any, prefix: str) -> Any:
-    """Return a copy of a robot with a prefix before all names except those of its satellite."""
+    """Copy the model of a robot, with a prefix before the names of the arm's joints and frames."""
     made = model.copy()
     for j in range(2, made.njoints):
         made.names[j] = prefix + made.names[j]
-    for frame in list(made.frames)[_OF_SATELLITE:]:
+    for frame in list(made.frames)[_SATELLITE_FRAMES:]:
         frame.name = prefix + frame.name
     return made
 
 
 def _base_box(model: Any, shapes: list[Any]) -> tuple[Any, Any]:
-    """Return size and pose of the first box among the base's collision shapes, else its visual shapes."""
+    """Return the size and pose of the first box among the base's collision shapes, then its visual shapes.
+
+    Both are None if there is no box.
+    """
     for item in (item for kind in reversed(shapes) for item in kind.geometryObjects):
         carrier = model.frames[item.parentFrame]
         if item.parentJoint == 1 and carrier.placement.isIdentity() and isinstance(item.geometry, coal.Box):
@@ -140,23 +144,26 @@ def _base_box(model: Any, shapes: list[Any]) -> tuple[Any, Any]:
     return None, None
 
 
-def _made(model: Any, asked: Asked, box: tuple[Any, Any], shapes: GivenShapes | None) -> SpaceManipulator:
-    set_limits(model, asked, DEFAULT_RATE)
-    return SpaceManipulator(model, asked.end_effector, *box, asked.acceleration, description=shapes)
+def _made(
+    model: Any, options: LoadOptions, box: tuple[Any, Any], shapes: GivenShapes | None
+) -> SpaceManipulator:
+    set_limits(model, options, DEFAULT_RATE)
+    return SpaceManipulator(model, options.end_effector, *box, options.acceleration, description=shapes)
 
 
 def _check_freedoms(arm: Any) -> None:
-    """Raise `UnsupportedJoint` unless each joint has one degree of freedom, and there is one."""
+    """Raise `UnsupportedJoint` unless the arm has a joint and each joint has one degree of freedom."""
     name = arm.name or "the arm"
     if arm.njoints < 2:
         raise UnsupportedJoint(name, "the model has no joint; an arm needs at least one")
     for j in range(1, arm.njoints):
         joint, freedoms = f"joint '{arm.names[j]}'", arm.joints[j].nv
         if freedoms == 6 and arm.parents[j] == 0:
-            problem = f"{joint} is a free-flyer, which the satellite has already: remove it from the arm"
+            problem = f"{joint} is a free-flyer, but the satellite already has one; remove it from the arm"
             raise UnsupportedJoint(name, problem)
         if freedoms != 1:
-            raise UnsupportedJoint(name, f"{joint} has {freedoms} degrees of freedom; one is supported")
+            message = f"{joint} has {freedoms} degrees of freedom; only joints with one are supported"
+            raise UnsupportedJoint(name, message)
 
 
 def _positions(arm: Any, locked: Mapping[str, float]) -> dict[int, Any]:
@@ -168,7 +175,7 @@ def _positions(arm: Any, locked: Mapping[str, float]) -> dict[int, Any]:
             raise InvalidValue("locked", name, f"names no moving joint of the arm ({', '.join(names)})")
         place = number(f"locked['{name}']", position)
         j = arm.getJointId(name)
-        # A continuous joint has cosine and sine.
+        # The position of a continuous joint in q is its cosine and sine.
         positions[j] = np.array([place] if arm.joints[j].nq == 1 else [np.cos(place), np.sin(place)])
     if len(positions) == len(names):
         raise UnsupportedJoint(arm.name or "the arm", "every joint is locked; an arm needs one that moves")
@@ -178,9 +185,9 @@ def _positions(arm: Any, locked: Mapping[str, float]) -> dict[int, Any]:
 class _Join:
     """The attachment of an arm to a model at a placement on a frame; locked joints become fixed.
 
-    Pinocchio's own functions for this lose rotor inertias (`armature`) and refuse a joint and a body of the
-    same name. With a `shared` satellite the frames of both begin with the satellite's, and the satellite's
-    free-flyer and mass are not added again.
+    Pinocchio's own functions for appending models and locking joints lose rotor inertias (`armature`) and
+    refuse a joint and a body with the same name. If `shared`, both models begin with the frames of the same
+    satellite, and its free-flyer and mass are not added again.
     """
 
     def __init__(
@@ -198,12 +205,12 @@ class _Join:
             q[k : k + len(position)] = position
         pin.forwardKinematics(arm, data, q)
         carrier = model.frames[frame]
-        # For each joint of the arm: the joint of the model that carries it, and its pose there.
+        # For each joint of the arm: the joint of the model that carries it, and its pose on that joint.
         self._at = {0: (carrier.parentJoint, carrier.placement * placement)}
         self._frames = {0: frame}
-        self._skipped = _OF_SATELLITE if shared else 0
+        self._skipped = _SATELLITE_FRAMES if shared else 0
         if shared:
-            self._at[1], self._frames = (1, pin.SE3.Identity()), {i: i for i in range(_OF_SATELLITE)}
+            self._at[1], self._frames = (1, pin.SE3.Identity()), {i: i for i in range(_SATELLITE_FRAMES)}
         for j in range(2 if shared else 1, arm.njoints):
             parent, on = self._at[arm.parents[j]]
             if j in positions:
@@ -220,10 +227,10 @@ class _Join:
         taken = {(item.name, item.type) for item in model.frames}
         for i, item in enumerate(arm.frames):
             if i < max(1, self._skipped):
-                continue  # the universe, and a satellite that the model has
+                continue  # the universe, and the frames of a shared satellite
             parent, on = self._at[item.parentJoint]
-            held = item.type == pin.FrameType.JOINT and item.parentJoint in positions
-            kind = pin.FrameType.FIXED_JOINT if held else item.type
+            fixed = item.type == pin.FrameType.JOINT and item.parentJoint in positions
+            kind = pin.FrameType.FIXED_JOINT if fixed else item.type
             name = unused(item.name, {name for name, other in taken if other == kind})
             taken.add((name, kind))
             below = self._frames.get(item.parentFrame, frame)
@@ -234,8 +241,8 @@ class _Join:
     def _copy_numbers(model: Any, new: int, arm: Any, j: int) -> None:
         to, of = model.joints[new], arm.joints[j]
         for names, a, b, length in (
-            (_OF_RATES, to.idx_v, of.idx_v, of.nv),
-            (_OF_POSITIONS, to.idx_q, of.idx_q, of.nq),
+            (_PER_VELOCITY, to.idx_v, of.idx_v, of.nv),
+            (_PER_POSITION, to.idx_q, of.idx_q, of.nq),
         ):
             for name in names:
                 values = np.array(getattr(model, name))
@@ -243,7 +250,7 @@ class _Join:
                 setattr(model, name, values)
 
     def add_shapes(self, shapes: Any, added: Any) -> None:
-        """Add the arm's shapes to those of the model."""
+        """Append the arm's shapes `added` to the model's `shapes`."""
         taken = {item.name for item in shapes.geometryObjects}
         for item in added.geometryObjects:
             if item.parentFrame < self._skipped:

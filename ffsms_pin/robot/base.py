@@ -20,11 +20,10 @@ from ffsms_pin.options import Inertia, Positive, Sizes2, Sizes3, Unit, Vector3
 from ffsms_pin.system.urdf_elements import add_inertial, add_origin, spelt, unused
 
 _BODY_COLOUR, _PANEL_COLOUR = (0.80, 0.78, 0.72, 1.0), (0.10, 0.15, 0.40, 1.0)  # red, green, blue, opacity
-_MOST_LENGTHS = (
-    10.0  # edges of a satellite, from the box's centre to the centre of mass: masts stand out of the box
-)
+# Largest distance from the box's centre to the centre of mass, in longest edges; masts extend beyond the box.
+_MOST_LENGTHS = 10.0
 _PANEL_THICKNESS, _PANEL_GAP = 0.02, 0.1  # [m] solar panels in pictures
-# Elements that refer to a link or a joint: the attribute, and which of the two.
+# Elements that refer to a link or a joint: the attribute with its name, and the kind ("link" or "joint").
 _REFERENCES = {"parent": ("link", "link"), "child": ("link", "link"), "mimic": ("joint", "joint")}
 KINDS = (pin.GeometryType.VISUAL, pin.GeometryType.COLLISION)
 
@@ -36,7 +35,7 @@ class SatelliteBase:
     Raises
     ------
     InvalidValue
-        A value that no rigid body has.
+        A mass, size or inertia that no rigid body has, or a centre of mass far outside the box.
     """
 
     mass: Annotated[Positive, Unit("kg")] = 200.0
@@ -83,7 +82,7 @@ class SatelliteBase:
 
 @dataclass(frozen=True, eq=False)
 class PlacedArm:
-    """The file and the tree of an arm, its root link's pose on the satellite, and a prefix for its names.
+    """An arm's file and <robot> element, the pose of its root link on the satellite, and a prefix for names.
 
     The prefix distinguishes arms that share names; an empty prefix keeps the names of the file.
     """
@@ -95,17 +94,17 @@ class PlacedArm:
 
 
 def arm_names(robot: ElementTree.Element) -> set[tuple[str, str]]:
-    """Return pairs of kind and name for an arm's links and joints."""
+    """Return the pairs (kind, name) of an arm's links and joints, with kind "link" or "joint"."""
     return {(item.tag, item.get("name", "")) for item in robot if item.tag in ("link", "joint")}
 
 
 def compose(
     name: str, base: SatelliteBase, arms: Sequence[PlacedArm], package_dirs: tuple[Path, ...]
 ) -> ElementTree.Element:
-    """Return the URDF of arms on a satellite, as an element.
+    """Return the URDF of arms on a satellite, as a <robot> element.
 
-    The satellite's link is the root, and the root link of each arm is fixed to it at its placement, so that
-    its mass counts for the base.
+    The satellite's link is the root. The root link of each arm is fixed to it, so the base body includes that
+    link.
     """
     robots = [_prefixed(arm.robot, arm.prefix, ("link", "joint")) for arm in arms]
     if len(arms) > 1:
@@ -120,7 +119,7 @@ def compose(
         children = {child.get("link") for child in robot.iterfind("joint/child")}
         roots = [name for link in robot.findall("link") if (name := link.get("name", "")) not in children]
         if not roots:
-            text = "no link is the root of the arm: every link is the child of a joint"
+            text = "the arm has no root link: every link is the child of a joint; remove a joint of the loop"
             raise InvalidUrdf(arm.path, text)
         for mesh in robot.iter("mesh"):
             file = find_mesh(mesh.get("filename", ""), arm.path, package_dirs)
@@ -168,9 +167,9 @@ def _box(link: ElementTree.Element, kind: str, size: Any, y: float = 0.0, colour
 
 
 def satellite_model(base: SatelliteBase, taken: Collection[str] = ()) -> tuple[Any, list[Any]]:
-    """Return a satellite alone as a pinocchio.Model, and its shapes, visual and collision.
+    """Return the model (pinocchio.Model) of a satellite without an arm, and its visual and collision shapes.
 
-    A `_` is appended to names that are `taken`.
+    A `_` is appended to names that are in `taken`.
     """
     robot = ElementTree.Element("robot", {"name": "satellite"})
     robot.append(_base_link(unused("satellite", taken), base))

@@ -6,10 +6,10 @@ angular velocity in base axes is
 
     omega(t, R) = K_w(joints) rates + I(joints)^-1 R^T h,
 
-where I is the inertia of the whole system about its centre of mass. Each time step is one
-Runge-Kutta-Munthe-Kaas step of order 4 in the chart R(t) = R(0) exp(u), which reduces to Simpson's rule for
-planar motion without momentum. A mode that holds the base's position or attitude is modelled by an infinite
-mass or an infinite inertia.
+where K_w (3, n) is the base's angular velocity per joint rate at zero momentum, and I is the inertia of the
+whole system about its centre of mass. Each time step is one Runge-Kutta-Munthe-Kaas step of order 4 in the
+chart R(t) = R(0) exp(u), which reduces to Simpson's rule for planar motion without momentum. If a mode holds
+the base's position or attitude, the system's mass or inertia is taken as infinite.
 
 Reference: H. Munthe-Kaas, "High order Runge-Kutta methods on manifolds", Applied Numerical Mathematics 29
 (1999).
@@ -36,7 +36,7 @@ def advance(
     momentum: ArrayLike | None = None,
     mode: str = "floating",
 ) -> tuple[FloatArray, FloatArray]:
-    """Return q (nq,) and rates (n,) after one step of joint accelerations (n,), as `roll_out` does."""
+    """Return q (nq,) and joint rates (n,) after one step with joint accelerations (n,); see `roll_out`."""
     states = _states(sms, q, rates, accelerations[:, None], dt, momentum, mode)
     end, n = states[:, 1], sms.n
     result = np.empty(sms.nq)
@@ -59,8 +59,9 @@ def roll_out(
 ) -> tuple[FloatArray, FloatArray]:
     """Integrate a system from q (nq,) and joint rates (n,) over N steps of joint accelerations (N, n).
 
-    The total momentum (6,) is about the system's centre of mass, in inertial axes. Returns q (N + 1, nq) and
-    rates (N + 1, n) at the nodes: joints and centre of mass to rounding, the attitude to order 4.
+    The steps have length `dt` [s]. The total momentum (6,) is about the system's centre of mass, in inertial
+    axes; default: zero. `mode` is a key of `dynamics.MODES`. Returns q (N + 1, nq) and joint rates (N + 1, n)
+    at the nodes. Joints and centre of mass are exact to rounding; the error of the attitude is of order dt^4.
     """
     states, n = _states(sms, q, rates, accelerations.T, dt, momentum, mode), sms.n
     configurations = np.empty((states.shape[1], sms.nq))
@@ -80,9 +81,9 @@ def straight_end(
     momentum: ArrayLike | None = None,
     steps: int = 200,
 ) -> FloatArray:
-    """Return the configuration (nq,) at which a straight move of the joints from q to `joints` (n,) ends.
+    """Return the configuration (nq,) at the end of a straight move of the joints from q to `joints` (n,).
 
-    The rates rise and fall smoothly over the duration [s]; `momentum` as for `roll_out`.
+    The joint rates rise and fall smoothly over the duration [s]. `momentum` is that of `roll_out`.
     """
     s, dt = np.linspace(0.0, 1.0, steps + 1), duration / steps
     displacement = joints - sms.joint_positions(q)
@@ -100,7 +101,10 @@ def _states(
     momentum: ArrayLike | None,
     mode: str,
 ) -> FloatArray:
-    """Return attitude, root, joint positions and rates (12 + 2 n, N + 1) under accelerations (n, N)."""
+    """Return the states (12 + 2 n, N + 1) at the nodes under joint accelerations (n, N).
+
+    Each column has the root's rotation matrix (9, by rows) and position (3), the joint positions and rates.
+    """
     total = np.zeros(6) if momentum is None else vector("momentum", momentum, 6)
     rotation = pin.Quaternion(q[3:7]).toRotationMatrix()
     start = np.concatenate([rotation.ravel(), q[:3], sms.layout.positions(q), rates])

@@ -1,4 +1,4 @@
-"""The construction of a `SpaceManipulator` from a URDF, whose wheels are separated from the arm."""
+"""The construction of a `SpaceManipulator` from a URDF, with its wheels as `ReactionWheels`."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _ROUNDING = 1e-4  # relative error of a wheel's inertia: files have few digits
 
 
 @dataclass(frozen=True, eq=False)
-class Asked:
+class LoadOptions:
     """The arguments of `ffsms_pin.load` other than the file or model."""
 
     end_effector: str | None = None
@@ -50,28 +50,29 @@ class Asked:
         object.__setattr__(self, "locked", dict(self.locked or {}))
 
 
-def checked(robot: ElementTree.Element, path: Path, asked: Asked, stacklevel: int) -> UrdfFile:
-    """Apply the requested changes to the <robot> of the file at `path`, and check the result.
+def checked(robot: ElementTree.Element, path: Path, options: LoadOptions, stacklevel: int) -> UrdfFile:
+    """Apply the changes in `options` to the <robot> of the file at `path`, and check the result.
 
-    Each assumption gives a warning; `stacklevel` is that of the warnings, 2 for the caller of this function.
+    Each assumption is stated in a warning. `stacklevel` is the argument of `warnings.warn`: 2 names the line
+    that calls this function.
     """
-    limits = {"velocity": asked.velocity, "effort": asked.torque}
+    limits = {"velocity": options.velocity, "effort": options.torque}
     overridden = [key for key, value in limits.items() if value is not None]
     sentences = list(declaration_warnings(robot))
-    sentences += lenient(robot, path, asked.locked, asked.inertias, overridden)
-    urdf = UrdfFile(path, robot, any_tensor=asked.inertias == "keep")
+    sentences += lenient(robot, path, options.locked, options.inertias, overridden)
+    urdf = UrdfFile(path, robot, any_tensor=options.inertias == "keep")
     for sentence in sentences:
         warnings.warn(f"{path}: {sentence}", FfsmsWarning, stacklevel=stacklevel)
     return urdf
 
 
 def with_srdf(sms: SpaceManipulator, srdf: str | os.PathLike[str]) -> SpaceManipulator:
-    """Return the same robot without the pairs of links that an SRDF disables.
+    """Return the same robot without collisions between the pairs of links that an SRDF disables.
 
     Raises
     ------
     InvalidValue
-        No such file.
+        The SRDF is not a file, or the robot does not come from a URDF.
     """
     path = path_like("srdf", srdf).expanduser()
     if not os.path.isfile(path):
@@ -81,7 +82,7 @@ def with_srdf(sms: SpaceManipulator, srdf: str | os.PathLike[str]) -> SpaceManip
     return sms._variant(sms.model, description=replace(sms.description, srdf=path))
 
 
-def build(urdf: UrdfFile, asked: Asked, missing_velocity: float | None = None) -> SpaceManipulator:
+def build(urdf: UrdfFile, options: LoadOptions, missing_velocity: float | None = None) -> SpaceManipulator:
     """Return a space manipulator from a checked URDF.
 
     `missing_velocity` [rad/s] is the rate limit of joints for which the file has none.
@@ -89,17 +90,17 @@ def build(urdf: UrdfFile, asked: Asked, missing_velocity: float | None = None) -
     if not any(joint.moves for joint in urdf.joints):
         raise UnsupportedJoint(urdf.path, "the robot has no joint that moves; an arm needs at least one")
     model = model_of(urdf)
-    set_limits(model, asked, missing_velocity)
-    box = (asked.base_size, None) if asked.base_size is not None else urdf.links[urdf.root].box
+    set_limits(model, options, missing_velocity)
+    box = (options.base_size, None) if options.base_size is not None else urdf.links[urdf.root].box
     size, placement = box or (None, None)
-    shapes = Description(urdf.robot, urdf.path, asked.package_dirs)
+    shapes = Description(urdf.robot, urdf.path, options.package_dirs)
     return SpaceManipulator(
-        model, asked.end_effector, size, placement, asked.acceleration, description=shapes
+        model, options.end_effector, size, placement, options.acceleration, description=shapes
     )
 
 
 def model_of(urdf: UrdfFile) -> Any:
-    """Return the Pinocchio model of a URDF; its root gets another name if the file uses `root_joint`."""
+    """Return the Pinocchio model of a URDF; a `_` is appended to "root_joint" if the file uses that name."""
     root = unused("root_joint", {*urdf.links, *(joint.name for joint in urdf.joints)})
     try:
         return pin.buildModelFromXML(urdf.kinematics(), pin.JointModelFreeFlyer(), root)
@@ -107,20 +108,23 @@ def model_of(urdf: UrdfFile) -> Any:
         raise InvalidUrdf(urdf.path, f"Pinocchio cannot build a model from it ({error})") from None
 
 
-def set_limits(model: Any, asked: Asked, missing_velocity: float | None) -> None:
-    """Replace the rate and torque limits of a model by the requested ones."""
+def set_limits(model: Any, options: LoadOptions, missing_velocity: float | None) -> None:
+    """Set the rate and torque limits of a model to those in `options`, where these are not None.
+
+    `missing_velocity` [rad/s] is the rate limit of joints without one.
+    """
     rates, efforts, n = np.array(model.upperVelocityLimit), np.array(model.upperEffortLimit), model.nv - 6
-    if asked.velocity is not None:
-        rates[6:] = per_joint("velocity", asked.velocity, n, "rad/s")
+    if options.velocity is not None:
+        rates[6:] = per_joint("velocity", options.velocity, n, "rad/s")
     elif missing_velocity is not None:
         rates[6:][rates[6:] >= np.finfo(np.float64).max] = missing_velocity
-    if asked.torque is not None:
-        efforts[6:] = per_joint("torque", asked.torque, n, "N m")
+    if options.torque is not None:
+        efforts[6:] = per_joint("torque", options.torque, n, "N m")
     model.upperVelocityLimit, model.upperEffortLimit = rates, efforts
 
 
 def folders(package_dirs: Sequence[str | os.PathLike[str]]) -> tuple[Path, ...]:
-    """Check the argument `package_dirs`."""
+    """Check the argument `package_dirs` and return its paths."""
     try:
         if isinstance(package_dirs, (str, bytes, os.PathLike)):
             raise TypeError
@@ -130,20 +134,20 @@ def folders(package_dirs: Sequence[str | os.PathLike[str]]) -> tuple[Path, ...]:
 
 
 def robot_file(robot: str | os.PathLike[str], argument: str = "robot") -> Path:
-    """Return the file of a packaged name or of a path, which must exist."""
+    """Return the path of a robot file, from the name of a packaged model or from the path of a file."""
     if str(robot) in model_names():
         return model_path(str(robot))
     try:
         path = Path(os.path.expanduser(robot))
     except TypeError:
-        raise InvalidValue(argument, robot, "must be a packaged name or a path") from None
-    if not os.path.isfile(path):  # False for any path that the system refuses, where Path.is_file may raise
+        raise InvalidValue(argument, robot, "must be the name of a packaged model or a path") from None
+    if not os.path.isfile(path):  # Path.is_file may raise for a path that the system refuses
         raise ModelNotFound(path, model_names())
     return path
 
 
 def wheel_names(value: object) -> tuple[str, ...]:
-    """Check the names of joints that are wheels; the sequence may be empty."""
+    """Check the argument `wheels` and return its names of joints, possibly none."""
     if isinstance(value, Sequence) and not isinstance(value, (str, bytes)):
         names = tuple(value)
         if all(isinstance(name, str) for name in names):
@@ -151,11 +155,11 @@ def wheel_names(value: object) -> tuple[str, ...]:
     raise InvalidValue("wheels", value, "must be a list of names of joints")
 
 
-def spinning(robot: ElementTree.Element, names: Collection[str]) -> list[str]:
-    """Make wheels continuous joints without position limits; return sentences on what was assumed.
+def make_continuous(robot: ElementTree.Element, names: Collection[str]) -> list[str]:
+    """Make wheels continuous joints without position limits; return a sentence on each assumption.
 
-    Many files declare wheels as revolute joints from 0 to 0, or with rate and torque limits of zero, which
-    are read as no limit.
+    Many files declare wheels as revolute joints from 0 to 0. A rate or torque limit of zero is read as no
+    limit.
     """
     lacking: dict[str, list[str]] = {"velocity": [], "effort": []}
     for joint in robot.findall("joint"):
@@ -176,13 +180,14 @@ def spinning(robot: ElementTree.Element, names: Collection[str]) -> list[str]:
     return [f"wheels have no {kinds[key]}: {', '.join(of)}" for key, of in lacking.items() if of]
 
 
-def taken_out(urdf: UrdfFile, names: Sequence[str]) -> tuple[UrdfFile, ReactionWheels | None]:
-    """Fix the joints `names`, and return the robot and the wheels of these joints; None if there are none.
+def separate_wheels(urdf: UrdfFile, names: Sequence[str]) -> tuple[UrdfFile, ReactionWheels | None]:
+    """Return the robot with the joints `names` fixed, and reaction wheels in their place.
 
     The base's mass includes the wheels. Spin inertia, axis, largest torque (the effort limit) and friction
-    are those of the file; the largest momentum is that at the velocity limit. Raises `InvalidValue` if a name
-    is not a joint of the file, and `UnsupportedJoint` if a joint is not continuous, is not on the base,
-    carries another joint, or has a link that is not balanced and symmetric about its axis.
+    are those of the file; the largest momentum is the momentum at the velocity limit. Without names the
+    wheels are None. Raises `InvalidValue` if a name is not a joint of the file, and `UnsupportedJoint` if a
+    joint is not continuous, is not on the base, carries another joint, or has a link that is not balanced and
+    symmetric about its axis.
     """
     if not names:
         return urdf, None
@@ -208,7 +213,7 @@ def _wheels(urdf: UrdfFile, model: Any, names: Sequence[str]) -> ReactionWheels:
     indices = [model.getJointId(name) for name in names]
     for name, j in zip(names, indices, strict=True):
         if model.parents[j] != 1:
-            raise UnsupportedJoint(urdf.path, f"wheel '{name}' is not on the base")
+            raise UnsupportedJoint(urdf.path, f"wheel '{name}' is not on the base; its parent must be")
         if j in list(model.parents):
             raise UnsupportedJoint(urdf.path, f"wheel '{name}' carries another joint")
         local = pin.getJointJacobian(model, data, j, pin.ReferenceFrame.LOCAL)[3:, model.joints[j].idx_v]
@@ -222,7 +227,10 @@ def _wheels(urdf: UrdfFile, model: Any, names: Sequence[str]) -> ReactionWheels:
 
 
 def _spin_inertia(urdf: UrdfFile, name: str, body: Any, axis: FloatArray) -> float:
-    """Return the inertia about the axis [kg m^2] of a body that is balanced and symmetric about it."""
+    """Return the inertia of a wheel about its axis [kg m^2].
+
+    Raises `UnsupportedJoint` if the body is not balanced or not symmetric about the axis.
+    """
     tensor = np.array(body.inertia)
     spin = float(axis @ tensor @ axis)
     cross = (np.trace(tensor) - spin) / 2.0
@@ -237,7 +245,7 @@ def _spin_inertia(urdf: UrdfFile, name: str, body: Any, axis: FloatArray) -> flo
 
 
 def is_mjcf(path: Path) -> bool:
-    """Return whether the file is MJCF, by its name or, because a URDF may end in .xml, its root element."""
+    """Return whether a file is MJCF: its name ends in .mjcf, or in .xml with the root element <mujoco>."""
     if path.suffix.lower() == ".mjcf":
         return True
     try:
@@ -247,10 +255,10 @@ def is_mjcf(path: Path) -> bool:
 
 
 def given_shapes(model: Any, visual: Any, collision: Any) -> tuple[Any, Any] | None:
-    """Return the visual and collision shapes that belong to a model; None if there are none.
+    """Check the arguments `visual` and `collision` of a model; return both, or None without shapes.
 
-    Without visual shapes the collision shapes are drawn. A file has its own shapes, so shapes given with a
-    file are refused.
+    The collision shapes replace missing visual shapes. Shapes are refused if `model` is a file, because a
+    file has its own shapes.
     """
     for name, shapes in (("visual", visual), ("collision", collision)):
         if shapes is None:
@@ -263,8 +271,8 @@ def given_shapes(model: Any, visual: Any, collision: Any) -> tuple[Any, Any] | N
             raise InvalidValue(name, shapes, "must be a pinocchio.GeometryModel or None")
         for item in shapes.geometryObjects:
             if item.parentJoint >= model.njoints:
-                carrier = f"joint {item.parentJoint} of {model.njoints - 1} carries a shape"
-                raise InvalidValue(name, item.name, f"must be shapes of the model, but {carrier}")
+                carrier = f"joint {item.parentJoint}, but the model's last joint is {model.njoints - 1}"
+                raise InvalidValue(name, item.name, f"must be shapes of the model: a shape is on {carrier}")
     visual, collision = visual or pin.GeometryModel(), collision or pin.GeometryModel()
     if visual.ngeoms == 0:
         visual = collision

@@ -1,4 +1,4 @@
-"""`load`: packaged robots, files, and arms on the default satellite, by name."""
+"""The function `load` for packaged robots, robot files, and arms on the default satellite."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from ffsms_pin.robot import with_srdf
 from ffsms_pin.robot.appending import settled_model, whole
 from ffsms_pin.robot.base import SatelliteBase
 from ffsms_pin.robot.building import (
-    Asked,
+    LoadOptions,
     build,
     checked,
     given_shapes,
     is_mjcf,
+    make_continuous,
     robot_file,
-    spinning,
-    taken_out,
+    separate_wheels,
     wheel_names,
 )
 from ffsms_pin.robot.manipulator import SpaceManipulator
@@ -69,80 +69,86 @@ def load(
     visual: Any = None,
     collision: Any = None,
 ) -> SpaceManipulator:
-    """Load a space manipulator: a free-flyer root joint, zero gravity.
+    """Load a space manipulator, with a free-flyer root joint and zero gravity.
 
-    If a file leaves out joint limits, or a joint mimics another joint, a warning (`FfsmsWarning`) states what
-    is assumed. Warnings also name declarations that are not used (such as xacro that is not expanded), limits
+    If a file leaves out joint limits, or a joint mimics another joint, a warning (`FfsmsWarning`) states the
+    assumption. Warnings also name declarations that are not used (such as xacro that is not expanded), limits
     that look like degrees, and a root link that is too light for a satellite.
 
     Parameters
     ----------
     robot : str, path or pinocchio.Model
-        Name of a packaged model ("planar_3r", "servicer", "space_arm_7", "two_arms"); an arm on the default
-        satellite of 200 kg ("satellite_panda", "satellite_xarm7", "satellite_ur5", "satellite_ur10",
-        "satellite_z1", "satellite_kinova": what `mount` makes with its defaults); or a path to a URDF whose
-        root link is the satellite ("~" is the home folder). Revolute joints without <limit> get -pi to pi
-        rad, 0.5 rad/s and 100 N m, with a warning. Or a Pinocchio model whose first joint is the satellite's
-        free-flyer.
+        Name of a packaged model ("planar_3r", "servicer", "space_arm_7", "two_arms"); name of an arm on the
+        default satellite of 200 kg, as `mount` builds it by default ("satellite_panda", "satellite_xarm7",
+        "satellite_ur5", "satellite_ur10", "satellite_z1", "satellite_kinova"); path to a URDF whose root link
+        is the satellite, or to an MJCF file (.xml, .mjcf) whose robot has a free joint ("~" is the home
+        folder); or a Pinocchio model whose first joint is the satellite's free-flyer. Revolute joints of a
+        URDF without <limit> get -pi to pi rad, 0.5 rad/s and 100 N m, with a warning.
     end_effector : str, optional
-        Name of the end-effector frame. Default: the arm's tool frame for the arms on the default satellite,
-        else the last link's frame. If several last links are on one body, the link with a tool's name is
-        chosen (tool0 or tcp, else ee or end_effector, else hand). Otherwise, as for two arms, no frame is
-        chosen: a method that needs it raises `AmbiguousEndEffector` with the names (`end_effectors`), and
-        `with_end_effector` chooses a frame.
+        Name of the end-effector frame. Default: the tool frame for the arms on the default satellite, else
+        the last link's frame. If several last links are on one body, the link with a tool's name is chosen
+        (tool0 or tcp, else ee or end_effector, else hand). If several candidates remain, as for two arms, no
+        frame is chosen; a method that needs the end effector then raises `AmbiguousEndEffector` with the
+        candidates (`end_effectors`), and `with_end_effector` chooses a frame.
     base_size : array_like, shape (3,), optional
-        Length, width and height of the satellite's box [m], centred on its centre of mass. Default: the box
-        among the base link's collision, else visual, shapes, at its own pose; None where there is no box.
+        Length, width and height of the satellite's box [m], centred on its centre of mass. Default: the first
+        box among the base link's collision shapes, then its visual shapes, at its pose in the file; None if
+        there is no box.
     acceleration : array_like, optional
-        Joint acceleration limits [rad/s^2], one number or (n,), because a URDF has none. Default: 1.25 /s
-        times the rate limits, the paper's ratio.
+        Joint acceleration limits [rad/s^2], one number or (n,); a URDF has none. Default: 1.25 /s times the
+        rate limits, the paper's ratio.
     package_dirs : sequence of paths, optional
-        Folders in which the `package://` names of meshes are looked for, besides those around the file. Only
-        `SpaceManipulator.geometry` reads meshes.
+        Folders in which meshes with `package://` names are searched, besides the folders around the file.
+        Only `SpaceManipulator.geometry` reads meshes.
     wheels : sequence of str
         Names of joints of the URDF that are reaction wheels. They are not joints of the arm, and their masses
-        belong to the base. They are continuous, or revolute with any position limits; a rate or torque limit
-        of zero is read as no limit, with a warning. Wheels that are not in the file:
-        `SpaceManipulator.with_actuators`.
+        belong to the base. They must be continuous or revolute; their position limits are ignored, and a rate
+        or torque limit of zero is read as no limit, with a warning. `SpaceManipulator.with_actuators` adds
+        wheels that are not in the file.
     srdf : str or path, optional
-        SRDF with pairs of links whose collisions are ignored. Default: the file of the same name beside the
-        URDF, ending in .srdf, if there is such a file.
+        SRDF with pairs of links whose collisions are ignored. Default: the file beside the URDF with its name
+        and the ending .srdf, if that file exists.
     velocity : array_like, optional
-        Joint rate limits [rad/s], one number or (n,), in place of the file's, which may then be zero.
+        Joint rate limits [rad/s], one number or (n,). They replace the limits in the file, which may then be
+        zero.
     torque : array_like, optional
-        Joint torque limits [N m], one number or (n,), in place of the file's, which may then be zero.
+        Joint torque limits [N m], one number or (n,). They replace the limits in the file, which may then be
+        zero.
     locked : mapping of str to float, optional
-        Joints that become fixed, and their positions [rad or m]; the links beyond keep their masses. A joint
-        that mimics a locked joint is locked with it, at multiplier times its position plus offset. A joint
-        that mimics a moving joint is locked at its offset, with a warning.
+        Joints that become fixed, and their positions [rad or m]; the links beyond them keep their masses. If
+        a joint mimics a locked joint, it is locked at multiplier times that joint's position plus offset. If
+        it mimics a moving joint, it is locked at its offset, with a warning.
     inertias : {"check", "keep", "repair"}
-        The treatment of an inertia that breaks the triangle inequality, which no rigid body's inertia does.
-        "check": an error. "keep": it is used as published, with a warning; every moving body's inertia must
-        still be positive definite. "repair": the nearest inertia of a rigid body replaces it, with a warning
-        that lists the changes; an inertia that is not positive definite is replaced, too.
+        The treatment of an inertia that violates the triangle inequality, which no rigid body has. "check":
+        an error. "keep": it is used as published, with a warning; every moving body's inertia must still be
+        positive definite. "repair": the nearest inertia of a rigid body replaces it, with a warning that
+        lists the changes; an inertia that is not positive definite is replaced, too.
     visual, collision : pinocchio.GeometryModel, optional
-        Shapes of a robot that is given as a Pinocchio model; a file has its own shapes. Default: no shapes.
-        Without visual shapes the collision shapes are drawn.
+        Shapes of a Pinocchio model; a file has its own shapes. Default: no shapes. Without visual shapes the
+        collision shapes are drawn.
 
     Raises
     ------
     ModelNotFound, InvalidUrdf, InvalidInertia, UnsupportedJoint, FrameNotFound
     DependencyMissing
-        An arm of example-robot-data, which is not installed.
+        The package for arms of example-robot-data or for MJCF files is not installed.
     InvalidValue
         Another argument cannot be used; the message names it.
     """
-    asked = Asked(end_effector, base_size, acceleration, velocity, torque, locked, inertias, package_dirs)
+    options = LoadOptions(
+        end_effector, base_size, acceleration, velocity, torque, locked, inertias, package_dirs
+    )
     shapes = given_shapes(robot, visual, collision)
     if isinstance(robot, pin.Model):
         for name, value in (("package_dirs", package_dirs), ("wheels", wheels), ("srdf", srdf)):
             if value:
-                raise InvalidValue(name, value, "belongs to a file, not to a pinocchio.Model")
-        return whole(settled_model(robot, asked, stacklevel=3), asked, shapes)
+                raise InvalidValue(name, value, "is allowed only with a URDF, not with a pinocchio.Model")
+        return whole(settled_model(robot, options, stacklevel=3), options, shapes)
     if isinstance(robot, str) and robot in satellite_names():
         if wheels:
-            raise InvalidValue("wheels", wheels, "are joints of a URDF; here use with_actuators(wheels=...)")
-        sms = mounted(robot[len(_PREFIX) :], SatelliteBase(), None, asked)
+            message = f"must be joints of a URDF, and '{robot}' has none; use with_actuators(wheels=...)"
+            raise InvalidValue("wheels", wheels, message)
+        sms = mounted(robot[len(_PREFIX) :], SatelliteBase(), None, options)
         return sms if srdf is None else with_srdf(sms, srdf)
     try:
         path, wheels = robot_file(robot), wheel_names(wheels)
@@ -151,13 +157,13 @@ def load(
     if is_mjcf(path):
         for name, value in (("package_dirs", package_dirs), ("wheels", wheels), ("srdf", srdf)):
             if value:
-                raise InvalidValue(name, value, "belongs to a URDF, not to an MJCF file")
+                raise InvalidValue(name, value, "is allowed only with a URDF, not with an MJCF file")
         model, shapes = read_mjcf(path, True, inertias, stacklevel=3)
-        return whole(model, asked, shapes)
+        return whole(model, options, shapes)
     description = read_robot(path)
-    sentences = spinning(description, wheels)
-    urdf, taken = taken_out(checked(description, path, asked, stacklevel=3), wheels)
-    sms = build(urdf, asked)
+    sentences = make_continuous(description, wheels)
+    urdf, taken = separate_wheels(checked(description, path, options, stacklevel=3), wheels)
+    sms = build(urdf, options)
     sms = sms if taken is None else sms.with_actuators(wheels=taken)
     if problem := light_base(description):
         sentences.append(f"{problem} ffsms_pin.mount('{robot}')")

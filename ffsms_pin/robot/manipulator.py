@@ -36,12 +36,13 @@ class InertialEstimate(Protocol):
 
 
 class SpaceManipulator(ShapedMechanism):
-    """A satellite with a floating base and an arm; it does not change once it is made.
+    """An immutable model of a satellite with a floating base and an arm.
 
     Plans and closed loops use the wheels and thrusters; a `State` does not. The base's inertia includes the
-    wheels at rest.
+    wheels as fixed bodies.
 
-    Use `ffsms_pin.load` for files; the constructor takes a Pinocchio model.
+    Use `ffsms_pin.load` for files; the constructor takes a Pinocchio model. The attributes of `Mechanism` and
+    all parameters except `acceleration` are attributes, besides those listed below.
 
     Parameters
     ----------
@@ -49,7 +50,7 @@ class SpaceManipulator(ShapedMechanism):
         A model whose first joint is a free-flyer. It is copied, and the copy's gravity is set to zero.
     end_effector : str, optional
         Name of the end-effector frame. Default: the last frame. If several frames are last, as for two arms,
-        no frame is chosen, and a method that needs it raises `AmbiguousEndEffector`; see
+        no frame is chosen, and a method that needs the end effector raises `AmbiguousEndEffector`; see
         `with_end_effector`.
     base_size : array_like, shape (3,), optional
         Length, width and height of the base's box [m]; None for a base without a box.
@@ -57,20 +58,21 @@ class SpaceManipulator(ShapedMechanism):
         Pose of the box's centre in the root frame; default: the base's centre of mass and the root's axes,
         as in the paper.
     acceleration : array_like, optional
-        Joint acceleration limits [rad/s^2], one number or (n,). Default 1.25 /s times the rate limits: the
+        Joint acceleration limits [rad/s^2], one number or (n,). Default: 1.25 /s times the rate limits, the
         paper's ratio.
     limits : RobotLimits, optional
         Limits that replace the model's limits and `acceleration`.
     description : ShapeSource, optional
         The URDF from which the model was built, or the shapes of the model.
     wheels : ReactionWheels, optional
+        The satellite's wheels. Default: none.
     thrusters : Thrusters, optional
+        The satellite's thrusters. Default: none.
 
     Attributes
     ----------
     limits : RobotLimits
-        The limits of the joints. The attributes of `Mechanism` and all parameters except `acceleration` are
-        attributes, too.
+        The limits of the joints.
     end_effectors : list of str
         Names of the frames at the ends of all arms.
 
@@ -127,13 +129,13 @@ class SpaceManipulator(ShapedMechanism):
         return self._variant(self.model, wheels=wheels, thrusters=thrusters)
 
     def with_inertias(self, inertias: Any) -> SpaceManipulator:
-        """Return the robot with other inertias; limits, box and shapes stay. This robot does not change.
+        """Return a robot with other inertias and the same limits, base box and shapes.
 
         Parameters
         ----------
         inertias : sequence of pinocchio.Inertia, pinocchio.Model, or Identification
-            One inertia per body, the base's first, then one per joint, each in the frame of its joint. Or a
-            model of the same joints, or the result of `identification.identify`, whose inertias are used.
+            One inertia per body, the base's first, then one per joint, each in the frame of its joint; or a
+            model with the same joints, or the result of `identification.identify`.
 
         Raises
         ------
@@ -145,14 +147,16 @@ class SpaceManipulator(ShapedMechanism):
         model = self.model.copy()
         if isinstance(inertias, pin.Model):
             if list(inertias.names) != list(model.names):
-                raise InvalidValue("inertias", list(inertias.names), "must be a model of the same joints")
+                message = f"must be a model with the same joints as the robot: {', '.join(self.joint_names)}"
+                raise InvalidValue("inertias", list(inertias.names), message)
             inertias = list(inertias.inertias)[1:]
         elif isinstance(inertias, InertialEstimate):
             inertias = inertias.inertias
         instance("inertias", inertias, Iterable)
         bodies = list(inertias)
         if len(bodies) != self.n + 1 or not all(isinstance(body, pin.Inertia) for body in bodies):
-            raise InvalidValue("inertias", inertias, f"must be {self.n + 1} pinocchio.Inertia, base first")
+            message = f"must be {self.n + 1} pinocchio.Inertia objects, the base's first"
+            raise InvalidValue("inertias", inertias, message)
         for joint, body in enumerate(bodies, start=1):
             model.inertias[joint] = body
         return self._variant(model)
@@ -160,7 +164,7 @@ class SpaceManipulator(ShapedMechanism):
     def _variant(self, model: Any, **others: Any) -> SpaceManipulator:
         make, (_, *rest) = self.__reduce__()
         made: SpaceManipulator = make(model, *rest, **others)
-        if "description" not in others:  # masses and limits do not change shapes that were read
+        if "description" not in others:  # shapes do not depend on masses, limits and actuators
             made._geometry.update(self._geometry)
         return made
 
@@ -168,8 +172,8 @@ class SpaceManipulator(ShapedMechanism):
     def inertial_parameters(self) -> FloatArray:
         """The inertial parameters (10 (1 + n),) of all bodies, the base first.
 
-        Each body has ten, in Pinocchio's order: m [kg], m c [kg m], and Ixx, Ixy, Iyy, Ixz, Iyz, Izz
-        [kg m^2] about the origin of the body's frame.
+        Each body has ten, in Pinocchio's order: the mass m [kg], m c [kg m] with the centre of mass c in the
+        body's frame, and Ixx, Ixy, Iyy, Ixz, Iyz, Izz [kg m^2] about the origin of the body's frame.
         """
         return regressors.inertial_parameters(self)
 
@@ -198,7 +202,8 @@ class SpaceManipulator(ShapedMechanism):
         ----------
         joints : array_like, shape (n,)
             Joint positions [rad]. A warning (`FfsmsWarning`) names a joint whose position looks like degrees:
-            it exceeds half a turn and the joint's limits, and is a round number or exceeds four turns.
+            a position beyond half a turn and the joint's limits that is a multiple of 0.5 or beyond four
+            turns.
         base : pinocchio.SE3 or array_like, shape (4, 4), optional
             Pose of the root frame. Default: identity attitude, and the system's centre of mass at the
             inertial origin, as in the paper.
@@ -214,7 +219,7 @@ class SpaceManipulator(ShapedMechanism):
         return q
 
     def _warn_of_degrees(self, positions: FloatArray) -> None:
-        """Warn the caller's caller if positions (n,) of joints that turn look like degrees."""
+        """Warn if positions (n,) of revolute joints look like degrees; the user calls the caller of this."""
         if max(map(abs, positions.tolist())) <= math.pi:
             return
         lower, upper = (
@@ -222,7 +227,7 @@ class SpaceManipulator(ShapedMechanism):
             for bound, sign in ((self.limits.lower, -1.0), (self.limits.upper, 1.0))
         )
         outside = (positions < lower) | (positions > upper)
-        # Degrees that a user types are round numbers; a simulated arm may swing past its limits.
+        # Angles typed in degrees are round numbers; simulated positions beyond the limits are not.
         typed = (np.abs(positions) > FOUR_TURNS) | (
             np.abs(2.0 * positions - np.round(2.0 * positions)) < 1e-9
         )
@@ -236,17 +241,18 @@ class SpaceManipulator(ShapedMechanism):
             return
 
     def home(self, clearance: float = 0.01) -> FloatArray:
-        """Return a configuration (nq,) to start from: free of self-collision, and far from singular.
+        """Return a start configuration (nq,) without self-collision and far from singularities.
 
-        The result is always the same. From 256 postures in the middle half of the joint ranges (of turning
-        joints within half a turn) it has the largest manipulability of J* among those whose bodies are at
-        least `clearance` [m] apart, as `opt.Clearance` measures it; the default is the paper's d_safe. The
-        base is placed as by `configuration`.
+        256 postures are drawn from the middle half of the joint ranges; the range of a revolute joint is cut
+        to half a turn each way. Of the postures whose bodies are at least `clearance` [m] apart (the distance
+        of `opt.Clearance`), the one with the largest manipulability of J* is returned. The default clearance
+        is the paper's d_safe. The seed is fixed, so the result is always the same. The base is placed as by
+        `configuration`.
 
         Raises
         ------
         InvalidValue
-            A prismatic joint has no limits, or no posture with this clearance was found.
+            A prismatic joint has no limits, or no posture with this clearance was drawn.
         """
         joints = clear_postures(self, 1, 0, clearance, 0.5)
         return self.configuration(joints[int(np.argmax(self.batch(joints).manipulability))])
@@ -255,9 +261,9 @@ class SpaceManipulator(ShapedMechanism):
         """Draw configurations (count, nq) without self-collision, uniformly from the joint ranges.
 
         The same seed gives the same configurations, and a larger count only appends to them. `clearance` and
-        errors are those of `home`; the whole ranges are used.
+        errors are those of `home`.
         """
-        count = whole("count", count, 1, 1_000_000)  # hours of work for crowded arms
+        count = whole("count", count, 1, 1_000_000)  # more would take hours if most postures collide
         joints = clear_postures(self, count, whole("seed", seed, 0), clearance, 1.0)[:count]
         return np.array([self.configuration(row) for row in joints])
 
@@ -268,7 +274,7 @@ class SpaceManipulator(ShapedMechanism):
     def velocity(
         self, q: ArrayLike, joint_rates: ArrayLike, momentum: ArrayLike | None = None, mode: str = "floating"
     ) -> FloatArray:
-        """Return the full velocity v (6 + n,): the base moves by momentum conservation.
+        """Return the full velocity v (6 + n,), with the base's velocity from the momentum equation.
 
         Parameters
         ----------
@@ -278,7 +284,8 @@ class SpaceManipulator(ShapedMechanism):
         momentum : array_like, shape (6,), optional
             Total momentum [linear; angular], inertial axes, about the system's centre of mass; default zero.
         mode : str
-            How the base is held (see `opt.Problem`). A held attitude or position is not changed by momentum.
+            Mode of the base (see `opt.Problem`). If the mode holds the base's attitude or position, the
+            momentum does not move it.
         """
         q = self.checked_configuration("q", q)
         rates = vector("joint_rates", joint_rates, self.n, "rad/s")

@@ -1,4 +1,4 @@
-"""MJCF files, compiled by MuJoCo itself: bodies, joints and shapes are read from the compiled model."""
+"""The reader of MJCF files: MuJoCo compiles the file, and the robot is read from the compiled model."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from ffsms_pin.system.urdf_elements import unused
 _FREE, _BALL, _SLIDE, _HINGE = range(4)  # types of joints, as MuJoCo numbers them
 _PLANE, _HEIGHTS, _SPHERE, _CAPSULE, _ELLIPSOID, _CYLINDER, _BOX, _MESH = range(8)  # types of geoms
 _JOINT, _JOINT_IN_PARENT, _TENDON = 0, 1, 3  # targets of actuators
-_FIRST_HIDDEN = 3  # shapes of this group and of later ones are not drawn, as in MuJoCo's own viewer
+_FIRST_HIDDEN = 3  # shapes of this group and of higher groups are not drawn, as in MuJoCo's own viewer
 _FROM_GEOM, _AUTO = 1, 2  # values of `inertiafromgeom`
 
 
@@ -36,11 +36,12 @@ def read_mjcf(
     ----------
     path : Path
     whole : bool
-        True for the tree with a free joint, the whole robot; False for the arms, the trees without one.
+        True to read the tree with a free joint, which is a whole robot. False to read the trees without a
+        free joint, which are arms; if the file has none, the free joint of the whole robot is left out.
     inertias : {"check", "keep", "repair"}
         See `ffsms_pin.load`.
     stacklevel : int
-        The stack level of warnings, 2 for the caller of this function.
+        The argument of `warnings.warn`: 2 names the line that calls this function.
 
     Raises
     ------
@@ -57,7 +58,8 @@ def read_mjcf(
 class _Source:
     """An MJCF file that MuJoCo has compiled (`compiled`, a mujoco.MjModel).
 
-    `tensors` maps bodies to the inertias (3, 3) that were settled here, in the axes of their MuJoCo inertias.
+    `tensors` maps the indices of bodies whose inertias MuJoCo refuses to the inertias (3, 3) [kg m^2] to use,
+    in the axes of MuJoCo's inertial frame.
     """
 
     def __init__(self, path: Path, inertias: Inertias) -> None:
@@ -66,32 +68,32 @@ class _Source:
         self.path, self.sentences = path, list[str]()
         try:
             check_readable(path)
-            # MuJoCo refuses other file name endings, but includes such a file.
+            # MuJoCo opens only files that end in .xml, but includes a file with any ending.
             included = f"<mujoco><include file={quoteattr(os.path.abspath(path))}/></mujoco>"
-            ours = path.suffix.lower() == ".xml"
-            spec = mujoco.MjSpec.from_file(str(path)) if ours else mujoco.MjSpec.from_string(included)
+            is_xml = path.suffix.lower() == ".xml"
+            spec = mujoco.MjSpec.from_file(str(path)) if is_xml else mujoco.MjSpec.from_string(included)
             self._spec = spec
         except Exception as error:  # MuJoCo's parser has exception types of its own
             raise self._invalid(error) from None
-        # Files that hold no shapes, such as textures, may be missing.
+        # Textures and skins are not used, so their files may be missing.
         for item in spec.materials:
             for i in range(len(item.textures)):
                 item.textures[i] = ""
         for item in [*spec.skins, *spec.textures]:
             spec.delete(item)
-        named = ours and spec.modelname != "MuJoCo Model"  # MuJoCo's default name
+        named = is_xml and spec.modelname != "MuJoCo Model"  # MuJoCo's default name
         self.name = str(spec.modelname) if named else path.stem
         spec.compiler.discardvisual = False
         if spec.compiler.settotalmass > 0.0 and spec.compiler.fusestatic:
             message = (
-                "settotalmass with fusestatic counts moving bodies only: bodies that are fixed to the world"
+                "settotalmass with fusestatic applies to moving bodies only, so bodies fixed to the world"
             )
             self.sentences.append(f"{message} have no mass")
         else:
-            spec.compiler.fusestatic = False  # bodies keep their names, and the arm's foot its mass
+            spec.compiler.fusestatic = False  # fixed bodies keep their names and masses
         inertias_of_bodies = self._settle(inertias)
         self.compiled = self._compile()
-        # `settotalmass` scales masses and inertias alike.
+        # `settotalmass` scales masses and inertias by the same factor.
         self.tensors = {
             b: tensor * (self.compiled.body_mass[b] / mass if mass > 0.0 else 1.0)
             for b, (mass, tensor) in inertias_of_bodies.items()
@@ -102,7 +104,10 @@ class _Source:
         return InvalidUrdf(self.path, f"MuJoCo cannot read it as MJCF ({text})")
 
     def _settle(self, inertias: Inertias) -> dict[int, tuple[float, FloatArray]]:
-        """Replace inertias that MuJoCo refuses by those of spheres; return mass and inertia by body."""
+        """Give bodies whose inertias MuJoCo refuses those of spheres; return their masses and inertias.
+
+        The inertias that are returned, by index of the body, are checked, kept or repaired.
+        """
         replaced, changes = dict[int, tuple[float, FloatArray]](), dict[str, str]()
         if self._spec.compiler.inertiafromgeom == _FROM_GEOM or self._spec.compiler.balanceinertia:
             return replaced  # the file's inertias are not used, or MuJoCo balances them on request
@@ -158,20 +163,18 @@ class _Source:
         low, high = compiler.inertiagrouprange
         for geom in [geom for geom in self._spec.geoms if geom.meshname == mesh.name]:
             body = geom.parent
-            counts = compiler.inertiafromgeom == _FROM_GEOM
-            counts |= compiler.inertiafromgeom == _AUTO and not body.explicitinertial
+            from_geoms = compiler.inertiafromgeom == _FROM_GEOM
+            from_geoms |= compiler.inertiafromgeom == _AUTO and not body.explicitinertial
             massless = geom.mass == 0.0 or (np.isnan(geom.mass) and geom.density == 0.0)
-            if counts and not massless and low <= geom.group <= high and body.name != "world":
-                message = (
-                    f"the mass of body '{body.name}' comes from the mesh '{mesh.file}', which is missing"
-                )
-                raise InvalidUrdf(self.path, message)
+            if from_geoms and not massless and low <= geom.group <= high and body.name != "world":
+                message = f"the mesh '{mesh.file}', from which body '{body.name}' has its mass, is missing"
+                raise InvalidUrdf(self.path, f"{message}; add the file, or an <inertial> to the body")
             self._spec.delete(geom)
         self._spec.delete(mesh)
 
 
 class _Place(NamedTuple):
-    """A pose on a joint of the model, and the frame that carries it."""
+    """The joint of the model that carries a body (its index), the body's frame (index), and its pose."""
 
     joint: int
     frame: int
@@ -179,7 +182,7 @@ class _Place(NamedTuple):
 
 
 class _Robot:
-    """The pinocchio.Model of a compiled MJCF file, and its shapes; `sentences` list what was left out."""
+    """The pinocchio.Model of a compiled MJCF file, and its shapes; `sentences` name unsupported elements."""
 
     def __init__(self, source: _Source, whole: bool) -> None:
         self._path, self._compiled, self._tensors = source.path, source.compiled, source.tensors
@@ -200,7 +203,7 @@ class _Robot:
         self._note_unused(roots)
 
     def _roots(self, whole: bool) -> set[int]:
-        """Return the children of the world that are the roots of the robot's trees."""
+        """Return the bodies (indices) on the world that are the roots of the robot's trees."""
         m = self._compiled
         tops = [b for b in range(1, m.nbody) if m.body_parentid[b] == 0]
         kinds: dict[int, set[int]] = {top: set() for top in tops}
@@ -211,15 +214,13 @@ class _Robot:
         arms = [top for top in tops if kinds[top] and top not in free]
         if whole and not robots:
             message = (
-                "has no free joint that carries an arm, so it is no whole robot: ffsms_pin.mount puts an"
+                "the file has no free joint that carries an arm; ffsms_pin.mount puts an arm without one"
             )
-            raise UnsupportedJoint(self._path, f"the file {message} arm on a satellite")
+            raise UnsupportedJoint(self._path, f"{message} on a satellite")
         if not whole and not arms and robots:
             names = ", ".join(f"'{m.body(top).name}'" for top in robots)
-            message = (
-                f"the free joint of {names} is left out, as the arm's first body is fixed to the satellite"
-            )
-            self.sentences.append(f"{message}; ffsms_pin.load reads the whole robot")
+            message = f"the free joint of {names} is left out, because the arm's first body is fixed to the"
+            self.sentences.append(f"{message} satellite; ffsms_pin.load reads the whole robot")
         chosen = robots if whole or not arms else arms
         if not chosen:
             raise UnsupportedJoint(self._path, "the file has no joint; an arm needs at least one")
@@ -245,13 +246,13 @@ class _Robot:
                     carrier = model.addJointFrame(parent, 0)
                 continue
             if kind == _BALL:
-                message = f"joint '{name}' is a ball joint, which has 3 degrees of freedom; one is supported"
-                raise UnsupportedJoint(self._path, message)
+                message = f"joint '{name}' is a ball joint; only joints with one degree of freedom are"
+                raise UnsupportedJoint(self._path, f"{message} supported")
             axis, at = np.array(m.jnt_axis[j]), pin.SE3(np.eye(3), np.array(m.jnt_pos[j]))
             parent = model.addJoint(parent, _JOINTS[kind](axis), here * at, name)
             carrier = model.addJointFrame(parent, carrier)
             self._describe(j)
-            start = float(m.qpos0[m.jnt_qposadr[j]])  # position in which the file places the body
+            start = float(m.qpos0[m.jnt_qposadr[j]])  # joint position at which the file places the body
             turn = pin.AngleAxis(-start, axis).matrix() if kind == _HINGE else np.eye(3)
             slide = np.zeros(3) if kind == _HINGE else -start * axis
             here = pin.SE3(turn, slide) * at.inverse()
@@ -279,7 +280,10 @@ class _Robot:
         model.lowerEffortLimit[-1], model.upperEffortLimit[-1] = _symmetric(torque)
 
     def _torque(self, j: int) -> tuple[float, float]:
-        """Return the lowest and highest torque of a joint's actuators; add their armature and damping."""
+        """Return the lowest and highest torque of joint j's actuators.
+
+        Their armature and damping are added to those of the model's last joint.
+        """
         m, model = self._compiled, self.model
         lows, highs = list[float](), list[float]()
         for a in range(m.nactuator):
@@ -334,11 +338,11 @@ class _Robot:
                 continue
             pose = place.pose * _pose(m.geom_pos[g], m.geom_quat[g])
             collides = bool(m.geom_contype[g] or m.geom_conaffinity[g])
-            for wanted, shapes in (
+            for included, shapes in (
                 (m.geom_group[g] < _FIRST_HIDDEN, self.visual),
                 (collides, self.collision),
             ):
-                if wanted:
+                if included:
                     taken = {item.name for item in shapes.geometryObjects}
                     item = pin.GeometryObject(unused(name, taken), place.joint, place.frame, pose, shape)
                     item.overrideMaterial, item.meshColor = True, self._colour(g)
@@ -369,7 +373,7 @@ class _Robot:
         return own
 
     def _note_unused(self, roots: set[int]) -> None:
-        """Add a sentence on the elements of the file that are not used."""
+        """Add to `sentences` the elements of the file that are not supported."""
         m = self._compiled
         inside = [j for j in range(m.njnt) if m.body_rootid[m.jnt_bodyid[j]] in roots]
         springs = [

@@ -1,4 +1,4 @@
-"""`mount`: an arm on a satellite, and the names of known arms."""
+"""The function `mount` for arms on a satellite, and the table of known arms."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from ffsms_pin.checks import instance, pose
 from ffsms_pin.errors import DependencyMissing, InvalidValue, ModelNotFound
 from ffsms_pin.robot.appending import append, joined, settled_model
 from ffsms_pin.robot.base import PlacedArm, SatelliteBase, arm_names, compose
-from ffsms_pin.robot.building import Asked, build, checked, given_shapes, is_mjcf
+from ffsms_pin.robot.building import LoadOptions, build, checked, given_shapes, is_mjcf
 from ffsms_pin.robot.manipulator import SpaceManipulator
 from ffsms_pin.robot.mjcf import read_mjcf
 from ffsms_pin.system.inertias import Inertias
@@ -55,7 +55,7 @@ ARMS = {
     "kinova": Arm("kinova_description/robots/kinova.urdf", "j2s6s200_end_effector"),
 }
 
-# Other arms of the package whose loaders lack information.
+# Arms of the package whose loaders read another file or lack the tool frame and the locked joints.
 _CORRECTED = {
     "ur3": Arm("ur_description/urdf/ur3_robot.urdf"),  # the package's loader "ur3" reads the UR5's file
     "panda_collision": replace(ARMS["panda"], file="panda_description/urdf/panda_collision.urdf"),
@@ -65,7 +65,7 @@ _CORRECTED = {
 def find_arm(arm: str | os.PathLike[str], argument: str = "arm") -> tuple[Path, Arm]:
     """Return the file of an arm that is given by name or by path, and its `Arm` entry.
 
-    A name is one of `ARMS`, of a packaged robot, or of any loader of example-robot-data.
+    The name is a key of `ARMS`, the name of a packaged model, or that of a loader of example-robot-data.
     """
     if not isinstance(arm, (str, os.PathLike)):
         raise InvalidValue(argument, arm, "must be the name of an arm, a path or a pinocchio.Model")
@@ -84,7 +84,10 @@ def find_arm(arm: str | os.PathLike[str], argument: str = "arm") -> tuple[Path, 
 
 
 def other_arms() -> dict[str, Arm]:
-    """Return the URDFs that the loaders of example-robot-data read, by name; none without the package."""
+    """Return the URDFs that the loaders of example-robot-data read, by name of the loader.
+
+    The result is empty if the package is not installed.
+    """
     try:
         # Imported here because only arms of that package need it.
         from example_robot_data.robots_loader import ROBOTS
@@ -100,7 +103,7 @@ def other_arms() -> dict[str, Arm]:
 
 def _path_of(name: str, file: str) -> Path:
     try:
-        # Imported here: only these arms need the package.
+        # Imported here because only these arms need the package.
         from example_robot_data.robots_loader import getModelPath
 
         return Path(os.path.abspath(os.path.join(getModelPath(file), file)))
@@ -128,48 +131,48 @@ def mount(
 ) -> SpaceManipulator:
     """Mount an arm, or several arms, on a satellite.
 
-    The satellite's link is the root, with the free-flyer; the arm's own root link is fixed to it, and its
-    mass, if it has any, belongs to the base body.
+    The satellite's link is the root, with the free-flyer. The arm's root link is fixed to it, so its mass
+    belongs to the base body.
 
     Parameters
     ----------
     arm : str, path or pinocchio.Model, or a list of them
-        An arm of example-robot-data: "panda" with its fingers closed and locked, "xarm7", "ur5", "ur10", "z1"
-        with its gripper closed and locked, "kinova", or the name of any other loader of that package, such
-        as "talos_arm". Else a packaged name, a path to a URDF, a path to an MJCF file (.xml, .mjcf), or a
-        Pinocchio model without a free-flyer, whose joints have one degree of freedom each. If several arms,
-        as in ``mount(["panda", "ur5"])``, share a name of a link or a joint, all names of the first arm get
-        the prefix ``arm1_``, those of the second ``arm2_``, and so on.
+        Name of an arm of example-robot-data: "panda" with its fingers closed and locked, "xarm7", "ur5",
+        "ur10", "z1" with its gripper closed and locked, "kinova", or any other loader of that package, such
+        as "talos_arm". Else the name of a packaged model, a path to a URDF or to an MJCF file (.xml, .mjcf),
+        or a Pinocchio model without a free-flyer, whose joints have one degree of freedom each. If several
+        arms, as in ``mount(["panda", "ur5"])``, share a name of a link or a joint, all names of the first arm
+        get the prefix ``arm1_``, those of the second ``arm2_``, and so on.
     base : SatelliteBase, optional
-        Default: a solid cube of 200 kg and 1 m.
+        The satellite. Default: a solid cube of 200 kg and 1 m.
     placement : pinocchio.SE3 or array_like, shape (4, 4), optional
-        Pose of the arm's root link in the base frame (centre of the box, its axes). Default: the centre of
-        the +x face, with the arm's z axis along the base's +x and its y axis along the base's +y. For several
-        arms a sequence of poses; by default they stand in a row on that face, the first one furthest along
-        +y.
+        Pose of the arm's root link in the base frame (origin at the box's centre, axes along its edges).
+        Default: the centre of the +x face, with the arm's z axis along the base's +x and its y axis along the
+        base's +y. For several arms a sequence of poses; default: a row on that face, with the first arm
+        furthest along +y.
     end_effector : str, optional
         Name of the end-effector frame. Default: the usual tool frame of a known arm, else as for `load`; with
         several arms no frame is chosen until `with_end_effector` is called.
     locked : mapping of str to float, optional
-        Joints that become fixed, and their positions [rad or m]; the links beyond keep their masses. For a
-        known arm they are added to the joints that are locked by default. Joints that mimic others are locked
-        too: see `load`.
+        Joints that become fixed, and their positions [rad or m]; the links beyond them keep their masses. The
+        joints of a known arm that are locked by default stay locked. Joints that mimic others are locked too,
+        see `load`.
     velocity : array_like, optional
-        Joint rate limits [rad/s], one number or (n,). Default: the arm's own; a joint without a limit gets
-        0.5 rad/s, since planning needs a finite rate. Arms for use on the ground reach 2 to 3 rad/s, which
-        disturbs a satellite strongly.
+        Joint rate limits [rad/s], one number or (n,). Default: the limits in the arm's file; a joint without
+        a limit gets 0.5 rad/s, because planning needs a finite rate. Arms for use on the ground reach 2 to 3
+        rad/s, which disturbs a satellite strongly.
     torque : array_like, optional
-        Joint torque limits [N m], one number or (n,). Default: the arm's own.
+        Joint torque limits [N m], one number or (n,). Default: the limits in the arm's file.
     acceleration : array_like, optional
         Joint acceleration limits [rad/s^2], one number or (n,). Default: 1.25 /s times the rate limits.
     base_size : array_like, shape (3,), optional
-        The box that the arm must keep clear of [m]; default: the base's.
+        Edges of the box that the arm must not enter [m]. Default: the base's size.
     wheels : ReactionWheels, optional
         The satellite's wheels, which its mass and inertia include. Default: none.
     thrusters : Thrusters, optional
         The satellite's thrusters. Default: none.
     package_dirs, inertias, visual, collision
-        As for `load`; the satellite's shapes are added to given shapes.
+        As for `load`. The satellite's shapes are added to `visual` and `collision`.
 
     Returns
     -------
@@ -183,17 +186,20 @@ def mount(
     InvalidValue
         An argument cannot be used; the message names it.
     """
-    asked = Asked(end_effector, base_size, acceleration, velocity, torque, locked, inertias, package_dirs)
+    options = LoadOptions(
+        end_effector, base_size, acceleration, velocity, torque, locked, inertias, package_dirs
+    )
     satellite = SatelliteBase() if base is None else base
     if isinstance(arm, list | tuple):
         for name, shapes in (("visual", visual), ("collision", collision)):
             if shapes is not None:
-                raise InvalidValue(name, shapes, "belongs to one pinocchio.Model, not to several arms")
+                message = "is allowed only with a single pinocchio.Model, not with several arms"
+                raise InvalidValue(name, shapes, message)
         if not arm:
             raise InvalidValue("arm", arm, "must name at least one arm")
-        sms = mounted_arms(arm, satellite, placement, asked)
+        sms = mounted_arms(arm, satellite, placement, options)
     else:
-        sms = mounted(arm, satellite, placement, asked, visual, collision)
+        sms = mounted(arm, satellite, placement, options, visual, collision)
     return sms if wheels is None and thrusters is None else sms.with_actuators(wheels, thrusters)
 
 
@@ -201,42 +207,45 @@ def mounted(
     arm: Any,
     base: SatelliteBase,
     placement: Any,
-    asked: Asked,
+    options: LoadOptions,
     visual: Any = None,
     collision: Any = None,
     depth: int = 0,
 ) -> SpaceManipulator:
-    """Return an arm on a satellite without actuators, mounted as by `mount`.
+    """Return an arm on a satellite without actuators; see `mount`.
 
-    `depth` is the number of calls between the user's call and this one, for the line that warnings name.
+    `depth` is the number of calls between `mount` (or `load`) and this function. Warnings then name the line
+    of the user's call.
     """
     level = 4 + depth
     instance("base", base, SatelliteBase)
     placement = face_placement(base) if placement is None else pose("placement", placement)
     shapes = given_shapes(arm, visual, collision)
     if isinstance(arm, pin.Model):
-        refuse_package_dirs(asked, "a pinocchio.Model")
-        return append(settled_model(arm, asked, stacklevel=level), shapes, base, placement, asked)
+        refuse_package_dirs(options, "a pinocchio.Model")
+        return append(settled_model(arm, options, stacklevel=level), shapes, base, placement, options)
     path, known = find_arm(arm)
     if is_mjcf(path):
-        refuse_package_dirs(asked, "an MJCF file")
-        return append(*read_mjcf(path, False, asked.inertias, stacklevel=level), base, placement, asked)
-    tool = known.end_effector if asked.end_effector is None else asked.end_effector
-    asked = replace(asked, end_effector=tool, locked={**dict(known.locked), **(asked.locked or {})})
+        refuse_package_dirs(options, "an MJCF file")
+        return append(*read_mjcf(path, False, options.inertias, stacklevel=level), base, placement, options)
+    tool = known.end_effector if options.end_effector is None else options.end_effector
+    options = replace(options, end_effector=tool, locked={**dict(known.locked), **(options.locked or {})})
     name = f"satellite_{arm if str(arm) in ARMS else path.stem}"
-    robot = compose(name, base, [PlacedArm(path, read_robot(path), placement)], asked.package_dirs)
-    return build(checked(robot, path, asked, stacklevel=level), asked, DEFAULT_RATE)
+    robot = compose(name, base, [PlacedArm(path, read_robot(path), placement)], options.package_dirs)
+    return build(checked(robot, path, options, stacklevel=level), options, DEFAULT_RATE)
 
 
-def refuse_package_dirs(asked: Asked, robot: str) -> None:
+def refuse_package_dirs(options: LoadOptions, robot: str) -> None:
     """Raise `InvalidValue` if `package_dirs` is given with a robot that is not a URDF."""
-    if asked.package_dirs:
-        message = f"belongs to a URDF, not to {robot}"
-        raise InvalidValue("package_dirs", [str(folder) for folder in asked.package_dirs], message)
+    if options.package_dirs:
+        message = f"is allowed only with a URDF, not with {robot}"
+        raise InvalidValue("package_dirs", [str(folder) for folder in options.package_dirs], message)
 
 
-def mounted_arms(arms: Sequence[Any], base: SatelliteBase, placements: Any, asked: Asked) -> SpaceManipulator:
-    """Return several arms on a satellite without actuators, see `mount`; no end effector is chosen."""
+def mounted_arms(
+    arms: Sequence[Any], base: SatelliteBase, placements: Any, options: LoadOptions
+) -> SpaceManipulator:
+    """Return several arms on a satellite without actuators; see `mount`."""
     instance("base", base, SatelliteBase)
     if placements is None:
         placements = [face_placement(base, i, len(arms)) for i in range(len(arms))]
@@ -248,7 +257,7 @@ def mounted_arms(arms: Sequence[Any], base: SatelliteBase, placements: Any, aske
     urdfs = [file for file in files if file is not None and not is_mjcf(file[0])]
     if len(urdfs) < len(arms):
         poses = [pose(f"placement[{i}]", placement) for i, placement in enumerate(placements)]
-        return _mixed_arms(arms, base, poses, asked)
+        return _mixed_arms(arms, base, poses, options)
     robots = [read_robot(path) for path, _ in urdfs]
     prefixes = _prefixes([arm_names(robot) for robot in robots])
     placed = [
@@ -262,24 +271,27 @@ def mounted_arms(arms: Sequence[Any], base: SatelliteBase, placements: Any, aske
         for (_, arm), prefix in zip(urdfs, prefixes, strict=True)
         for joint, position in arm.locked
     }
-    asked = replace(asked, locked=known | dict(asked.locked or {}))
+    options = replace(options, locked=known | dict(options.locked or {}))
     name = "_".join(["satellite", *(str(arm) if str(arm) in ARMS else Path(arm).stem for arm in arms)])
-    composed = compose(name, base, placed, asked.package_dirs)
-    return build(checked(composed, Path(name), asked, stacklevel=4), asked, DEFAULT_RATE)
+    composed = compose(name, base, placed, options.package_dirs)
+    return build(checked(composed, Path(name), options, stacklevel=4), options, DEFAULT_RATE)
 
 
 def _mixed_arms(
-    arms: Sequence[Any], base: SatelliteBase, placements: Sequence[Any], asked: Asked
+    arms: Sequence[Any], base: SatelliteBase, placements: Sequence[Any], options: LoadOptions
 ) -> SpaceManipulator:
-    """Mount arms one by one and join the robots, for arms that are MJCF files or models."""
-    alone = Asked(inertias=asked.inertias, package_dirs=asked.package_dirs)
+    """Mount each arm on a satellite of its own and merge the robots.
+
+    It is used if an arm is an MJCF file or a model, because only URDFs can be composed into one.
+    """
+    alone = LoadOptions(inertias=options.inertias, package_dirs=options.package_dirs)
     robots = []
     for arm, placement in zip(arms, placements, strict=True):
         file = not isinstance(arm, pin.Model) and not is_mjcf(find_arm(arm)[0])
         own = alone if file else replace(alone, package_dirs=())
         robots.append(mounted(arm, base, placement, own, depth=2))
     names = [{*list(sms.model.names)[2:], *(frame.name for frame in sms.model.frames[3:])} for sms in robots]
-    return joined(robots, _prefixes(names), base, asked)
+    return joined(robots, _prefixes(names), base, options)
 
 
 def _prefixes(names: Sequence[set[Any]]) -> list[str]:
@@ -291,7 +303,8 @@ def _prefixes(names: Sequence[set[Any]]) -> list[str]:
 def face_placement(base: SatelliteBase, i: int = 0, count: int = 1) -> Any:
     """Return the default mount (pinocchio.SE3) of an arm: on the +x face, the arm's z axis along +x.
 
-    Several arms stand in a row along y, the first at the greatest y, each in the middle of its share.
+    Several arms are in a row along y, the first at the largest y, each in the middle of its share of the
+    face.
     """
     turn = np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]])
     y = base.size[1] * (0.5 - (i + 0.5) / count)

@@ -1,4 +1,4 @@
-"""Kinematics and dynamics: a model with a free-flyer root, its states, and stacks of them."""
+"""The kinematics and dynamics of a model with a free-flyer root, at one state or at many."""
 
 from ffsms_pin.system.mechanism import RobotLimits
 from ffsms_pin.system.state import State

@@ -1,22 +1,23 @@
-"""Poses, inertia, momentum, accelerations, and the reaction of the base to the joints, as functions.
+"""Functions for poses, inertia, momentum, accelerations, and the reaction of the base to the joints.
 
-M, N and the velocity effects are in Pinocchio's velocity coordinates (root frame, its own axes). The reduced
-joint-space quantities with the base reacting follow from N = [-M_b^-1 M_bm; I] and do not depend on the
-coordinates of the base's velocity. Twists are in inertial axes, ordered [linear; angular]. The base's
-reference point is the base body's centre of mass, that of the end effector the origin of its frame.
+The inertia matrix M, N = [-M_b^-1 M_bm; I] and the velocity effects are in Pinocchio's velocity coordinates:
+the base's velocity is that of the root frame, in its own axes. The reduced joint-space quantities follow from
+N and do not depend on the coordinates of the base's velocity. Twists are in inertial axes, ordered
+[linear; angular]. The reference point of the base is the base body's centre of mass, the reference point of
+the end effector the origin of its frame.
 
 No external force acts on a floating base, so the momentum of the system is constant. With Pinocchio's inertia
 matrix M = [[M_b, M_bm], [M_bm^T, M_m]], root velocity v_b and joint rates qd, the momentum about the root is
-h = M_b v_b + M_bm qd. If h is zero,
+h = M_b v_b + M_bm qd. Therefore
 
-    v_b = -M_b^-1 M_bm qd,
+    v_b = -M_b^-1 M_bm qd + M_b^-1 h.
 
-otherwise M_b^-1 h is added. M, and with it all of these matrices, depends on the joints alone.
+M depends on the joint positions alone, and so do the matrices that follow from it.
 
 Pinocchio's base velocity is that of the root frame's origin, in the root's own axes. The paper's is that of
 the base's centre of mass, in inertial axes. With R the base's attitude and c its centre of mass in the root
-frame, v_root = A x_b where A = [[R^T, [c]x R^T], [0, R^T]]: the action on motions of the rigid transformation
-(R^T, c).
+frame, v_root = A x_b where x_b is the paper's base twist and A = [[R^T, [c]x R^T], [0, R^T]] is the action on
+motions of the rigid transformation (R^T, c).
 """
 
 from __future__ import annotations
@@ -42,7 +43,7 @@ class Frame:
     ----------
     pose : pinocchio.SE3
     J : ndarray, shape (6, n)
-        Twist per joint rate with the base held still.
+        Twist per joint rate with the base fixed.
     J_star : ndarray, shape (6, n)
         Twist per joint rate with the base reacting, at zero momentum: the generalised Jacobian.
     """
@@ -55,8 +56,8 @@ class Frame:
 def at_origin(q: FloatArray) -> FloatArray:
     """Copy q (nq,) with the root at the inertial origin.
 
-    Use it for quantities that do not depend on the root's position, because sums about the origin lose digits
-    with the square of the distance.
+    Quantities that do not depend on the root's position are computed there, because the rounding errors of
+    sums about a distant origin grow with the square of the distance.
     """
     moved = q.copy()
     moved[:3] = 0.0
@@ -64,7 +65,7 @@ def at_origin(q: FloatArray) -> FloatArray:
 
 
 def base_pose(robot: Mechanism, q: FloatArray) -> Any:
-    """Return the pose of the base (pinocchio.SE3): the root's axes, at the base's centre of mass."""
+    """Return the pose of the base (pinocchio.SE3), with the root's axes and origin at its centre of mass."""
     pose = pin.XYZQUATToSE3(q[:7])
     pose.translation = pose.act(robot.base_com)
     return pose
@@ -78,18 +79,21 @@ def frame_pose(robot: Mechanism, q: FloatArray, frame: int | None = None) -> Any
 
 
 def frame_jacobian(robot: Mechanism, q: FloatArray, frame: int | None = None) -> FloatArray:
-    """Return the Jacobian (6, 6 + n) of a frame's twist, in Pinocchio's velocity coordinates."""
+    """Return the Jacobian (6, 6 + n) of a frame: its twist in inertial axes per Pinocchio's velocity v.
+
+    The default frame is the end-effector frame.
+    """
     frame = robot.frame_id if frame is None else frame
     return np.asarray(pin.computeFrameJacobian(robot.model, scratch(robot), at_origin(q), frame, _AXES))
 
 
 def inertia_matrix(robot: Mechanism, q: FloatArray) -> FloatArray:
-    """Return Pinocchio's inertia matrix M (6 + n, 6 + n) at q (nq,); it depends on the joints alone."""
+    """Return Pinocchio's inertia matrix M (6 + n, 6 + n) at q (nq,)."""
     return np.asarray(pin.crba(robot.model, scratch(robot), q))
 
 
 def velocity_effects(robot: Mechanism, q: FloatArray, v: FloatArray) -> FloatArray:
-    """Return the generalised force (6 + n,) of Coriolis and centrifugal effects at Pinocchio's v."""
+    """Return the generalised Coriolis and centrifugal force (6 + n,) at Pinocchio's q and v."""
     return np.asarray(pin.nonLinearEffects(robot.model, scratch(robot), q, v))
 
 
@@ -100,28 +104,29 @@ def reduced_coriolis_matrix(robot: Mechanism, q: FloatArray, N: FloatArray, rate
 
     Notes
     -----
-    N maps joint rates to the whole velocity, so H_q = N^T M N, and tau = N^T (M dv/dt + C_M v) for v = N qd
-    gives H_q qdd + N^T (M dN/dt + C_M N) qd. Only N's base rows change, and N^T M is zero in the base's
-    columns, so N^T M dN/dt vanishes and C = N^T C_M N. For the same reason dH_q/dt = N^T (dM/dt) N, so C is
-    as skew with it as Pinocchio's C_M is with M (Echeandia and Wensing, "Numerical methods to compute the
-    Coriolis matrix and Christoffel symbols for rigid-body systems", Journal of Computational and Nonlinear
-    Dynamics 16 (2021)).
+    N maps joint rates to Pinocchio's velocity v = N qd, and C_M is Pinocchio's Coriolis matrix. Then
+    tau = N^T (M dv/dt + C_M v) = H_q qdd + N^T (M dN/dt + C_M N) qd with H_q = N^T M N. Only the base rows of
+    N change, and N^T M is zero in the base's columns, so N^T M dN/dt = 0 and C = N^T C_M N. For the same
+    reason dH_q/dt = N^T (dM/dt) N. Since dM/dt - 2 C_M is skew-symmetric, dH_q/dt - 2 C is, too.
+
+    Reference for C_M: S. Echeandia and P. M. Wensing, "Numerical methods to compute the Coriolis matrix and
+    Christoffel symbols for rigid-body systems", Journal of Computational and Nonlinear Dynamics 16 (2021).
     """
     C_M = pin.computeCoriolisMatrix(robot.model, scratch(robot), at_origin(q), N @ rates)
     return np.asarray(N.T @ C_M @ N)
 
 
 def floating_torque(robot: Mechanism, q: FloatArray, v: FloatArray, qdd: FloatArray) -> FloatArray:
-    """Return the torques H_q qdd + C_q (n,) [N m] that accelerate the joints by qdd (n,), the base reacting.
+    """Return the joint torques H_q qdd + C_q (n,) [N m] for joint accelerations qdd (n,) [rad/s^2].
 
-    They are computed recursively, without H_q and C_q.
+    The base reacts freely. The torques are computed recursively, without the matrices.
     """
     force = pin.rnea(robot.model, scratch(robot), q, v, np.concatenate([np.zeros(6), qdd]))
     return joint_torques(inertia_matrix(robot, q), force)
 
 
 class Centroidal(NamedTuple):
-    """The centre of mass (3,) [m], the momentum (6,) [linear; angular] about it, and kinetic energy [J]."""
+    """The centre of mass (3,) [m], momentum (6,) [linear; angular] about it, and kinetic energy [J]."""
 
     com: FloatArray
     momentum: FloatArray
@@ -139,13 +144,12 @@ def centroidal(robot: Mechanism, q: FloatArray, v: FloatArray) -> Centroidal:
 def bias_accelerations(
     robot: Mechanism, M: FloatArray, q: FloatArray, v: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the accelerations of base and end effector at zero joint accelerations, the base reacting.
+    """Return the accelerations (6,) of base and end effector at zero joint accelerations, the base reacting.
 
-    No external force acts on the base, so with zero joint accelerations the base rows of the equations of
-    motion give the root's acceleration, and one kinematics pass gives the other accelerations. At zero
-    momentum they are dC_bm/dt qd and dJ*/dt qd. Each is the rate (6,) of a twist in inertial axes, at the
-    base's centre of mass and at the end effector's origin; the linear part is the classical acceleration of
-    the point, not the spatial acceleration.
+    Each is the rate of a twist in inertial axes, of the base's centre of mass and of the end-effector frame's
+    origin; its linear part is the classical acceleration of the point, not the spatial acceleration. At zero
+    momentum they are dC_bm/dt qd and dJ*/dt qd. The root's acceleration follows from the base rows of the
+    equations of motion without an external force, the others from one pass of kinematics.
     """
     model, data = robot.model, scratch(robot)
     acceleration = np.zeros(robot.nv)
@@ -160,14 +164,14 @@ def bias_accelerations(
 
 
 def root_reaction(M: FloatArray) -> FloatArray:
-    """Return -M_b^-1 M_bm (6, n): the root's velocity per joint rate at zero momentum, root axes."""
+    """Return -M_b^-1 M_bm (6, n), the root's velocity per joint rate at zero momentum, in root axes."""
     return -over_base(M, M[:6, 6:])
 
 
 def floating_motion(M: FloatArray) -> FloatArray:
-    """Return N = [-M_b^-1 M_bm; I] (6 + n, n): Pinocchio's velocity per joint rate at zero momentum.
+    """Return N = [-M_b^-1 M_bm; I] (6 + n, n), Pinocchio's velocity per joint rate at zero momentum.
 
-    The base's rows of M N are zero.
+    The base rows of M N are zero.
     """
     n = len(M) - 6
     N = np.zeros((6 + n, n))
@@ -179,8 +183,8 @@ def floating_motion(M: FloatArray) -> FloatArray:
 def joint_torques(M: FloatArray, force: FloatArray) -> FloatArray:
     """Return N^T f (n,) [N m], the joint torques of a generalised force f (6 + n,) with the base reacting.
 
-    If f is the force of a motion without base acceleration, a free base accelerates under f_b, and the joint
-    torques become f_m - M_bm^T M_b^-1 f_b.
+    f = [f_b; f_m] is the force of a motion with zero base acceleration. If the base is free instead, the
+    joint torques are f_m - M_bm^T M_b^-1 f_b.
     """
     return np.asarray(force[6:] - over_base(M, force[:6]).dot(M[:6, 6:]))
 
@@ -188,8 +192,8 @@ def joint_torques(M: FloatArray, force: FloatArray) -> FloatArray:
 def base_to_root(q: FloatArray, base_com: FloatArray) -> Any:
     """Return the transformation (pinocchio.SE3) from the paper's base twist to Pinocchio's root velocity.
 
-    Its `action` (6, 6) maps a base twist to the root velocity, its `actionInverse` a root velocity to the
-    base twist. `base_com` (3,) is the base's centre of mass in the root frame [m].
+    Its `action` (6, 6) maps a base twist to the root velocity, and its `actionInverse` maps back. `base_com`
+    (3,) is the base's centre of mass in the root frame [m].
     """
     transformation = pin.XYZQUATToSE3(q[:7]).inverse()
     transformation.translation = base_com
@@ -203,16 +207,16 @@ MODES: Mapping[str, tuple[int, ...]] = {
     "translation-flying": (3, 4, 5),
     "flying": (),
 }
-"""The rows of the base's twist that are free, by mode. The attitude is held by wheels in "rotation-floating",
-and by thrusters in "rotation-flying"; the base's motion is the same."""
+"""The free rows of the base's twist in each mode. Wheels hold the attitude in "rotation-floating", thrusters
+in "rotation-flying"; the base's motion is the same."""
 
 
 def mode_coupling(H_b: FloatArray, H_bm: FloatArray, mode: str) -> FloatArray:
-    """Return C_bm (6, n) of a mode: the base's twist per joint rate, with the held motion at zero.
+    """Return C_bm (6, n) of a mode: the base's twist per joint rate at zero momentum.
 
-    No external force acts along the free rows f, so their momentum stays zero and
-    C_bm[f] = -H_b[f, f]^-1 H_bm[f]; the other rows are zero. If the attitude is held, the linear momentum is
-    zero; if the base's centre of mass is held, the angular momentum about it is zero.
+    The rows of the motion that the mode holds are zero. No external force acts along the free rows f, so
+    their momentum stays zero, and C_bm[f] = -H_b[f, f]^-1 H_bm[f]. With a held attitude the linear momentum
+    is zero; with a held position the angular momentum about the base's centre of mass is zero.
 
     Reference: M. Wilde, S. Kwok Choon, A. Grompone, M. Romano, "Equations of motion of free-floating
     spacecraft-manipulator systems: an engineer's tutorial", Frontiers in Robotics and AI 5 (2018).
@@ -225,7 +229,7 @@ def mode_coupling(H_b: FloatArray, H_bm: FloatArray, mode: str) -> FloatArray:
 
 
 def mode_reaction(M: FloatArray, base_com: FloatArray, mode: str) -> FloatArray:
-    """Return the root's velocity per joint rate (6, n) in a mode, root axes: `mode_coupling` at the root."""
+    """Return the root's velocity per joint rate (6, n) in a mode, in root axes; see `mode_coupling`."""
     if mode == "floating":
         return root_reaction(M)
     to_root = np.eye(6)  # from a twist at the base's centre of mass, in root axes
@@ -237,8 +241,8 @@ def mode_reaction(M: FloatArray, base_com: FloatArray, mode: str) -> FloatArray:
 def root_drift(M: FloatArray, q: FloatArray, momentum: FloatArray, mode: str = "floating") -> FloatArray:
     """Return the root velocity (6,), root axes, at which the system has `momentum` with the joints at rest.
 
-    The momentum (6,) is in inertial axes, about the system's centre of mass. If the base's attitude is held,
-    only the linear momentum counts; if the base's position is held, the result is zero.
+    The momentum (6,) is in inertial axes, about the system's centre of mass. If the mode holds the base's
+    attitude, the angular momentum is ignored; if it holds the base's position, the result is zero.
     """
     to_root, whole = pin.XYZQUATToSE3(q[:7]).rotation.T, whole_body(M)
     linear, angular = to_root @ momentum[:3], to_root @ momentum[3:]
@@ -250,7 +254,8 @@ def root_drift(M: FloatArray, q: FloatArray, momentum: FloatArray, mode: str = "
 def whole_body(M: FloatArray) -> Any:
     """Return the inertia (pinocchio.Inertia) of the system as one rigid body in the root frame, from M_b.
 
-    M_b = [[m 1, -m [c]x], [m [c]x, I - m [c]x [c]x]].
+    M_b = [[m 1, -m [c]x], [m [c]x, I - m [c]x [c]x]], with the mass m, the centre of mass c and the inertia I
+    about it.
     """
     mass = float(M[0, 0])
     com = np.array([M[1, 5], M[2, 3], M[0, 4]]) / mass
@@ -259,5 +264,5 @@ def whole_body(M: FloatArray) -> Any:
 
 
 def over_base(M: FloatArray, right: FloatArray) -> FloatArray:
-    """Return M_b^-1 times a vector or a matrix."""
+    """Return M_b^-1 times a vector (6,) or a matrix (6, k)."""
     return np.asarray(np.linalg.solve(M[:6, :6], right))

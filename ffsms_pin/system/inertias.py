@@ -1,4 +1,4 @@
-"""Inertias that no rigid body has: refused, kept as published, or replaced by the nearest valid inertia."""
+"""The treatment of inertias that no rigid body has: an error, kept as published, or repaired."""
 
 from __future__ import annotations
 
@@ -16,12 +16,14 @@ Inertias = Literal["check", "keep", "repair"]
 
 
 def settle(model: str | Path, body: str, tensor: FloatArray, inertias: Inertias) -> tuple[FloatArray, str]:
-    """Return the inertia (3, 3) [kg m^2] to use for a body, and a text on the change, empty if unchanged.
+    """Return the inertia (3, 3) [kg m^2] to use for a body, and a text for a warning; "" without a warning.
+
+    `model` is the file or the robot in an error's message, `body` the link.
 
     Raises
     ------
     InvalidInertia
-        The inertia is refused; `model` is the file or the robot in the message.
+        The inertia is refused.
     """
     problem = urdf.inertia_problem(tensor)
     if problem and inertias == "repair":
@@ -33,19 +35,17 @@ def settle(model: str | Path, body: str, tensor: FloatArray, inertias: Inertias)
 
 
 def settled(changes: Mapping[str, str], inertias: Inertias) -> str:
-    """Return the sentence on the changes by `settle`, a mapping from names of bodies to texts."""
+    """Return the sentence of a warning from the texts of `settle`, a mapping from names of bodies."""
     message = "principal inertias [kg m^2] set to the nearest that a rigid body can have:"
     if inertias == "keep":
-        message = (
-            "inertias that break the triangle inequality are kept as published, though no rigid body has"
-        )
-        message += " them (principal ones [kg m^2]):"
+        message = "inertias that break the triangle inequality, which no rigid body has, are kept as"
+        message += " published (principal inertias [kg m^2]):"
     listed = ", ".join(f"'{name}' {change}" for name, change in changes.items())
     return f"{message} {listed}"
 
 
 def positive(tensor: FloatArray) -> FloatArray:
-    """Return the nearest positive definite inertia of a rigid body, which excludes that of a thin rod."""
+    """Return the nearest positive definite inertia (3, 3) of a rigid body; that of a thin rod is not one."""
     nearest = urdf.nearest_inertia(tensor, 0.0)
     principal = np.linalg.eigvalsh(nearest)
     if principal[0] > 1e-9 * principal[2]:

@@ -1,4 +1,4 @@
-"""Pinocchio's model of a robot, the indices of its joints in q and v, and their limits."""
+"""The classes `Mechanism` (a model with a free-flyer root), `JointLayout` and `RobotLimits`."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ from ffsms_pin.options import Angle, Real, Unit, values_per_joint
 from ffsms_pin.system.urdf_elements import tool_among
 from ffsms_pin.threads import Unchanging
 
-FOUR_TURNS = 25.2  # [rad] four turns: the position limit of a turning joint beyond this means "none"
+FOUR_TURNS = 25.2  # [rad] a larger position limit of a revolute joint is read as no limit
 # A URDF has no acceleration limit. The paper's are 28.65 deg/s^2 for 22.92 deg/s.
 ACCELERATION_PER_VELOCITY = 1.25  # [1/s]
 _LAST = (pin.FrameType.BODY, pin.FrameType.OP_FRAME)
@@ -52,7 +52,7 @@ class JointUnit(NamedTuple):
 class JointLayout:
     """A map of n joint positions to Pinocchio's q and back.
 
-    A continuous joint takes two entries of q (cosine and sine), every other one entry; each has one in v.
+    A continuous joint has two entries of q (cosine and sine), any other joint one; each has one entry of v.
 
     Attributes
     ----------
@@ -81,7 +81,7 @@ class JointLayout:
         for j, (joint, name) in enumerate(zip(joints, self.names, strict=True), start=2):
             message = ""
             if joint.nv != 1 or joint.nq not in (1, 2):
-                message = f"has {joint.nv} degrees of freedom; one is supported"
+                message = f"has {joint.nv} degrees of freedom; only joints with one are supported"
             elif model.parents[j] == 0:
                 message = "is not carried by the free-flyer"
             elif model.parents[j] not in model.supports[j - 1]:
@@ -120,10 +120,10 @@ class JointLayout:
         q[..., self.index[circles] + 1] = np.sin(positions[..., circles])
 
     def difference(self, q: FloatArray, positions: FloatArray) -> FloatArray:
-        """Return the joint positions of q (nq,) less `positions` (n,).
+        """Return the joint positions of q (nq,) minus `positions` (n,).
 
-        For continuous joints it is the difference of least size; other joints may turn by more than one turn,
-        so their difference is not reduced.
+        The difference of continuous joints is wrapped to [-pi, pi). The difference of other joints is not,
+        because they may turn by more than one turn.
         """
         if self.plain:
             return q[7:] - positions
@@ -140,7 +140,7 @@ class JointLayout:
 
     @staticmethod
     def body_name(model: Any, joint: int) -> str:
-        """Return the name of the joint's first body frame, for messages."""
+        """Return the name of the first frame on a joint that is not a joint's; else the joint's name."""
         for frame in model.frames:
             if frame.parentJoint == joint and frame.name not in model.names:
                 return str(frame.name)
@@ -151,9 +151,9 @@ class JointLayout:
 class RobotLimits:
     """The limits of a robot's n joints, each an array of shape (n,); infinite if there is no limit.
 
-    URDFs contain various large numbers that mean "no limit". A limit above 1e12 becomes infinite, and so does
-    a position limit beyond four turns of a joint that turns. A limit of rate, acceleration or torque below
-    1e-12 is refused, because no joint could move within it.
+    URDFs contain various large numbers that mean "no limit". A limit above 1e12 becomes infinite; a robot
+    also drops position limits of revolute joints beyond four turns. A limit of rate, acceleration or torque
+    below 1e-12 is refused, because no joint could move within it.
 
     Attributes
     ----------
@@ -177,7 +177,7 @@ class RobotLimits:
         for field in fields(self):
             name, array = f"limits.{field.name}", _entries(field.name, getattr(self, field.name))
             if array.shape != np.shape(self.lower):
-                message = f"must have one entry a joint, as lower has {self.lower.size}"
+                message = f"must have one entry per joint; lower has {self.lower.size}"
                 raise InvalidValue(name, array, message)
             if field.name not in ("lower", "upper") and not (array >= SMALLEST_POSITIVE).all():
                 raise InvalidValue(name, array, f"must be above zero, and at least {SMALLEST_POSITIVE:g}")
@@ -187,7 +187,7 @@ class RobotLimits:
             raise InvalidValue(f"limits of joint {i + 1}", (self.lower.item(i), self.upper.item(i)), message)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        # A copy checks its arrays and makes them read-only again, because numpy's copies are writable.
+        # Copies are constructed from the arrays, because numpy's own copies are writable.
         return RobotLimits, tuple(getattr(self, field.name) for field in fields(self))
 
     @cached_property
@@ -196,17 +196,21 @@ class RobotLimits:
         return frozen(np.array([self.lower, self.upper, self.velocity, self.acceleration]))
 
     def violation(self, positions: ArrayLike) -> FloatArray:
-        """Return how far each joint is outside its position limits (n,), zero inside; (k, n) for rows."""
+        """Return the violation of the position limits at positions (..., n), zero within them [rad or m]."""
         q = np.asarray(positions, dtype=np.float64)
         outside: FloatArray = np.maximum(0.0, np.maximum(self.lower - q, q - self.upper))
         return outside
 
 
 def limits_of(model: Any, layout: JointLayout, acceleration: ArrayLike | None) -> RobotLimits:
-    """Return the limits of a Pinocchio model's joints; it has no acceleration limits (`SpaceManipulator`)."""
+    """Return the limits of a Pinocchio model's joints.
+
+    `acceleration` is the argument of `SpaceManipulator`; by default the limits are proportional to the rate
+    limits.
+    """
     unlimited, index = np.where(layout.continuous, np.inf, 0.0), layout.index
     lower, upper = model.lowerPositionLimit[index] - unlimited, model.upperPositionLimit[index] + unlimited
-    velocity = np.array(model.upperVelocityLimit[6:])  # the lower one has the wrong sign in Pinocchio 4.1
+    velocity = np.array(model.upperVelocityLimit[6:])  # lowerVelocityLimit has a wrong sign in Pinocchio 4.1
     torque = np.array(model.upperEffortLimit[6:])
     velocity[velocity > LARGEST_POSITIVE] = np.inf  # Pinocchio writes "no limit" as the largest float
     if acceleration is None:
@@ -217,7 +221,7 @@ def limits_of(model: Any, layout: JointLayout, acceleration: ArrayLike | None) -
 
 
 def within_turns(limits: RobotLimits, turns: NDArray[np.bool_]) -> RobotLimits:
-    """Return the limits, with infinite position limits for joints that `turns` by more than four turns."""
+    """Return the limits, with position limits beyond four turns infinite where `turns` (n,) is True."""
     lower, upper = (
         np.where(turns & (np.abs(bound) > FOUR_TURNS), np.copysign(np.inf, bound), bound)
         for bound in (limits.lower, limits.upper)
@@ -227,24 +231,25 @@ def within_turns(limits: RobotLimits, turns: NDArray[np.bool_]) -> RobotLimits:
 
 
 def _entries(name: str, value: Any) -> FloatArray:
-    """Return a vector of numbers, infinite where they exceed the largest number read as a limit."""
+    """Check a limit and return its array (n,), with magnitudes above `LARGEST_POSITIVE` infinite."""
     array = np.array(reals(f"limits.{name}", value))
     if array.ndim != 1 or np.isnan(array).any():
-        raise InvalidValue(f"limits.{name}", value, "must be a vector without NaN, one entry a joint")
+        raise InvalidValue(f"limits.{name}", value, "must be a vector without NaN, one entry per joint")
     array[array > LARGEST_POSITIVE] = np.inf
     array[array < -LARGEST_POSITIVE] = -np.inf
     return array
 
 
 class Mechanism(Unchanging):
-    """A model with a free-flyer root, and its end-effector frame; it does not change once it is made.
+    """An immutable model with a free-flyer root and an end-effector frame.
 
-    It is the first argument of the functions in `dynamics`. Users work with its subclass `SpaceManipulator`.
+    The functions of `ffsms_pin.system.dynamics` take a mechanism as first argument. Users work with the
+    subclass `SpaceManipulator`.
 
     Attributes
     ----------
     model : pinocchio.Model
-        A copy of the argument, with a free-flyer as its first joint and without gravity.
+        A copy of the given model, with zero gravity; its first joint is a free-flyer.
     layout : JointLayout
         Indices of the joints in Pinocchio's q.
     n : int
@@ -301,11 +306,11 @@ class Mechanism(Unchanging):
 
     @property
     def end_effectors(self) -> list[str]:
-        """The names of the frames at the ends of all arms: for each arm its tool, or all its last frames."""
+        """The names of the frames at the arms' ends: each arm's end effector, or all its last frames."""
         return last_frames(self.model, self._frame_id)
 
     def checked_configuration(self, name: str, q: ArrayLike) -> FloatArray:
-        """Copy `q` and check its shape, finite values and unit quaternion."""
+        """Check the shape, finite values and unit quaternion of `q` and return a copy (nq,)."""
         if np.asarray(q, dtype=object).shape == (self.n,):
             text = f"must have {self.nq} entries, the base first; sms.configuration(joints) returns them"
             raise InvalidValue(name, q, f"{text} for {self.n} joint positions")
@@ -320,16 +325,17 @@ class Mechanism(Unchanging):
 
 
 class _Scratch(threading.local):
-    """The Pinocchio data of a model, one object per thread, because threads must not share it."""
+    """The Pinocchio data of a model, a separate object in each thread."""
 
     def __init__(self, model: Any) -> None:
         self.data = model.createData()
 
 
 def _check_bodies(model: Any, layout: JointLayout) -> None:
-    """Raise `InvalidInertia` for an impossible inertia, or a moving body that makes H singular.
+    """Check the bodies of a model.
 
-    Raise `InvalidUrdf` for two joints that are too far apart.
+    Raises `InvalidInertia` for an inertia that no rigid body has, or for a body that makes the inertia matrix
+    singular; `InvalidUrdf` if two joints are too far apart.
     """
     for j in range(1, model.njoints):
         body = model.inertias[j]
@@ -337,7 +343,7 @@ def _check_bodies(model: Any, layout: JointLayout) -> None:
         tensor, com = np.array(body.inertia), np.array(body.lever)
         finite = math.isfinite(mass) and np.isfinite(com).all() and np.isfinite(tensor).all()
         if mass == 0.0 and not tensor.any() and j > 1 and _carried(model, j):
-            continue  # a massless link between several joints of a body
+            continue  # a massless link between two joints, such as in a universal joint
         if not finite or mass <= 0.0 or np.linalg.eigvalsh(tensor)[0] <= 0.0:
             message = f"moves but its inertia is not positive definite (mass {mass:g} kg)"
             raise InvalidInertia(model.name, name, message)
@@ -354,9 +360,10 @@ def _check_bodies(model: Any, layout: JointLayout) -> None:
 
 
 def _carried(model: Any, j: int) -> bool:
-    """Return whether a joint with a massless body carries another joint that moves independently of it.
+    """Return whether the massless body of joint j does not make the inertia matrix singular.
 
-    Two coaxial hinges or two parallel slides without a mass between them make H singular.
+    The joints from j to the next body with a mass must move that body independently; two coaxial hinges or
+    two parallel slides do not.
     """
     carried = [k for k in range(j + 1, model.njoints) if model.parents[k] == j]
     if len(carried) != 1:
@@ -373,8 +380,8 @@ def _carried(model: Any, j: int) -> bool:
         q = pin.integrate(model, q, rng.uniform(-1.0, 1.0, model.nv))
         pin.computeJointJacobians(model, data, q)
         J = pin.getJointJacobian(model, data, k, pin.ReferenceFrame.LOCAL)
-        on_way = [i for i in model.supports[k] if i >= j]
-        columns = J[:, [model.joints[i].idx_v for i in on_way]]
+        connecting = [i for i in model.supports[k] if i >= j]
+        columns = J[:, [model.joints[i].idx_v for i in connecting]]
         columns = columns / np.linalg.norm(columns, axis=0)
         if np.linalg.svd(columns, compute_uv=False)[-1] > 1e-6:
             return True
@@ -384,8 +391,8 @@ def _carried(model: Any, j: int) -> bool:
 def scratch(robot: Mechanism) -> Any:
     """Return the calling thread's Pinocchio data, for a calculation within `ffsms_pin.system`.
 
-    Any later call may overwrite the data, so a function must copy its result out of it. Code elsewhere
-    creates its own data: `sms.model.createData()`.
+    A later call may overwrite the data, so a function must copy its result. Code outside this package creates
+    its own data with `sms.model.createData()`.
     """
     return robot._scratch.data
 
@@ -393,8 +400,8 @@ def scratch(robot: Mechanism) -> Any:
 def last_frames(model: Any, chosen: int | None = None) -> list[str]:
     """Return the names of the last frames of the arms, which are on joints that carry no other joint.
 
-    If a joint has several frames, the `chosen` frame is returned, else the frame with a tool's name, else all
-    frames.
+    If such a joint has several last frames, the result has the frame with index `chosen` if it is on the
+    joint, else the frame with a tool's name, else all of them.
     """
     carriers = set(model.parents)
     onward = {frame.parentFrame for frame in model.frames}
@@ -407,13 +414,13 @@ def last_frames(model: Any, chosen: int | None = None) -> list[str]:
     last = list[str]()
     for j, tips in names.items():
         tool = tool_among(tips)
-        # A model without other frames has the frames of its joints.
+        # Without body and operational frames, the joint's own frame is used.
         last += [tool] if tool else tips or [model.frames[model.getFrameId(model.names[j])].name]
     return last
 
 
 def frame_index(model: Any, name: str) -> int:
-    """Return the index of a frame; of a link and a joint with the same name, that of the link."""
+    """Return the index of the frame `name`; a link has precedence over a joint with the same name."""
     frames = [(i, frame) for i, frame in enumerate(model.frames) if frame.parentJoint > 0]
     named = [(i, frame) for i, frame in frames if isinstance(name, str) and frame.name == name]
     if not named:

@@ -1,9 +1,9 @@
 """The regressors of momentum and joint torques, which are linear in the bodies' inertial parameters.
 
-The ten parameters of a body are Pinocchio's, in the frame of its joint: mass m, first moments m c (3), and
-the inertia about the frame's origin (Ixx, Ixy, Iyy, Ixz, Iyz, Izz). The base comes first, then the bodies in
-the order of the joints. With the twist (v, w) of the frame in its own axes, the momentum of a body about the
-frame's origin is
+The ten parameters of a body are Pinocchio's, in the frame of its joint: mass m, first moments m c (3) with
+the centre of mass c, and the inertia about the frame's origin (Ixx, Ixy, Iyy, Ixz, Iyz, Izz). The base comes
+first, then the bodies in the order of the joints. With the linear and angular velocity (v, w) of the frame in
+its own axes, the momentum of a body about the frame's origin is
 
     linear = m v + w x (m c),    angular = (m c) x v + I w.
 
@@ -34,7 +34,10 @@ def inertial_parameters(robot: Mechanism) -> FloatArray:
 
 
 def pseudo_inertia(parameters: FloatArray) -> FloatArray:
-    """Return the pseudo-inertia (4, 4) of parameters (10,)."""
+    """Return the pseudo-inertia (4, 4) of a body's inertial parameters (10,).
+
+    It is [[S, m c], [m c^T, m]] with the second moments S = tr(I) / 2 - I.
+    """
     m, cx, cy, cz, xx, xy, yy, xz, yz, zz = parameters.tolist()
     half = 0.5 * (xx + yy + zz)
     return np.array(
@@ -43,7 +46,7 @@ def pseudo_inertia(parameters: FloatArray) -> FloatArray:
 
 
 def parameters_of(P: FloatArray) -> FloatArray:
-    """Return the parameters (10,) of a pseudo-inertia (4, 4)."""
+    """Return the inertial parameters (10,) of a pseudo-inertia (4, 4), the inverse of `pseudo_inertia`."""
     xx, yy, zz = P[1, 1] + P[2, 2], P[0, 0] + P[2, 2], P[0, 0] + P[1, 1]
     return np.array([P[3, 3], *P[:3, 3], xx, -P[0, 1], yy, -P[0, 2], -P[1, 2], zz])
 
@@ -51,7 +54,8 @@ def parameters_of(P: FloatArray) -> FloatArray:
 def body_regressor(linear: FloatArray, angular: FloatArray) -> FloatArray:
     """Return the regressor (6, 10, ...) of a body's momentum about its frame's origin, in the frame's axes.
 
-    `linear` and `angular` (3, ...) are the velocity of the frame's origin and the angular velocity.
+    `linear` and `angular` (3, ...) are the velocity of the frame's origin [m/s] and the angular velocity
+    [rad/s].
     """
     Y = np.zeros((6, PER_BODY, *linear.shape[1:]))
     x, y, z = angular
@@ -67,8 +71,8 @@ def body_regressor(linear: FloatArray, angular: FloatArray) -> FloatArray:
 def momentum_regressor(robot: Mechanism, q: FloatArray, v: FloatArray) -> FloatArray:
     """Return the regressor (6, 10 (1 + n)) of the momentum about the system's centre of mass.
 
-    It is in inertial axes, ordered [linear; angular]. The centre of mass is that of the robot's own
-    parameters.
+    The rows are in inertial axes, ordered [linear; angular]. The centre of mass is computed with the robot's
+    own parameters.
     """
     com = pin.centerOfMass(robot.model, scratch(robot), at_origin(q)).copy()
     return np.asarray(momentum_regressors(robot, q[None], v[None], q[:3] + com)[0])
@@ -79,8 +83,8 @@ def momentum_regressors(
 ) -> FloatArray:
     """Return the momentum regressors (N, 6, 10 b) of states q (N, nq) and v (N, 6 + n), inertial axes.
 
-    The angular momentum is about the fixed point `about` (3,). `bodies` are b indices, 0 for the base; the
-    default is all bodies.
+    The angular momentum is about the fixed point `about` (3,). `bodies` are the indices of b bodies, 0 for
+    the base; default: all bodies.
     """
     chosen = list(range(robot.n + 1) if bodies is None else bodies)
     out = np.empty((len(q), 6, PER_BODY * len(chosen)))
@@ -151,9 +155,9 @@ def joint_axes(robot: Mechanism) -> list[FloatArray]:
 
 
 def torque_regressor(robot: Mechanism, q: FloatArray, v: FloatArray, acceleration: FloatArray) -> FloatArray:
-    """Return the regressor (6 + n, 10 (1 + n)) of the generalised force that gives `acceleration` (6 + n,).
+    """Return the regressor (6 + n, 10 (1 + n)) of the generalised force at q, v and `acceleration` (6 + n,).
 
-    It is in Pinocchio's velocity coordinates. The rotors' inertia (`model.armature`) is not included.
+    The force is in Pinocchio's velocity coordinates, without that of the rotors' inertia (`model.armature`).
     """
     Y = pin.computeJointTorqueRegressor(robot.model, scratch(robot), at_origin(q), v, acceleration)
     return np.array(Y)

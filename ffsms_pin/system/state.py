@@ -1,4 +1,4 @@
-"""A state: kinematics, dynamics and coupling at one q and v."""
+"""The class `State`: kinematics, dynamics and coupling at one q and v."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ from ffsms_pin.threads import Unchanging
 class State(Unchanging):
     """The kinematics and dynamics of the system at one (q, v), in the paper's convention.
 
-    Quantities are in inertial axes, twists and momenta ordered [linear; angular]; the reference point of the
-    base is the base body's centre of mass. Each quantity is computed at its first use and kept read-only.
-    `SpaceManipulator.at` returns a state; the formulas are in `dynamics`.
+    Quantities are in inertial axes, with twists and momenta ordered [linear; angular]; the reference point of
+    the base is the base body's centre of mass. Each quantity is computed at its first use and kept read-only.
+    `SpaceManipulator.at` returns a state; the formulas are in `ffsms_pin.system.dynamics`.
 
     Attributes
     ----------
@@ -41,7 +41,7 @@ class State(Unchanging):
         set_frozen(self, _robot=robot, q=frozen(q), v=frozen(v))
 
     def __reduce__(self) -> tuple[Any, ...]:
-        # A copy needs only q and v and computes the other quantities again.
+        # A copy is constructed from q and v alone and computes the other quantities again.
         return State, (self._robot, np.array(self.q), np.array(self.v))
 
     def __repr__(self) -> str:
@@ -77,7 +77,7 @@ class State(Unchanging):
     # -- kinematics
     @property
     def base_pose(self) -> Any:
-        """The pose of the base (a new pinocchio.SE3): the root's axes, at the base's centre of mass."""
+        """The pose of the base (a new pinocchio.SE3): the root's axes, origin at its centre of mass."""
         return dynamics.base_pose(self._robot, self.q)
 
     @property
@@ -97,21 +97,21 @@ class State(Unchanging):
 
     @cached_property
     def J_b(self) -> FloatArray:
-        """The base Jacobian (6, 6): end-effector twist per base twist (paper Eq. d1)."""
+        """The base Jacobian (6, 6): end-effector twist per base twist with fixed joints (paper Eq. d1)."""
         return frozen(self._J_e[:, :6].dot(self._base_to_root.action))
 
     @property
     def J_m(self) -> FloatArray:
-        """The manipulator Jacobian (6, n): [J_Te; J_Re] of the paper."""
+        """The manipulator Jacobian (6, n), [J_Te; J_Re] of the paper: end-effector twist on a fixed base."""
         return self._J_e[:, 6:]
 
     @cached_property
     def J_star(self) -> FloatArray:
-        """The generalised Jacobian (6, n): J_b C_bm + J_m (paper Eq. DC_GJM; Umetani and Yoshida 1989)."""
+        """The generalised Jacobian (6, n), J_b C_bm + J_m (paper Eq. DC_GJM; Umetani and Yoshida 1989)."""
         return frozen(self._J_e.dot(self._N))
 
     def frame(self, name: str) -> dynamics.Frame:
-        """Return the pose and Jacobians of any frame of the robot: a link or a joint, by its name.
+        """Return the pose and Jacobians of a frame of the robot, given the name of a link or a joint.
 
         Raises
         ------
@@ -130,28 +130,28 @@ class State(Unchanging):
 
     @property
     def H_b(self) -> FloatArray:
-        """The base block (6, 6): [[H_v, H_vw], [H_vw^T, H_w]] of the paper."""
+        """The base block (6, 6) of H, [[H_v, H_vw], [H_vw^T, H_w]] of the paper."""
         return self.H[:6, :6]
 
     @property
     def H_bm(self) -> FloatArray:
-        """The base-joint block (6, n): [H_vm; H_wm] of the paper."""
+        """The base-joint block (6, n) of H, [H_vm; H_wm] of the paper."""
         return self.H[:6, 6:]
 
     @property
     def H_m(self) -> FloatArray:
-        """The joint block (n, n)."""
+        """The joint block (n, n) of H."""
         return self.H[6:, 6:]
 
     @cached_property
     def H_q(self) -> FloatArray:
-        """The reduced inertia matrix (n, n): the Schur complement of H_b in H, which is N^T M N."""
+        """The reduced inertia matrix (n, n), the Schur complement H_m - H_bm^T H_b^-1 H_bm of H_b in H."""
         return frozen(self._M[6:].dot(self._N))
 
     @cached_property
     def _C(self) -> FloatArray:
-        # The velocity effects are for a constant Pinocchio velocity, in axes that turn with the base. The
-        # base's centre of mass then accelerates by omega x (its velocity); no other component of v does.
+        # Pinocchio's velocity effects assume a constant v in axes that rotate with the base. The velocity of
+        # the base's centre of mass in inertial axes then changes by omega x velocity; this part is removed.
         turning = pin.skew(self.base_twist[3:]).dot(self.base_twist[:3])
         return frozen(self._effects.dot(self._T) - turning.dot(self.H[:3]))
 
@@ -162,17 +162,17 @@ class State(Unchanging):
 
     @property
     def C_m(self) -> FloatArray:
-        """The Coriolis and centrifugal torque on the joints (n,) [N m], with the base twist held constant."""
+        """The Coriolis and centrifugal torque on the joints (n,) [N m], at a constant base twist."""
         return self._C[6:]
 
     @cached_property
     def C_q(self) -> FloatArray:
-        """The reduced Coriolis and centrifugal torque C_m - H_bm^T H_b^-1 C_b (n,) [N m]."""
+        """The reduced Coriolis and centrifugal torque (n,) [N m], C_m - H_bm^T H_b^-1 C_b."""
         return frozen(self._effects.dot(self._N))
 
     @cached_property
     def C_q_matrix(self) -> FloatArray:
-        """The Coriolis matrix C of the reduced system (n, n) [N m s], at the joint rates and zero momentum.
+        """The Coriolis matrix C (n, n) [N m s] of the reduced system, at this state's joint rates qd.
 
         C qd = C_q if the total momentum is zero; dH_q/dt - 2 C is skew-symmetric at any momentum.
         """
@@ -189,34 +189,34 @@ class State(Unchanging):
 
     @property
     def momentum(self) -> FloatArray:
-        """The total momentum (6,) [kg m/s; kg m^2/s], angular part about the system's centre of mass."""
+        """The total momentum (6,) [kg m/s; kg m^2/s], about the system's centre of mass."""
         return self._centroidal.momentum
 
     @property
     def kinetic_energy(self) -> float:
-        """The kinetic energy [J]."""
+        """The kinetic energy of the whole system [J]."""
         return self._centroidal.kinetic_energy
 
     @cached_property
     def momentum_regressor(self) -> FloatArray:
-        """The regressor (6, 10 (1 + n)) of `momentum`: its product with `sms.inertial_parameters`.
+        """The regressor (6, 10 (1 + n)) whose product with `sms.inertial_parameters` is `momentum`.
 
-        Each body has ten columns, the base first: m, m c, I about the origin of the body's frame, in
-        Pinocchio's order. For stacks of states see `ffsms_pin.system.regressors.momentum_regressors`.
+        Each body has ten columns, the base first, in the order of `SpaceManipulator.inertial_parameters`. For
+        stacks of states see `ffsms_pin.system.regressors.momentum_regressors`.
         """
         return frozen(regressors.momentum_regressor(self._robot, self.q, self.v))
 
     def torque_regressor(self, joint_accelerations: ArrayLike) -> FloatArray:
         """Return the regressor (6 + n, 10 (1 + n)) of the generalised force, the base reacting.
 
-        The base's acceleration is that of the robot's own parameters. In the product with
-        `sms.inertial_parameters` the first six rows, the force on the base, are zero, and the others are the
-        joint torques [N m] without those of the rotors' inertia (`model.armature`).
+        The base's acceleration is computed with the robot's own parameters. In the product with
+        `sms.inertial_parameters` the first six rows, the force on the base, are zero. The others are the
+        joint torques [N m], without those of the rotors' inertia (`model.armature`).
 
         Parameters
         ----------
         joint_accelerations : array_like, shape (n,)
-            [rad/s^2]
+            Joint accelerations [rad/s^2].
         """
         qdd = vector("joint_accelerations", joint_accelerations, self._robot.n, "rad/s^2")
         root = -dynamics.over_base(self._M, self._M[:6, 6:] @ qdd + self._effects[:6])
@@ -224,33 +224,36 @@ class State(Unchanging):
         return frozen(regressors.torque_regressor(self._robot, self.q, self.v, acceleration))
 
     def drift(self, momentum: ArrayLike) -> FloatArray:
-        """Return Pinocchio's root velocity (6,) at which the system has `momentum` (6,), joints at rest."""
+        """Return Pinocchio's root velocity (6,) at which the system has a momentum with the joints at rest.
+
+        `momentum` (6,) is in inertial axes, about the system's centre of mass.
+        """
         return dynamics.root_drift(self._M, self.q, vector("momentum", momentum, 6))
 
     # -- coupling
     @cached_property
     def C_bm(self) -> FloatArray:
-        """The joint-to-base coupling (6, n): -H_b^-1 H_bm, base twist per joint rate at zero momentum."""
+        """The joint-to-base coupling (6, n), -H_b^-1 H_bm: base twist per joint rate at zero momentum."""
         return frozen(self._base_to_root.actionInverse.dot(self._N[:6]))
 
     @cached_property
     def C_be(self) -> FloatArray:
-        """The end-to-base coupling (6, 6): C_bm J*^+ (paper Eq. DC_4), J*^+ the pseudo-inverse.
+        """The end-to-base coupling (6, 6), C_bm J*^+ with the pseudo-inverse J*^+ (paper Eq. DC_4).
 
-        At singular postures and for planar arms some singular values of J* are zero, but computed as about
-        1e-16 of the largest. Values below 1e-10 of the largest therefore count as zero.
+        Singular values of J* below 1e-10 of the largest are taken as zero, because values that are exactly
+        zero, as at singular postures and for planar arms, are computed as about 1e-16 of the largest.
         """
         return frozen(self.C_bm.dot(np.linalg.pinv(self.J_star, rcond=1e-10)))
 
     @cached_property
     def coupling(self) -> CouplingMetrics:
-        """The singular value decomposition of C_bm, entropy and assistance."""
+        """The coupling metrics: the singular value decomposition of C_bm, entropy and assistance."""
         return CouplingMetrics(self.C_bm, lambda: self.J_star[:3])
 
     def coupling_at(
         self, characteristic_length: float = 1.0, reference: ArrayLike | None = None, rows: Rows = "all"
     ) -> CouplingMetrics:
-        """Return the coupling for another unit of length, another point of the base, or some rows only.
+        """Return the coupling metrics for another unit of length, point of the base, or choice of rows.
 
         Parameters
         ----------
@@ -278,16 +281,16 @@ class State(Unchanging):
     def reaction_null_space(
         self, of: Literal["attitude", "twist"] = "attitude", tolerance: float = NULL_SPACE_TOLERANCE
     ) -> FloatArray:
-        """Return an orthonormal basis (n, k) of joint rates that leave the base unmoved, at zero momentum.
+        """Return an orthonormal basis (n, k) of the joint rates that do not move the base at zero momentum.
 
-        A new array; k may be 0. Arguments as for `ffsms_pin.coupling.reaction_null_space`.
+        The array is new; k may be 0. The arguments are those of `ffsms_pin.coupling.reaction_null_space`.
         """
         return reaction_null_space(self.C_bm, of, tolerance)
 
     # -- derivatives of twists and matrices
     @cached_property
     def drift_twist(self) -> FloatArray:
-        """The base twist (6,) due to the momentum, H_b^-1 h: base_twist = C_bm qd + drift_twist."""
+        """The base twist (6,) due to the momentum, base_twist - C_bm qd [m/s; rad/s]."""
         return frozen(self.base_twist - self.C_bm @ self.v[6:])
 
     @cached_property
@@ -298,31 +301,35 @@ class State(Unchanging):
     def base_bias_acceleration(self) -> FloatArray:
         """The rate of the base twist (6,) [m/s^2; rad/s^2] without joint accelerations and external forces.
 
-        d(base_twist)/dt = C_bm qdd + base_bias_acceleration; it is C_bm_dot_qd plus the rate of drift_twist.
+        d(base_twist)/dt = C_bm qdd + base_bias_acceleration. The bias acceleration is the sum of C_bm_dot_qd
+        and the rate of drift_twist.
         """
         return self._bias_accelerations[0]
 
     @property
     def end_effector_bias_acceleration(self) -> FloatArray:
-        """The rate of the end-effector twist (6,): `J_star_dot_qd` plus the rate of J_b drift_twist."""
+        """The rate of the end-effector twist (6,) [m/s^2; rad/s^2] without joint accelerations and forces.
+
+        It is the sum of J_star_dot_qd and the rate of J_b drift_twist.
+        """
         return self._bias_accelerations[1]
 
     @cached_property
     def _products(self) -> tuple[FloatArray, FloatArray]:
         rates, turning = self.v[6:], pin.skew(self.drift_twist[3:])
         accelerations = dynamics.bias_accelerations(self._robot, self._M, self.q, self._N @ rates)
-        # In base axes both matrices depend on the joints alone. The rotation of the base due to the momentum
-        # rotates them as a whole.
+        # In base axes both matrices depend on the joints alone, so the rotation of the base due to the
+        # momentum adds the cross product of its angular velocity with each twist.
         for product, twist in zip(accelerations, (self.C_bm @ rates, self.J_star @ rates), strict=True):
             product += (turning @ twist.reshape(2, 3).T).T.ravel()
         return frozen(accelerations[0]), frozen(accelerations[1])
 
     @property
     def C_bm_dot_qd(self) -> FloatArray:
-        """The product of dC_bm/dt, along this v, and the joint rates (6,) [m/s^2; rad/s^2]."""
+        """The product (6,) of dC_bm/dt, at this q and v, and the joint rates [m/s^2; rad/s^2]."""
         return self._products[0]
 
     @property
     def J_star_dot_qd(self) -> FloatArray:
-        """The product of dJ*/dt, along this v, and the joint rates (6,) [m/s^2; rad/s^2]."""
+        """The product (6,) of dJ*/dt, at this q and v, and the joint rates [m/s^2; rad/s^2]."""
         return self._products[1]

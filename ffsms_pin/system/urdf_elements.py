@@ -1,4 +1,4 @@
-"""The XML of a URDF: its links, joints and numbers, changes to them, and checks of inertias.
+"""Functions that read, change and write the XML elements of a URDF, and checks of inertias.
 
 A number that is not decimal, not finite or too large raises an error that names the element.
 """
@@ -20,11 +20,11 @@ from ffsms_pin.checks import LARGEST_POSITIVE, FloatArray
 from ffsms_pin.errors import InvalidUrdf
 from ffsms_pin.files import read_content
 
-# The text of an infinite limit in a URDF that every reader accepts.
+# An infinite limit as text that every URDF reader accepts: the largest float.
 UNLIMITED = "1.7976931348623157e+308"
 MOVING = ("revolute", "continuous", "prismatic")  # the types of joint that have a degree of freedom
 
-# Endings of names of tool frames in order of preference: "tool0", "hand_tcp"; "ee_link"; "left_hand".
+# Endings of tool frames' names, the preferred first, as in "tool0" or "hand_tcp"; "ee_link"; "left_hand".
 _ENDINGS = (r"tool\d*|tcp", r"eef?|end[_\-. ]?effector", r"hand")
 _SAYS = [
     re.compile(rf"(.*[_\-.\s/])?({message})([_\-.]?(link|frame|site))?", re.IGNORECASE)
@@ -38,15 +38,15 @@ MOST_ELEMENTS = 20_000  # enough for some thousand links
 
 INERTIA_KEYS = {"ixx": (0, 0), "ixy": (0, 1), "ixz": (0, 2), "iyy": (1, 1), "iyz": (1, 2), "izz": (2, 2)}
 
-ROUNDING = 1e-6  # relative error of a number in a file by rounding to few digits
+ROUNDING = 1e-6  # relative error of numbers in files, which are rounded to few digits
 
 
 class Unreadable(ValueError):
-    """A problem of an element; the text follows the name of the link or joint in the message."""
+    """An element that cannot be read; the text follows the name of its link or joint in the message."""
 
 
 class Joint(NamedTuple):
-    """A joint of the tree, with empty strings for missing attributes."""
+    """A joint of a URDF: name, type, parent link and child link, each "" if missing."""
 
     name: str
     type: str
@@ -67,7 +67,7 @@ def joint_of(item: Element) -> Joint:
 
 
 def label(item: Element) -> str:
-    """Return the tag and the name of a link or a joint, for messages."""
+    """Return the tag and name of a link or joint for messages, such as "joint 'elbow'"."""
     return f"{item.tag} '{item.get('name', '')}'"
 
 
@@ -86,7 +86,7 @@ def read_robot(path: Path) -> Element:
 
 
 def is_number(text: str) -> bool:
-    """Return whether every URDF reader accepts `text` as a finite number: no blanks, no formula."""
+    """Return whether `text` is a finite decimal number without blanks, which every URDF reader accepts."""
     return _NUMBER.fullmatch(text) is not None and math.isfinite(float(text))
 
 
@@ -105,7 +105,7 @@ def number_of(
 def triple_of(
     element: Element | None, key: str, default: str = "0 0 0", largest: float = LARGEST_POSITIVE
 ) -> FloatArray:
-    """Return the three numbers (3,) of an attribute, or the default if element or attribute are missing."""
+    """Return the three numbers (3,) of an attribute; default: if the element or the attribute is missing."""
     text = default if element is None else element.get(key, default)
     parts = text.split()
     if len(parts) != 3:
@@ -130,7 +130,7 @@ def _parse(text: str, key: str, largest: float) -> float:
 
 
 def tool_among(frames: Sequence[str]) -> str | None:
-    """Return the end effector among frames on one body: the only frame, or the frame with a tool's name."""
+    """Return the only frame of one body, or the only frame with a tool's name; None if there is none."""
     if len(frames) == 1:
         return frames[0]
     for says in _SAYS:
@@ -160,7 +160,7 @@ class _Builder(ElementTree.TreeBuilder):
 
 
 def reached(start: str, joints: Iterable[Joint]) -> set[str]:
-    """Return a link and all links further out that are connected to it by the given joints."""
+    """Return the link `start` and all its descendants by the given joints."""
     onward: dict[str, list[str]] = {}
     for joint in joints:
         onward.setdefault(joint.parent, []).append(joint.child)
@@ -173,9 +173,9 @@ def reached(start: str, joints: Iterable[Joint]) -> set[str]:
 
 
 def bare(robot: Element, part: str) -> Element:
-    """Return a copy of a robot with its joints, and one kind of element in its links; neither is checked.
+    """Return a copy of a <robot> with its joints, and with only elements of the tag `part` in its links.
 
-    Pinocchio's parser prints messages about other elements to the terminal.
+    Pinocchio's parser prints messages about other elements to the terminal. The elements are not checked.
     """
     copy, kept = Element("robot", robot.attrib), {"link": (part,), "joint": ("parent", "child", "origin")}
     for item in robot:
@@ -186,15 +186,15 @@ def bare(robot: Element, part: str) -> Element:
 
 
 def spelt(numbers: object) -> str:
-    """Return numbers as URDF text with all their digits; an exact zero as 0."""
+    """Return numbers as URDF text with all digits, and zeros as "0"."""
     return " ".join(repr(float(x)) if x else "0" for x in np.ravel(np.asarray(numbers, dtype=np.float64)))
 
 
 def fix_joint(joint: Element, position: float) -> None:
     """Turn a revolute, continuous or prismatic joint into a fixed joint at `position` [rad or m].
 
-    The links keep their masses; elements of moving joints (axis, limits, <mimic>) are removed. If the joint's
-    axis or origin is not in numbers, `Unreadable` is raised and nothing is changed.
+    The links keep their masses; elements of moving joints (axis, limits, <mimic>) are removed. If the axis or
+    origin of the joint cannot be read, `Unreadable` is raised and the joint is not changed.
     """
     if position != 0.0:
         place, axis = origin_of(joint, math.inf), triple_of(joint.find("axis"), "xyz", "1 0 0", math.inf)
@@ -213,7 +213,7 @@ def fix_joint(joint: Element, position: float) -> None:
 
 
 def tensor_of(inertial: Element) -> FloatArray | None:
-    """Return the inertia (3, 3) [kg m^2] of an <inertial>; None if missing, not in numbers or too large."""
+    """Return the inertia (3, 3) [kg m^2] of an <inertial>; None if missing, not numeric or too large."""
     element = inertial.find("inertia")
     if element is None or not all(is_number(element.get(key, "")) for key in INERTIA_KEYS):
         return None
@@ -231,7 +231,7 @@ def set_inertia(inertial: Element, tensor: FloatArray) -> None:
 
 
 def add_origin(parent: Element, pose: Any) -> None:
-    """Write a pose (pinocchio.SE3) as an element's <origin>, and replace an existing <origin>."""
+    """Write a pose (pinocchio.SE3) into an element's <origin>, which is added if it is missing."""
     origin = _child(parent, "origin")
     origin.set("xyz", spelt(pose.translation))
     origin.set("rpy", spelt(pin.rpy.matrixToRpy(pose.rotation)))
@@ -243,7 +243,7 @@ def _child(parent: Element, tag: str) -> Element:
 
 
 def add_inertial(link: Element, mass: float, com: object, tensor: FloatArray) -> None:
-    """Write a mass [kg], its centre (3,) [m] and the inertia (3, 3) about it [kg m^2] into a <link>."""
+    """Add an <inertial> to a <link>: mass [kg], centre of mass (3,) [m], inertia (3, 3) about it [kg m^2]."""
     inertial = SubElement(link, "inertial")
     SubElement(inertial, "origin", {"xyz": spelt(com), "rpy": "0 0 0"})
     SubElement(inertial, "mass", {"value": spelt(mass)})
@@ -260,7 +260,10 @@ def inertia_problem(tensor: FloatArray) -> str | None:
 
 
 def nearest_inertia(tensor: FloatArray, least: float) -> FloatArray:
-    """Return the inertia (3, 3) whose second moments are nearest to the given ones and not below `least`."""
+    """Return the inertia (3, 3) [kg m^2] nearest to `tensor` with principal second moments >= `least`.
+
+    The second moments are those of the mass, tr(I) / 2 - I; they are positive for a rigid body with volume.
+    """
     moments = 0.5 * np.trace(tensor) * np.eye(3) - tensor
     values, axes = np.linalg.eigh(moments)
     moments = axes @ np.diag(np.maximum(values, least)) @ axes.T
@@ -269,12 +272,12 @@ def nearest_inertia(tensor: FloatArray, least: float) -> FloatArray:
 
 
 def principal_text(tensor: FloatArray) -> str:
-    """Return the principal inertias in ascending order as text, for messages."""
+    """Return the principal inertias in ascending order as text for messages."""
     return ", ".join(f"{x:.6g}" for x in np.linalg.eigvalsh(tensor))
 
 
 def refusal(tensor: FloatArray, any_tensor: bool = False) -> str:
-    """Return the reason why an inertia (3, 3) [kg m^2] is refused, with the remedy; empty if it is accepted.
+    """Return the reason to refuse an inertia (3, 3) [kg m^2], with the remedy; "" if it is accepted.
 
     With `any_tensor` the inertia may break the triangle inequality.
     """
@@ -291,7 +294,7 @@ def refusal(tensor: FloatArray, any_tensor: bool = False) -> str:
 
 
 def unused(name: str, taken: Collection[str]) -> str:
-    """Append `_` to a name until it is unused."""
+    """Append `_` to a name until it is not in `taken`."""
     while name in taken:
         name += "_"
     return name

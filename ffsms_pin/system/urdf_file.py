@@ -1,13 +1,13 @@
-"""A URDF that is completed, and checked strictly before Pinocchio reads it, so that no fault is dropped.
+"""The completion and the strict check of a URDF before Pinocchio, which drops faults silently, reads it.
 
 Files of published robots leave out data that their authors' tools do not need, mostly joint limits. `lenient`
-adds them, locks joints, and treats joints that mimic others and inertias that no rigid body has. It changes
-the <robot> element and returns sentences for warnings. Texts that are not numbers are left to the strict
-check, which names the element.
+adds these data, locks joints, fixes joints that mimic others, and treats inertias that no rigid body has. It
+changes the <robot> element and returns sentences for warnings. Texts that are not numbers stay; `UrdfFile`
+checks them and names the element in its error.
 
-`load` and `inspect` name declarations that are not used or have a wrong unit. Such a file loads, but the
-robot is not what its author meant: a xacro macro that was not expanded has no mass, a misspelt element is
-left out, limits in degrees are no limits.
+A file with unused declarations or wrong units loads, but the robot differs from the intended robot: a xacro
+macro that was not expanded has no mass, a misspelt element is left out, limits in degrees are read as no
+limits. `unused_declarations` and `declaration_warnings` report such declarations.
 """
 
 from __future__ import annotations
@@ -26,13 +26,13 @@ from ffsms_pin.system import urdf_elements as urdf
 from ffsms_pin.system.inertias import Inertias, settle, settled
 from ffsms_pin.system.urdf_elements import is_number, joint_of, label, reached
 
-# Limits of joints for which a file has none; the rate is typical of flown arms and of laboratory arms.
+# Limits of joints without limits in the file; the rate is typical of arms in space and in laboratories.
 DEFAULT_RATE = 0.5  # [rad/s]
 DEFAULT_EFFORT = 100.0  # [N m or N]
 
 _XACRO = re.compile(r"\{[^}]*xacro[^}]*\}(.*)")
 _SUBSTITUTION = re.compile(r"\$\((arg|find|env|optenv|eval|dirname)\b")
-# The elements that this library reads, and those for other programs, which are not part of the robot.
+# Elements for other programs (_OTHERS), and elements that this library reads or knows by parent (_PARTS).
 _OTHERS = {"transmission", "gazebo", "ros2_control", "mujoco", "sensor", "plugin", "drake", "version"}
 _PARTS = {
     "robot": {"link", "joint", "material", *_OTHERS},
@@ -43,8 +43,9 @@ _PARTS = {
     },
     "inertial": {"origin", "mass", "inertia"},
 }
-_TURNS, _MOST_DEGREES = 25.2, 720.0  # [rad] four turns; a larger number of degrees means "no limit"
-_SHARE = 1.0 / 3.0  # share of the total mass: a satellite has more, the foot of an arm has less
+# Limits between four turns [rad] and this number look like degrees; larger numbers mean "no limit".
+_TURNS, _MOST_DEGREES = 25.2, 720.0
+_SHARE = 1.0 / 3.0  # of the total mass: a satellite has a larger share, the foot of an arm a smaller one
 _MOST_NAMES = 6  # names listed in a sentence
 _UNITS = {"velocity": "rad/s", "effort": "N m"}
 _LIMITED = {"revolute", "prismatic"}
@@ -57,17 +58,17 @@ def lenient(
     inertias: Inertias = "check",
     overridden: Collection[str] = (),
 ) -> list[str]:
-    """Prepare a <robot> for the strict check; return sentences on what was assumed.
+    """Prepare a <robot> for the strict check; return a sentence on each kind of assumption.
 
-    `locked` has the positions at which joints become fixed [rad or m]; `overridden` names the limits
-    ("velocity", "effort") that the caller's arguments replace for all joints.
+    `locked` maps names of joints to the positions at which they are fixed [rad or m]; `overridden` names the
+    limits ("velocity", "effort") that arguments of the caller replace for all joints.
     """
     sentences = [*_lock(robot, path, locked or {}), *_fill_limits(robot, overridden)]
     return sentences if inertias == "check" else [*sentences, *_inertias(robot, path, inertias)]
 
 
 def _lock(robot: Element, path: Path, locked: Mapping[str, float]) -> list[str]:
-    """Fix the requested joints, and joints that mimic another joint."""
+    """Fix the joints in `locked` and all joints that mimic another joint; return sentences on the latter."""
     joints = {joint.get("name", ""): joint for joint in robot.findall("joint")}
     moving = {name: joint for name, joint in joints.items() if joint.get("type") in urdf.MOVING}
     places: dict[str, float] = {}
@@ -82,7 +83,7 @@ def _lock(robot: Element, path: Path, locked: Mapping[str, float]) -> list[str]:
             continue
         if leader in locked:
             offset += factor * places[leader]
-        elif leader in moving:  # a leader that is fixed in the file is at zero
+        elif leader in moving:  # a leader that the file fixes has the position zero
             sentences.append(f"'{name}' at {offset:g} (it mimics '{leader}')")
         places[name] = offset
     for name, place in places.items():
@@ -98,7 +99,10 @@ def _lock(robot: Element, path: Path, locked: Mapping[str, float]) -> list[str]:
 def _leader(
     moving: Mapping[str, Element], name: str, locked: Mapping[str, float]
 ) -> tuple[str, float, float]:
-    """Return the joint at the end of a chain of <mimic>, with multiplier and offset."""
+    """Return the joint at the end of a chain of <mimic>, and the total multiplier and offset.
+
+    A chain that is a loop or has no numbers is not followed; the joint is returned itself.
+    """
     start, factor, offset, passed = name, 1.0, 0.0, {name}
     while name in moving and name not in locked:
         mimic = moving[name].find("mimic")
@@ -123,7 +127,7 @@ def _fill_limits(robot: Element, overridden: Collection[str]) -> list[str]:
             continue
         if limit is None:
             if joint.get("type") != "revolute":
-                continue  # there is no usual range of a slide, and a continuous joint needs no limits
+                continue  # a prismatic joint has no usual range, and a continuous joint needs no limits
             values = {"lower": -math.pi, "upper": math.pi} | usual
             SubElement(joint, "limit", {key: urdf.spelt(value) for key, value in values.items()})
             sentences.append(f"'{joint.get('name', '')}'")
@@ -156,14 +160,14 @@ def _inertias(robot: Element, path: Path, inertias: Inertias) -> list[str]:
 
 
 class Unused(NamedTuple):
-    """A declaration that is not used: the link, joint or file that contains it, and the problem."""
+    """An unused declaration: the link, joint or file that contains it, and the problem as text."""
 
     where: str
     problem: str
 
 
 def unused_declarations(robot: Element) -> Iterator[Unused]:
-    """Find xacro that is not expanded, unknown elements, gears, and limits in degrees."""
+    """Yield declarations that are not used: unexpanded xacro, unknown elements, gears, limits in degrees."""
     if xacro := _xacro(robot):
         yield Unused("file", xacro)
     for where, tag, known in _unknown(robot):
@@ -172,19 +176,19 @@ def unused_declarations(robot: Element) -> Iterator[Unused]:
         problem = f"gears are not read ({_listed(gears)}): limits are those of the joints, and rotors have no"
         yield Unused("file", f"{problem} inertia")
     for where, lower, upper in _degrees(robot):
-        problem = f"its limits of {lower:g} to {upper:g} rad look like degrees; beyond four turns they"
+        problem = f"its limits of {lower:g} to {upper:g} rad look like degrees; limits beyond four turns are"
         radians = f"lower={math.radians(lower):.6g}, upper={math.radians(upper):.6g}"
-        yield Unused(where, f"{problem} are read as no limits; in radians they are {radians}")
+        yield Unused(where, f"{problem} read as no limits; in radians they are {radians}")
 
 
 def declaration_warnings(robot: Element) -> Iterator[str]:
-    """Yield a sentence on each kind of declaration that is not used but changes the robot."""
+    """Yield a sentence on each kind of unused declaration, except gears."""
     if xacro := _xacro(robot):
         yield xacro
     if unknown := [f"{tag} in {where}" for where, tag, _ in _unknown(robot)]:
         yield f"unknown elements are not read: {_listed(unknown)}"
     if degrees := [f"{where} ({lower:g} to {upper:g} rad)" for where, lower, upper in _degrees(robot)]:
-        message = "limits look like degrees and are read as none beyond four turns; write them in radians"
+        message = "limits look like degrees, and limits beyond four turns are ignored; give them in radians"
         yield f"{message}: {_listed(degrees)}"
 
 
@@ -199,7 +203,7 @@ def _xacro(robot: Element) -> str:
 
 
 def _unknown(robot: Element) -> Iterator[tuple[str, str, str]]:
-    """Yield the unknown elements: their link, joint or file, the element, and the known elements there."""
+    """Yield, for each unknown element, its link, joint or file, its tag, and the known tags in its parent."""
     inertials = [(label(link), part) for link in robot.iterfind("link") for part in link.iterfind("inertial")]
     items = [(label(item), item) for item in robot if item.tag in ("link", "joint")]
     for where, item in (("file", robot), *items, *inertials):
@@ -219,7 +223,7 @@ def _gears(robot: Element) -> list[str]:
 
 
 def _degrees(robot: Element) -> Iterator[tuple[str, float, float]]:
-    """Yield limits that look like degrees: the joint, and its lower and upper limit [rad]."""
+    """Yield the joints whose limits look like degrees, with their lower and upper limits as written."""
     for joint in robot.iterfind("joint"):
         limit = joint.find("limit")
         if joint.get("type") != "revolute" or limit is None:
@@ -230,7 +234,7 @@ def _degrees(robot: Element) -> Iterator[tuple[str, float, float]]:
 
 
 def _listed(names: list[str]) -> str:
-    """Join the first few of the distinct names by commas, and add the number of the others."""
+    """Join the first six distinct names by commas, and add the number of further names."""
     names = list(dict.fromkeys(names))
     more = f" and {len(names) - _MOST_NAMES} more" if len(names) > _MOST_NAMES else ""
     return ", ".join(names[:_MOST_NAMES]) + more
@@ -253,15 +257,15 @@ def light_base(robot: Element) -> str:
         return ""
     return (
         f"its root link '{roots[0]}' is read as the satellite and has {base / total:.0%} of the mass"
-        f" ({base:.3g} of {total:.3g} kg); the foot of an arm for the ground belongs on a satellite:"
+        f" ({base:.3g} of {total:.3g} kg); to put an arm for the ground on a satellite, use"
     )
 
 
 def virtual_base(robot: Element) -> list[Element]:
-    """Return the links and joints of a massless chain that lets the base float; empty if there is none.
+    """Return the links and joints of a virtual chain that makes the base float; empty if there is none.
 
-    Such a chain has two or three prismatic and one to three revolute joints from the root to the first link
-    with a mass, as in files for simulators without a free-flyer.
+    In files for simulators without a free-flyer, two or three prismatic and one to three revolute joints
+    connect the root to the first link with a mass.
     """
     items = {item.get("name", ""): item for item in robot.iterfind("link")}
     joints = [(item, joint_of(item)) for item in robot.iterfind("joint")]
@@ -281,7 +285,7 @@ def virtual_base(robot: Element) -> list[Element]:
     slides = kinds.count("prismatic")
     if here not in items or not (2 <= slides <= 3 and 1 <= len(kinds) - slides <= 3):
         return []
-    # A joint must follow; otherwise the file describes a body on a gantry.
+    # The arm must have a moving joint; otherwise the file describes a body on a gantry.
     beyond = reached(here, (joint for _, joint in joints))
     return chain if any(joint.moves and joint.parent in beyond for _, joint in joints) else []
 
@@ -292,7 +296,7 @@ def _mass(link: Element) -> float:
     return float(text) if is_number(text) else math.nan
 
 
-def chain_words(chain: list[Element]) -> str:
+def chain_text(chain: list[Element]) -> str:
     """Return the names of a virtual chain's joints, for messages."""
     return ", ".join(f"'{item.get('name', '')}'" for item in chain if item.tag == "joint")
 
@@ -301,19 +305,19 @@ _Read = TypeVar("_Read")
 
 
 class Link(NamedTuple):
-    """A link: its mass [kg], and the first box of its collision or visual shapes: edges [m], pose."""
+    """The mass of a link [kg], and the edges [m] and pose of the first box among its shapes, if any."""
 
     mass: float | None
     box: tuple[FloatArray, Any] | None
 
 
 class UrdfFile:
-    """A checked URDF file: its links by name, its joints, and its root, the satellite's base.
+    """A checked URDF file: its links by name, its joints, and its root link, the satellite's base.
 
-    `robot` is the tree if it was changed after the file at `path` was read; with `any_tensor` inertias may
-    break the triangle inequality. Raises `InvalidUrdf` for faults of XML, numbers, limits and the tree,
-    `InvalidInertia` for a mass or an inertia that no rigid body has, and `UnsupportedJoint` for a joint that
-    is not fixed, revolute, continuous or prismatic.
+    `robot` is the <robot> element if it differs from the file at `path`. With `any_tensor` inertias may
+    violate the triangle inequality. Raises `InvalidUrdf` for faults of XML, numbers, limits and the tree of
+    links, `InvalidInertia` for a mass or an inertia that no rigid body has, and `UnsupportedJoint` for a
+    joint that is not fixed, revolute, continuous or prismatic.
     """
 
     def __init__(self, path: Path, robot: Element | None = None, any_tensor: bool = False) -> None:
@@ -322,7 +326,7 @@ class UrdfFile:
         if not robot.get("name"):
             raise InvalidUrdf(path, "the robot has no name: write <robot name=...>")
         if chain := virtual_base(robot):
-            message = f"the joints {chain_words(chain)} let the base float, which the free-flyer does already"
+            message = f"the joints {chain_text(chain)} make the base float, but load adds a free-flyer"
             remedy = "remove them: ffsms_pin.inspection.repair(path, out) writes a file that loads"
             raise UnsupportedJoint(path, f"{message}; {remedy}")
         self.links = self._each("link", self._link)
@@ -331,16 +335,16 @@ class UrdfFile:
         self._check_masses()
 
     def kinematics(self) -> str:
-        """Return the XML with only the inertias and joints, which Pinocchio's dynamics need."""
+        """Return the XML with the inertias and joints only, which Pinocchio's dynamics need."""
         return ElementTree.tostring(urdf.bare(self.robot, "inertial"), encoding="unicode")
 
     def tips(self) -> list[str]:
-        """Return the links without children that the arm moves, the candidates for the end effector."""
+        """Return the candidates for the end effector: the moving links without children."""
         inner = {joint.parent for joint in self.joints} | self.rigid_group(self.root)
         return [name for name in self.links if name not in inner]
 
     def rigid_group(self, link: str) -> set[str]:
-        """Return `link` and the links that are fixed to it further out."""
+        """Return `link` and its descendants by fixed joints."""
         return urdf.reached(link, (joint for joint in self.joints if not joint.moves))
 
     def _each(self, kind: str, read: Callable[[Element, str], _Read]) -> dict[str, _Read]:
@@ -385,7 +389,7 @@ class UrdfFile:
         joint = urdf.joint_of(item)
         if joint.type not in (*urdf.MOVING, "fixed"):
             known = "fixed, revolute, continuous and prismatic joints are supported"
-            ours = "(the library adds the free-flyer root: remove a floating joint)"
+            ours = "(remove a floating joint, because the library adds the free-flyer root)"
             message = f"joint '{name}' is of type '{item.get('type')}'; {known} {ours}"
             raise UnsupportedJoint(self.path, message)
         for end, link in (("parent", joint.parent), ("child", joint.child)):
@@ -394,7 +398,7 @@ class UrdfFile:
             if link not in self.links:
                 raise urdf.Unreadable(f"names a {end} link '{link}' that does not exist")
         if joint.moves and item.find("mimic") is not None:
-            message = "has a <mimic> of an unknown joint, of itself, or with a factor that is not a number"
+            message = "has a <mimic> of an unknown joint or of itself, or a factor that is not a number"
             raise UnsupportedJoint(self.path, f"joint '{name}' {message}")
         urdf.origin_of(item)
         if joint.moves:
@@ -446,14 +450,14 @@ def _check_axis_and_limits(item: Element, kind: str) -> None:
         if not {"lower", "upper"} & set(limit.attrib):
             raise urdf.Unreadable("has a <limit> without lower and upper: write both, or make it continuous")
         wheel = f"a reaction wheel is named in load(..., wheels=['{item.get('name', '')}'])"
-        message = "has equal limits lower and upper: both are"
-        raise urdf.Unreadable(f"{message} {lower:g}; {wheel}")
+        message = "has equal lower and upper limits of"
+        raise urdf.Unreadable(f"{message} {lower:g}: make the joint fixed, or widen the limits; {wheel}")
     if kind in _LIMITED and lower > upper:
         raise urdf.Unreadable(f"has limits in the wrong order: lower {lower:g} > upper {upper:g}")
     for key, argument in (("velocity", "velocity"), ("effort", "torque")):
         value = urdf.number_of(limit, key, largest=math.inf)
         if value <= 0.0:
-            message = f"it must be above zero: load(..., {argument}=...) sets it for all joints"
+            message = f"it must be above zero; load(..., {argument}=...) sets it for all joints"
             raise urdf.Unreadable(
                 f"has {'an' if key == 'effort' else 'a'} {key} limit of {value:g}; {message}"
             )

@@ -37,7 +37,7 @@ def test_axes_become_unit_vectors_and_numbers_one_a_wheel() -> None:
         ({"axes": PYRAMID, "inertia": 0.0}, ["wheels.inertia", "above zero [kg m^2]"]),
         ({"axes": PYRAMID, "inertia": [1.0, 2.0]}, ["wheels.inertia", "(4,)"]),
         ({"axes": PYRAMID, "inertia": 1.0, "torque": -1.0}, ["wheels.torque", "N m"]),
-        ({"axes": PYRAMID, "inertia": 1.0, "names": ["a"]}, ["wheels.names", "4 texts"]),
+        ({"axes": PYRAMID, "inertia": 1.0, "names": ["a"]}, ["wheels.names", "4 names"]),
     ],
 )
 def test_wheels_that_cannot_be(refused: Refused, keywords: dict[str, object], words: list[str]) -> None:

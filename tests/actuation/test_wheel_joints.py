@@ -121,7 +121,7 @@ def test_wheels_are_spelt_in_any_way(write: Callable[..., Path], kind: str) -> N
 
 def test_a_wheel_that_is_not_named_is_hinted_at(write: Callable[..., Path], refused: Refused) -> None:
     path = write(wheel("one", type="revolute").replace('lower="-1" upper="1"', 'lower="0" upper="0"'))
-    refused(lambda: ffsms.load(path), InvalidUrdf, "'spin_one'", "both are 0", "wheels=['spin_one']")
+    refused(lambda: ffsms.load(path), InvalidUrdf, "'spin_one'", "limits of 0", "wheels=['spin_one']")
 
 
 def test_a_repair_never_fixes_a_wheel_to_the_base(write: Callable[..., Path], tmp_path: Path) -> None:

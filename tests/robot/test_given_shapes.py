@@ -151,8 +151,8 @@ def test_a_whole_robot_as_a_model_is_its_urdf(locked: dict[str, float]) -> None:
 def test_what_belongs_to_files_is_refused_beside_a_model(refused: Refused) -> None:
     model = ffsms.load("planar_3r").model
     assert ffsms.load(model).end_effector == ffsms.load("planar_3r").end_effector
-    refused(lambda: ffsms.load(model, wheels=["joint1"]), InvalidValue, "wheels", "belongs to a file")
-    refused(lambda: ffsms.load(model, srdf="a.srdf"), InvalidValue, "srdf", "belongs to a file")
+    refused(lambda: ffsms.load(model, wheels=["joint1"]), InvalidValue, "wheels", "only with a URDF")
+    refused(lambda: ffsms.load(model, srdf="a.srdf"), InvalidValue, "srdf", "only with a URDF")
     refused(lambda: ffsms.load(model, locked={"root_joint": 0.0}), InvalidValue, "root_joint")
     fixed = pin.buildModelFromUrdf(str(model_path("planar_3r")))
     refused(lambda: ffsms.load(fixed), UnsupportedJoint, "free-flyer")
@@ -166,4 +166,4 @@ def test_shapes_of_something_else_are_refused(refused: Refused) -> None:
     refused(lambda: ffsms.mount(model, collision="boxes"), InvalidValue, "collision", "GeometryModel")
     small = pin.Model()
     small.addJoint(0, pin.JointModelRZ(), pin.SE3.Identity(), "one")
-    refused(lambda: ffsms.mount(small, **shapes), InvalidValue, "visual", "of 1 carries")
+    refused(lambda: ffsms.mount(small, **shapes), InvalidValue, "visual", "last joint is 1")

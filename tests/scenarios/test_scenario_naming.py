@@ -46,7 +46,7 @@ def build(path: Path) -> None:
         (QUICK.replace("[start]", "end_effector = 'tol'\n[start]"), "[robot] end_effector: no frame 'tol'"),
         (QUICK.replace('"planar_3r"', '"planar_4r"'), "[robot] model: no robot"),
         (QUICK + "[limits]\nlower = 2.0\n", "[limits] limits of joint 1"),
-        (WHEELS.replace("[1, 0, 0]", "[0, 0, 0]"), "[wheels] axes must not hold a vector of length zero"),
+        (WHEELS.replace("[1, 0, 0]", "[0, 0, 0]"), "[wheels] axes must not contain a vector of length zero"),
         (PUSHED + "force = 1.0\n[attitude]\n", "[thrusters] period must exceed least_on_time"),
         (DUMPED + "above = 0.1\nbelow = 0.5\n", "[attitude.dump] must have 0 <= below < above"),
         (PLACED.replace("[1, 1, 1]", "[1, 1, 9]") + "[meet]\n", "[client] inertia violates the triangle"),

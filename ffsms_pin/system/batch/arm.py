@@ -1,7 +1,8 @@
 """Kinematics and momentum of the arm at many joint positions at once.
 
-Pinocchio gives the tree (placements, axes, inertias) once, and the compiled kernel evaluates the stack.
-Everything is in base axes with the root frame at the origin, and so depends on the joints alone.
+The tree (placements, axes, inertias) is read from Pinocchio's model once, and the compiled kernel evaluates
+all joint positions. All quantities are in base axes with the origin at the root frame, so they depend on the
+joint positions alone.
 """
 
 from __future__ import annotations
@@ -20,28 +21,28 @@ from ffsms_pin.system.mechanism import Mechanism
 
 @dataclass(frozen=True, eq=False)
 class ArmValues:
-    """The arm at a stack of configurations, base axes. Column j is per unit rate of joint j.
+    """The arm at a stack of configurations, in base axes; column j of a Jacobian is per unit rate of joint j.
 
-    The axes of an array are components, joints, then the stack: `...` stands for any number of axes.
+    The axes of an array are the components, the joints, then the axes `...` of the stack.
 
     Attributes
     ----------
     positions : ndarray, shape (n, ...)
         Joint positions.
     axes, velocities : ndarray, shape (3, n, ...)
-        Twist of the joints on a fixed base: angular velocity, and linear velocity at the origin.
+        Twist due to each joint's rate on a fixed base: angular velocity, and linear velocity at the origin.
     linear, angular : ndarray, shape (3, n, ...)
-        Linear momentum on a fixed base, and angular momentum about the origin.
+        Momentum of the arm on a fixed base: linear, and angular about the origin.
     spin, root : ndarray, shape (3, n, ...)
         Angular and linear velocity of the root of the floating base, by the momentum equation.
     arm, jstar : ndarray, shape (3, n, ...)
         Velocity of the end effector on a fixed base, and with the base reacting (linear rows of J*).
     com : ndarray, shape (3, ...)
-        Centre of mass of the system; if the base's position is held, that of the base, which does not move.
+        Centre of mass of the system; if the mode holds the base's position, that of the base.
     tip : ndarray, shape (3, ...)
         Position of the end effector.
     inverse : ndarray, shape (3, 3, ...)
-        Inverse of the system's inertia about `com`; zero if the base's attitude is held.
+        Inverse of the system's inertia about `com`; zero if the mode holds the base's attitude.
     tip_rotation : ndarray, shape (3, 3, ...)
         Attitude of the end effector.
     coupling : ndarray, shape (6, n, ...)
@@ -49,7 +50,7 @@ class ArmValues:
     points : ndarray, shape (3, n + 1, ...)
         Joint origins and end effector.
     rotations : ndarray, shape (3, 3, n, ...)
-        Attitudes of the bodies, as Pinocchio's joint frames.
+        Attitudes of Pinocchio's joint frames.
     """
 
     positions: FloatArray
@@ -75,30 +76,30 @@ class ArmValues:
         return self.tip - self.com
 
     def arrays(self) -> list[FloatArray]:
-        """Return all arrays, in order."""
+        """Return the arrays in the order of the fields."""
         return [getattr(self, field.name) for field in fields(self)]
 
     def stacked(self) -> ArmValues:
-        """Return a stack with one axis as a stack of one motion, with two axes."""
+        """Return a copy with a second stack axis of length 1, as for one motion."""
         return ArmValues(*(getattr(self, field.name)[..., None, :] for field in fields(self)))
 
 
 class ArmStack:
     """A manipulator, prepared for evaluation at many joint positions at once.
 
-    A held base is modelled by an infinite mass or an infinite inertia, so the momentum equation and its
-    derivatives are the same in all modes: a held attitude makes `ArmValues.inverse` zero, a held position
-    makes `mass` infinite and `ArmValues.com` the base's centre of mass.
+    If the mode holds the base, an infinite mass or inertia replaces the system's, so the momentum equation
+    and its derivatives are the same in all modes. With a held attitude `ArmValues.inverse` is zero; with a
+    held position `mass` is infinite and `ArmValues.com` is the base's centre of mass.
 
     Parameters
     ----------
     robot : Mechanism
     mode : str
-        One of `MODES`: which motion of the base is held, and by which actuators.
+        A key of `ffsms_pin.system.dynamics.MODES`, which selects the free rows of the base's twist.
     """
 
     def __init__(self, robot: Mechanism, mode: str = "floating") -> None:
-        #: Rows of C_bm that are free in the mode; `moves`: the base's position is among them.
+        #: Rows of C_bm that are free in the mode; `moves` is True if the base's position is free.
         self.free_rows = list(MODES[mode])
         self.moves = 0 in self.free_rows
         self.robot = robot
@@ -107,7 +108,7 @@ class ArmStack:
         pin.computeJointJacobians(model, data, pin.neutral(model))
         self.n = n = robot.n
         joints = range(2, model.njoints)
-        #: Index of the joint that carries the end effector; -1: the base. The same for parents.
+        #: Index of the joint that carries the end effector, -1 for the base; `parents` are such indices, too.
         self.last = int(frame.parentJoint) - 2
         self.tip_in_last = frame.placement.translation.copy()
         self.parents = [int(model.parents[j]) - 2 for j in joints]
@@ -118,7 +119,7 @@ class ArmStack:
             data.oMi[j].rotation.T @ (column[3:] if turning else column[:3])
             for j, column, turning in zip(joints, columns, self.revolute, strict=True)
         ]
-        # Axes that coincide with a frame axis to rounding are made exact, because they are faster to rotate.
+        # Axes within rounding of a frame axis are made exact, because the kernel rotates these faster.
         axes = [whole if np.linalg.norm(axis - (whole := np.rint(axis))) < 1e-14 else axis for axis in axes]
         self.offset = [place.translation.copy() for place in places]
         base = model.inertias[1]
@@ -127,10 +128,10 @@ class ArmStack:
         self.armature = np.array(model.armature)[6:]
         #: Mass of base and arm [kg].
         self.total_mass = sum(model.inertias[j].mass for j in (1, *joints))
-        #: Mass that a force on the base accelerates [kg].
+        #: Mass in the momentum equation [kg]: the total mass, or infinite if the base's position is held.
         self.mass = self.total_mass if self.moves else np.inf
         carried = [set(model.supports[j]) for j in joints]
-        #: carries[k, j]: joint k moves body j.
+        #: carries[k, j] is 1.0 if joint k moves body j, else 0.0.
         self.carries = np.array([[float(k in carried[j]) for j in range(n)] for k in joints])
         #: 1.0 for joints that move the end effector, else 0.0 (n,).
         self.moves_tip = self.carries[:, self.last] if self.last >= 0 else np.zeros(n)
@@ -154,13 +155,16 @@ class ArmStack:
         return ArmValues(positions, *_split(out, shapes, positions))
 
     def coupled(self, positions: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return C_bm and J* (6, n, ...), and the end effector relative to the base's centre of mass [m]."""
+        """Return C_bm and J* (6, n, ...), and the end effector's position (3, ...) [m].
+
+        The position is relative to the base's centre of mass.
+        """
         out = kernel.coupled(self.tree, positions)
         C_bm, J_star, tip = _split(out, [(6, self.n), (6, self.n), (3,)], positions)
         return C_bm, J_star, tip
 
     def reduced_inertia(self, positions: FloatArray) -> FloatArray:
-        """Return H_q (n, n, ...): the Schur complement of H_b in H."""
+        """Return H_q (n, n, ...), the Schur complement of H_b in H."""
         H_q = kernel.reduced_inertia(self.tree, positions).reshape(self.n, *positions.shape)
         if self.armature.any():
             rotors = np.arange(self.n)
@@ -169,7 +173,7 @@ class ArmStack:
 
 
 def _split(out: FloatArray, shapes: list[tuple[int, ...]], positions: FloatArray) -> list[FloatArray]:
-    """Split the rows of one array (rows, B) into arrays of these shapes and the stack's own axes."""
+    """Split an array (rows, B) by rows into arrays of these shapes, followed by the stack's axes."""
     parts, begin = [], 0
     for shape in shapes:
         end = begin + math.prod(shape)

@@ -1,6 +1,7 @@
-"""The result of `SpaceManipulator.batch`: coupling, Jacobians and inertia at many joint positions at once.
+"""The class `Batch`: coupling, Jacobians and inertia at many joint positions at once.
 
-Base axes; twists ordered [linear; angular], of the base's centre of mass and the end-effector frame's origin.
+Quantities are in base axes, twists ordered [linear; angular]. The reference points of the twists are the
+base's centre of mass and the origin of the end-effector frame.
 """
 
 from __future__ import annotations
@@ -18,14 +19,14 @@ from ffsms_pin.system.batch.stacks import cross
 from ffsms_pin.system.mechanism import Mechanism
 from ffsms_pin.threads import Unchanging
 
-# A singular value of J* below this fraction of the largest counts as zero when the rank is determined.
+# For the rank, a singular value of J* below this fraction of the largest is taken as zero.
 _RANK_TOLERANCE = 1e-9
 
 
 def generic_rank(robot: Mechanism) -> int:
-    """Return the rank of J* at most configurations: 3 for an arm in a plane, else usually min(6, n).
+    """Return the rank of J* at nonsingular configurations: 3 for a planar arm, else usually min(6, n).
 
-    It is the largest rank at sixteen configurations, drawn at random with a fixed seed.
+    The result is the largest rank among sixteen random configurations with a fixed seed.
     """
     joints = np.random.default_rng(0).uniform(-2.0, 2.0, (robot.n, 16))
     sigma = singular_values(ArmStack(robot).coupled(joints)[1])
@@ -35,13 +36,13 @@ def generic_rank(robot: Mechanism) -> int:
 def manipulability(sigma: FloatArray, rank: int) -> FloatArray:
     """Return Yoshikawa's sqrt(det(J* J*^T)) (...) from the singular values (r, ...) of J*, largest first.
 
-    It is the product of the singular values: the volume of the ellipsoid of end-effector twists at joint
-    rates of unit norm. If an arm cannot move its end effector in all six directions, some singular values are
-    zero at every configuration (three for the paper's planar arm) and the determinant is always zero.
-    Therefore only the first `rank` are multiplied, see `generic_rank`: this is sqrt(det(J*^T J*)) for n < 6
-    joints in space, and the determinant of the rows [x, y, angle] for three joints in the plane. The result
-    is zero at singular postures only. Its unit is that of the rows: (m/rad)^3 in space, (m/rad)^2 in the
-    plane.
+    The manipulability is the product of the singular values. It is proportional to the volume of the
+    ellipsoid of end-effector twists at joint rates of unit norm. If an arm cannot move its end effector in
+    all six directions, some singular values are zero at every configuration (three for the paper's planar
+    arm), and the determinant is always zero. Therefore only the first `rank` values are multiplied, see
+    `generic_rank`. For n < 6 joints in space the result is sqrt(det(J*^T J*)), for three joints in the plane
+    the determinant of the rows [x, y, angle]; it is zero at singular postures only. Its unit is (m/rad)^3 for
+    six joints in space and (m/rad)^2 in the plane.
 
     Reference: T. Yoshikawa, "Manipulability of robotic mechanisms", International Journal of Robotics
     Research 4 (1985).
@@ -52,17 +53,17 @@ def manipulability(sigma: FloatArray, rank: int) -> FloatArray:
 class Batch(Unchanging):
     """The quantities that depend on the joints alone, at N joint positions; see `SpaceManipulator.batch`.
 
-    The convention is the paper's, with the identity as the base's attitude: base axes, twists ordered
-    [linear; angular], and the base body's centre of mass as the reference point of the base. Each row equals
-    that of `sms.at(sms.configuration(joints[i]))` to rounding and takes a tenth of its time or less. A
-    quantity is computed at its first use and kept read-only; C_bm, J* and the end effector are computed
+    The convention is the paper's, in base axes: twists are ordered [linear; angular], and the reference point
+    of the base is the base body's centre of mass. Row i equals the value at
+    `sms.at(sms.configuration(joints[i]))` to rounding, and takes a tenth of the time or less. A quantity is
+    computed at its first use and kept read-only. C_bm, J* and the end effector's position are computed
     together and take N (12 n + 3) numbers of 8 bytes. If the rows do not fit into memory, use several
     batches.
 
     Attributes
     ----------
     joints : ndarray, shape (N, n)
-        [rad] (prismatic joints [m])
+        Joint positions [rad]; for prismatic joints [m].
     """
 
     _refused = "a batch cannot be changed (tried to {} '{}'); make a new one"
@@ -86,7 +87,7 @@ class Batch(Unchanging):
 
     @cached_property
     def _motion(self) -> tuple[FloatArray, ...]:
-        """The arrays C_bm and J* (6, n, N) and the end effector (3, N), from one evaluation."""
+        """The arrays C_bm and J* (6, n, N) and the end effector's position (3, N), from one evaluation."""
         return tuple(frozen(array) for array in self._stack.coupled(self.joints.T))
 
     @property
@@ -101,7 +102,7 @@ class Batch(Unchanging):
 
     @property
     def end_effector_position(self) -> FloatArray:
-        """The end effector relative to the base's centre of mass, base axes (N, 3) [m]."""
+        """The position (N, 3) of the end effector relative to the base's centre of mass, base axes [m]."""
         return self._motion[2].T
 
     @cached_property
@@ -113,31 +114,32 @@ class Batch(Unchanging):
 
     @cached_property
     def H_q(self) -> FloatArray:
-        """The reduced inertia matrix (N, n, n): the Schur complement of H_b in H."""
+        """The reduced inertia matrix (N, n, n), the Schur complement of H_b in H."""
         return frozen(self._stack.reduced_inertia(self.joints.T)).transpose(2, 0, 1)
 
     # -- coupling
     @cached_property
     def sigma(self) -> FloatArray:
-        """The singular values of C_bm (N, min(6, n)), the largest first."""
+        """The singular values (N, min(6, n)) of C_bm, the largest first."""
         return frozen(singular_values(self._motion[0])).T
 
     @cached_property
     def entropy(self) -> FloatArray:
-        """The paper's normalised entropy H_norm of the singular values (N,)."""
+        """The paper's normalised entropy H_norm (N,) of the singular values `sigma`."""
         return frozen(entropies(self.sigma.T, self._robot.n))
 
     @cached_property
     def manipulability(self) -> FloatArray:
-        """The manipulability of J* (N,): sqrt(det(J* J*^T)), for the generic rank of J*.
+        """The manipulability (N,): the product of the first r singular values of J*.
 
-        See `ffsms_pin.system.batch.batch.manipulability`.
+        r is the rank of J* at nonsingular configurations. For r = 6 the product is sqrt(det(J* J*^T)). See
+        `ffsms_pin.system.batch.batch.manipulability`.
         """
         return frozen(manipulability(singular_values(self._motion[1]), generic_rank(self._robot)))
 
 
 def _joints(value: ArrayLike, n: int) -> FloatArray:
-    """Copy `value` as joint positions (N, n), with the checks of `configuration` for each row."""
+    """Check `value` and return a copy as joint positions (N, n)."""
     joints = np.array(reals("joints", value), order="C")
     if joints.ndim != 2 or joints.shape[1] != n:
         raise InvalidValue("joints", value, f"must have shape (N, {n}) [rad]")

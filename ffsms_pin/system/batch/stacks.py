@@ -1,4 +1,4 @@
-"""Small algebra on stacks of vectors, components first: (3, ...), rotations (3, 3, ...).
+"""Linear algebra on stacks of vectors (3, ...) and matrices (3, 3, ...), with the stack's axes last.
 
 With this order numpy's inner loops run along the stack, which is long, and not along three components.
 """
@@ -10,9 +10,9 @@ import numpy as np
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.kernel import kernel
 
-_TINY = 1e-150  # added to angles, so that sin(x) / x is 1 at zero
+_TINY = 1e-150  # added to angles, so that sin(x) / x is 1 at zero angle
 _NEXT, _AFTER = np.array([1, 2, 0]), np.array([2, 0, 1])
-_FIRST, _SECOND = np.append(_NEXT, _AFTER), np.append(_AFTER, _NEXT)  # the products of a cross product
+_FIRST, _SECOND = np.append(_NEXT, _AFTER), np.append(_AFTER, _NEXT)  # factors of a cross product's terms
 
 
 def dot(a: FloatArray, b: FloatArray) -> FloatArray:
@@ -41,7 +41,7 @@ def skew(v: FloatArray) -> FloatArray:
 
 
 def diagonal(A: FloatArray) -> FloatArray:
-    """Return the diagonals (3, ...) of matrices (3, 3, ...): a view."""
+    """Return the diagonals (3, ...) of matrices (3, 3, ...) as a view."""
     return np.asarray(np.einsum("xx...->x...", A))
 
 
@@ -71,20 +71,22 @@ def rotations(quaternion: FloatArray) -> FloatArray:
 
 
 def products(turns: FloatArray) -> FloatArray:
-    """Return running products turn_0, turn_0 turn_1, ... along the last axis of turns (3, 3, ..., N)."""
+    """Return the running products R_0, R_0 R_1, ... of rotations R (3, 3, ..., N) along the last axis."""
     out, done = turns.copy(), 1
-    while done < turns.shape[-1]:  # entry k holds the product of the `done` turns up to k
+    while done < turns.shape[-1]:  # entry k is the product of the last `done` rotations up to k
         out[..., done:] = apply(out[..., :-done], out[..., done:])
         done *= 2
     return out
 
 
 def quaternions(R: FloatArray) -> FloatArray:
-    """Return unit quaternions (x, y, z, w), shape (4, N), of rotations (3, 3, N), without jumps of sign.
+    """Return unit quaternions (x, y, z, w), shape (4, N), of rotations (3, 3, N).
 
-    The largest column of 4 q q^T is used, so that no accuracy is lost near half a turn.
+    The first quaternion has w >= 0, and the sign never jumps from a quaternion to the next. The column of
+    4 q q^T with the largest diagonal entry is used, so that no accuracy is lost near half a turn.
 
-    Reference: I. Y. Bar-Itzhack, "New method for extracting the quaternion from a rotation matrix", 2000.
+    Reference: I. Y. Bar-Itzhack, "New method for extracting the quaternion from a rotation matrix", Journal
+    of Guidance, Control, and Dynamics 23 (2000).
     """
     K = np.empty((4, 4, R.shape[-1]))
     trace = R[0, 0] + R[1, 1] + R[2, 2]
