@@ -104,7 +104,7 @@ class ShapedMechanism(Mechanism):
         """
         one_of("kind", kind, ("visual", "collision"))
         if self.description is None:
-            text = "the robot has no shapes: load it from a file, or pass visual= and collision= to load"
+            text = "the robot has no shapes: load it from a URDF, or pass visual= and collision= to load"
             raise GeometryError(text)
         return self._once(kind, partial(self.description.geometry, self.model, kind), of_shapes=True)
 

@@ -102,11 +102,11 @@ def test_why_a_method_has_not_reached_is_said(
     assert not plan.reached
     wanted = f"up to {1e3 * late.max():.3g} mm from the target in the last tenth"
     printed = capsys.readouterr().out
-    assert f"step does not reach the target: it is {wanted}" in printed
+    assert f"step does not reach the target: the end effector is {wanted}" in printed
     assert f"ends {1e3 * plan.position_error[-1]:.3g} mm off" in printed
     assert wanted in json.loads((out / "comparison.json").read_text())["step"]["note"]
     turned = dataclasses.replace(plan, reach=1.0, orientation_error=np.full(len(plan.t), 0.5))
-    assert why_not_reached(turned).startswith("it is turned by up to 28.6 deg")
+    assert why_not_reached(turned).startswith("its attitude is up to 28.6 deg off")
     assert why_not_reached(dataclasses.replace(plan, reach=1.0)) == ""
 
 
