@@ -23,7 +23,7 @@ FloatArray = NDArray[np.float64]
 STRATEGIES = ("held", "held-longer", "used", "restored", "straight")
 RESTORED_WITHIN = np.radians(0.1)  # [rad] the final base rotation of "restored"
 MARGIN = 0.08  # share of the wheels' limits that turning back leaves to feedback
-SAMPLES = 401  # of turning back
+SAMPLES = 401  # number of instants while the base is turned back
 
 
 class WheelUse(NamedTuple):

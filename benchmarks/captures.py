@@ -47,11 +47,11 @@ from ffsms_pin.scenarios.captures import rendezvous
 from ffsms_pin.scenarios.definition import packaged_path
 
 KINDS = ("capture", "dark", "axis", "drawn", "right", "wrong", "estimate")
-OFF = 0.1  # deviation of what is believed of a client
-AFTER = 3.0  # [s] after the contact, when the rates are compared that nothing is flown for
-STEP, DEEP, IN_NOZZLE = 0.02, 1e-3, 5e-3  # [s] between two looks, [m] of overlap that counts
-APPROACH = 2.0  # [m/s] with which bodies come closer at most: where they are further apart, looks are rarer
-FAST, BEYOND, RESTS = 2.0, 0.01, 0.02  # shares of rate limits, [rad] beyond stops, [rad/s] at the end
+OFF = 0.1  # relative deviation of a client's prior mass and inertia
+AFTER = 3.0  # [s] after the contact at which rates of `estimate` are compared, without a flight
+STEP, DEEP, IN_NOZZLE = 0.02, 1e-3, 5e-3  # [s] between checks; [m] allowed overlap, also in a nozzle
+APPROACH = 2.0  # [m/s] largest approach of bodies; distant bodies are checked less often
+FAST, BEYOND, RESTS = 2.0, 0.01, 0.02  # limits: share of rate limits, [rad] beyond stops, [rad/s] at the end
 SERVICERS = {
     "none": "",
     "wheels": "[attitude]\n[wheels]\naxes = [[1, 0, 0], [0, 1, 0], [0, 0, 1]]\n"
@@ -146,7 +146,7 @@ def drawn(kind: str, seed: int, rng: np.random.Generator) -> str:
     text = put(put(text, "spin_deg", spin.tolist()), "velocity", rng.uniform(-0.002, 0.002, 3).tolist())
     text = re.sub(r"(?m)^size = .*$", f"size = {size.tolist()}", text)
     text = put(text, "grasp", [0.0, 0.0, float(-0.5 * size[2] - 0.05)])
-    if mass > 300.0:  # the servicer of the nozzle, more slowly
+    if mass > 300.0:  # the servicer of the nozzle scenario, with a slower motion
         heavy = packaged_path("nozzle").read_text("utf-8")
         start = re.findall(r"(?m)^joints_deg = (\[.*?\])", heavy)[0]
         client = np.array([14.0, 14.0, -30.0, 51.0, 34.0, -32.0, -78.0]) + rng.uniform(-15.0, 15.0, 7)
@@ -348,7 +348,7 @@ def main() -> None:
     arguments = parser.parse_args()
     if unknown := set(arguments.kinds) - set(KINDS):
         parser.error(f"KIND must be among {', '.join(KINDS)}, got {', '.join(sorted(unknown))}")
-    # No plan made once is flown beside it.
+    # Do not simulate the first plan without re-planning.
     import_module("ffsms_pin.scenarios.closed_loop").attempt = lambda _: None
     kept = arguments.resume
     lines = kept.read_text("utf-8").splitlines() if kept is not None and kept.exists() else []

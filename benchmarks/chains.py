@@ -7,7 +7,7 @@ from pathlib import Path
 
 import ffsms_pin as ffsms
 
-LENGTH, MASS, BASE_MASS = 2.4, 24.0, 400.0  # [m, kg] of the arm in all, and of the satellite
+LENGTH, MASS, BASE_MASS = 2.4, 24.0, 400.0  # [m, kg] length and mass of the arm, mass of the satellite
 PACKAGED = {3: "planar_3r", 7: "space_arm_7", 14: "two_arms"}
 
 

@@ -25,12 +25,10 @@ from ffsms_pin.robot.mounting import ARMS
 
 ROBOTS = (*(f"satellite_{arm}" for arm in ARMS), "space_arm_7")
 DT, CLEARANCE = 0.01, 0.01  # [s], [m]
-SPARE = (
-    0.012  # [m] Starts and joint goals keep so much: two links of the UR5's wrist are never 0.015 m apart.
-)
-SLACK = 1.5  # durations, over what the joints need
-PARTS = 3  # of a step: the meshes are tested between them
-TOLERANCE = 2e-5  # [m] so much less than the asked clearance counts as kept
+SPARE = 0.012  # [m] clearance of starts and goals; two links of the UR5's wrist are never 0.015 m apart
+SLACK = 1.5  # durations as multiples of the joints' least time
+PARTS = 3  # number of parts of a step, between which the meshes are tested
+TOLERANCE = 2e-5  # [m] tolerated violation of the clearance
 TARGETS = 40
 
 

@@ -30,12 +30,12 @@ from ffsms_pin.actuation import ReactionWheels
 from ffsms_pin.errors import SimulationDiverged
 from ffsms_pin.processes import map_in_processes
 
-STEP, PERIOD = 0.05, 0.5  # [s] of planning again: coarser than by default, for speed
+STEP, PERIOD = 0.05, 0.5  # [s] step and period of re-planning, longer than by default to save time
 MISSES = {"miss_m": 1e3, "miss_deg": 1.0, "contact_velocity_m_per_s": 1e3, "contact_velocity_deg_per_s": 1.0}
 UNITS = "{:.2g} mm, {:.2g} deg, {:.2g} mm/s, {:.2g} deg/s"
-SPEED = 0.02  # [m/s] of the centre of mass, at most
+SPEED = 0.02  # [m/s] largest speed of the centre of mass
 AXES = np.eye(3)
-# Sized for the heaviest clients at 5 deg/s, some 50 N m s with the servicer.
+# The wheels suffice for the heaviest clients at 5 deg/s, about 50 N m s with the servicer.
 WHEELS = {"inertia": 0.05, "momentum": 60.0, "torque": 1.0}
 
 FILE = """

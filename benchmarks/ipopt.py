@@ -18,8 +18,8 @@ from targets import Task
 import ffsms_pin as ffsms
 from ffsms_pin.checks import FloatArray
 
-RAMP = 0.2  # of the straight move's duration, to speed up and to slow down
-ALMOST_AT_REST = 2e-3  # [rad/s] at the end, so that the last direction is defined
+RAMP = 0.2  # share of the straight move's duration in each ramp
+ALMOST_AT_REST = 2e-3  # [rad/s] rates at the end, so that the last direction of motion is defined
 
 
 class Solution(NamedTuple):

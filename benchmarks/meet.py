@@ -28,9 +28,9 @@ from ffsms_pin.opt.trajectory import measure
 DEG = np.pi / 180.0
 DURATION, DT = 20.0, 0.02  # [s]
 CLEARANCE = 0.01  # [m]
-SLIGHT = 1e-6  # [m, or a share of a limit] that counts as kept
-BODY = (0.6, 0.6, 0.5)  # [m] of the client, with `--bodies`
-HANDLE = 0.12  # [m] by which the grasp sticks out of it
+SLIGHT = 1e-6  # [m, or share of a limit] tolerated violation
+BODY = (0.6, 0.6, 0.5)  # [m] size of the client's body with `--bodies`
+HANDLE = 0.12  # [m] by which the grasp sticks out of the body
 
 
 def case(
@@ -52,7 +52,7 @@ def case(
         way = rng.uniform(-1.0, 1.0, sms.n)
         end = np.clip(start + way, middle - 0.8 * half, middle + 0.8 * half)
         q0 = sms.configuration(start)
-        # A straight move whose rates rise and fall smoothly, rolled out with the base free.
+        # A straight move whose rates rise and fall smoothly, integrated with a free base.
         s = np.linspace(0.0, 1.0, 201)
         rates = (end - start) / DURATION * (30.0 * s**2 * (1.0 - s) ** 2)[:, None]
         problem = opt.Problem(sms, q0, [0.0, 0.0, 0.0], DURATION, DURATION / 200, mode=mode)
@@ -66,7 +66,7 @@ def case(
     inertia = mass / 12.0 * np.array([y + z, x + z, x + y])
     spin = rng.normal(size=3)
     spin *= rng.uniform(0.0, 5.0) * DEG / np.linalg.norm(spin)
-    # The grasp: within 0.5 m of the centre of mass, its approach not from within the body.
+    # The grasp: within 0.5 m of the centre of mass, approached from outside of the body.
     place = rng.normal(size=3)
     place *= rng.uniform(0.1, 0.5) / np.linalg.norm(place)
     while True:
@@ -78,7 +78,7 @@ def case(
     if speed:
         velocity = rng.normal(size=3)
         velocity *= rng.uniform(0.0, speed) / np.linalg.norm(velocity)
-    # Where the client must be at the deadline; its motion backwards from there gives its start.
+    # The client's pose at the deadline; its motion backwards in time gives its start.
     then = ffsms.Client(mass, inertia, tip * grasp.inverse(), np.concatenate([velocity, spin]))
     now = ffsms.Client(mass, inertia, then.pose(-DURATION), then.twist(-DURATION))
     at_start = (now.pose(0.0) * grasp).translation - sms.at(q0).end_effector_pose.translation

@@ -17,8 +17,8 @@ import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.checks import FloatArray
 
-FINER = 2  # instants a step of the plan
-SPARE = 1e-4  # [m] by which meshes may be nearer than the clearance asked for
+FINER = 2  # integration steps per step of the plan
+SPARE = 1e-4  # [m] tolerated violation of the clearance
 
 
 class Judged(NamedTuple):
@@ -60,7 +60,7 @@ class Judge:
         self._data = sms.model.createData()
         self._geometry = sms.geometry("collision").copy()
         self._geometry.removeAllCollisionPairs()
-        # Bodies that are nearer than the clearance in every posture are not kept apart.
+        # Pairs of bodies that are nearer than the clearance in every posture are left out.
         left_out = {frozenset(pair.split(" - ")) for pair in opt.Clearance(clearance).for_robot(sms).left_out}
         model, shapes = sms.model, self._geometry.geometryObjects
         for i, one in enumerate(shapes):
@@ -164,7 +164,7 @@ def _free_body(goal: opt.Meet, count: int, dt: float) -> tuple[list[pin.SE3], li
         place = start.translation + k * dt * velocity
         poses.append(pin.SE3(R, place))
         twists.append(np.concatenate([velocity, R @ spin(R)]))
-        # Runge-Kutta and Munthe-Kaas, to fourth order.
+        # The Runge-Kutta-Munthe-Kaas method of fourth order.
         k1 = dt * spin(R)
         k2 = dt * spin(R @ pin.exp3(0.5 * k1))
         k3 = dt * spin(R @ pin.exp3(0.5 * k2 + 0.125 * np.cross(k1, k2)))

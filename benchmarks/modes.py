@@ -89,7 +89,7 @@ def tables(name: str, rows: list[dict[str, Any]]) -> str:
     return f"{markdown(head, lines)}\n\n{markdown(beside, less)}"
 
 
-MISSION = {  # how a mission calls the strategies, in the order of the README
+MISSION = {  # the strategies' names in a mission, in the order of the README
     "held": "wheels hold the base",
     "used": "coupling used, then turned back",
     "restored": "the arm alone restores the attitude",

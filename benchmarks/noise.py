@@ -28,16 +28,16 @@ DURATION, HOLD, DT = 12.0, 2.0, 2e-3  # [s]
 ARCSECOND = math.radians(1.0) / 3600.0
 SENSORS = Sensors(
     joint_resolution=2.0 * math.pi / 2**17,  # 17-bit absolute encoders, as in industrial drives
-    joint_noise=5e-5,  # [rad] one step of them
-    joint_rate_noise=1e-3,  # [rad/s] such steps differentiated over 50 ms
+    joint_noise=5e-5,  # [rad] one step of the encoders
+    joint_rate_noise=1e-3,  # [rad/s] one step differentiated over 50 ms
     base_position_noise=1e-3,  # [m] camera or lidar at short range
     base_velocity_noise=1e-3,  # [m/s]
     base_attitude_noise=10.0 * ARCSECOND,  # star tracker
     base_rate_noise=1e-4,  # [rad/s] 20 arcsec/s: MEMS gyroscope of tactical grade
     base_latency=0.02,  # [s]
 )
-# Cases of benchmarks/reaching.py. The last one is at the edge of the reach, beyond it for some plants: what
-# perfect sensors come to is the measure there.
+# Cases of benchmarks/reaching.py. The last target is at the edge of the workspace, for some plants
+# beyond it, so compare its errors with those of perfect sensors.
 ROWS = (("planar_3r", 1), ("satellite_panda", 1), ("planar_3r", 2))
 
 

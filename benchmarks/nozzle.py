@@ -43,7 +43,7 @@ WORDS = {
     "off": "final rate off in MuJoCo, share",
 }
 
-ASKED = {"guide": 20.0, "share": 1.0, "planning": 5.0, "replanning": 5.0, "off": 0.01}  # at most
+ASKED = {"guide": 20.0, "share": 1.0, "planning": 5.0, "replanning": 5.0, "off": 0.01}  # upper bounds
 
 
 def timed(owner: Any, name: str, spent: list[float]) -> None:
@@ -115,7 +115,7 @@ def main() -> None:
     arguments = parser.parse_args()
     timed(import_module("ffsms_pin.scenarios.closed_loop"), "planned", PLANNING)
     timed(RestPlanner, "plan", REPLANNING)
-    # No plan made once is flown beside it.
+    # Do not simulate the first plan without re-planning.
     import_module("ffsms_pin.scenarios.closed_loop").attempt = lambda _: None
     kept = arguments.resume
     lines = kept.read_text("utf-8").splitlines() if kept is not None and kept.exists() else []

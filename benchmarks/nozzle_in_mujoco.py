@@ -28,7 +28,7 @@ from ffsms_pin.scenarios.captures import rendezvous
 from ffsms_pin.scenarios.keys import radians
 from ffsms_pin.scenarios.problems import meeting
 
-PARTS, IMPEDANCE = 16, 1e-3  # steps in a control step; MuJoCo's regularisation, see the test
+PARTS, IMPEDANCE = 16, 1e-3  # steps per control step; MuJoCo's regularisation, see the test
 
 
 class Peer:
@@ -55,7 +55,7 @@ class Peer:
     def _add(self, spec: Any) -> None:
         """Add the client's body, the rod and the nozzle, and their contact pairs."""
         load, client = self.load, self.client
-        spec.option.disableflags = int(mj.mjtDisableBit.mjDSBL_MULTICCD)  # one point a pair, as here
+        spec.option.disableflags = int(mj.mjtDisableBit.mjDSBL_MULTICCD)  # one contact point per pair
         spec.option.cone, spec.option.impratio = mj.mjtCone.mjCONE_ELLIPTIC, 1000.0
         spec.option.tolerance, spec.option.ccd_tolerance = 1e-14, 1e-12
         body = spec.worldbody.add_body(name="client")
@@ -111,9 +111,9 @@ class Peer:
         model, data, nv = self.model, self.data, self.sms.nv
         J = np.zeros((6, model.nv))
         for _ in range(parts):
-            if data.ncon:  # its damper is constant, that of `SurfaceContact` grows with the depth
+            if data.ncon:  # its damping is constant, that of `SurfaceContact` grows with depth
                 deepest = max(0.0, -float(data.contact.dist.min()))
-                slower = 1e-9 + 1.5 * self.load.damping * deepest  # not zero: that would mean another format
+                slower = 1e-9 + 1.5 * self.load.damping * deepest  # zero selects another format
                 model.pair_solref[:, 1] = slower * model.pair_solref[:, 0]
             data.qfrc_applied[:] = 0.0
             data.qfrc_applied[6:nv] = tau + friction(data.qvel[6:nv])

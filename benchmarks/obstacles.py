@@ -26,10 +26,10 @@ from ffsms_pin.system.batch.arm import ArmStack
 from ffsms_pin.system.batch.stacks import apply
 
 DT, CLEARANCE = 0.01, 0.01  # [s], [m]
-SPARE = 0.005  # [m] beyond the clearance, that the straight move keeps to each obstacle
-COUNT = 3  # obstacles
-NEAR = 0.3  # [m] Obstacles are drawn within this of a place that some link's shape passes.
-MOVE = 200  # configurations of the straight move that are looked at
+SPARE = 0.005  # [m] margin beyond the clearance in the straight move
+COUNT = 3  # number of obstacles
+NEAR = 0.3  # [m] largest distance of an obstacle's centre from the path of a link's shape
+MOVE = 200  # number of configurations of the straight move that are checked
 HEAD = (
     "robot, seed",
     "reached without",
@@ -40,7 +40,7 @@ HEAD = (
     "CPU time, median",
     "in all",
 )
-EVERY = 4  # of a plan's nodes, at which meshes are measured
+EVERY = 4  # meshes are measured at every EVERY-th node of a plan
 
 
 class Meshes:

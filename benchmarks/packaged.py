@@ -16,7 +16,7 @@ from typing import Any
 
 from table import markdown
 
-# What a row is called, where it stands in summary.json, and the factor of its unit.
+# The label of a row, its key in summary.json, and the factor of its unit.
 ROWS = (
     ("final error of the plan [mm]", "final_error_m", 1e3),
     ("cost integral [s]", "cost_integral_s", 1.0),

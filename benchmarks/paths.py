@@ -50,7 +50,7 @@ def curve_of(kind: str, begin: FloatArray, axes: FloatArray, size: float) -> Cur
         a = 4.0 * np.pi * s
         return begin + 0.5 * size * ((np.cos(a) - 1.0) * x + np.sin(a) * y) + size * s * z
 
-    def square(s: float) -> FloatArray:  # of side `size`, corners rounded by a quarter of it
+    def square(s: float) -> FloatArray:  # side `size`, with corners of radius size / 4
         r, side = 0.25 * size, 0.5 * size
         quarter = 0.5 * np.pi * r
         left = (s % 1.0) * 4.0 * (side + quarter)

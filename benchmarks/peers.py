@@ -27,7 +27,7 @@ from ffsms_pin.urdf import model_path
 
 ROBOTS = ("planar_3r", "space_arm_7")
 STATES, DT = 20, 1e-3
-STEP, DURATION, FIRST = 0.01, 4.0, 100  # [s] of inverse kinematics; the first of the steps that are timed
+STEP, DURATION, FIRST = 0.01, 4.0, 100  # [s] of inverse kinematics; the first timed step
 ROUNDING = 1e-10  # relative to the largest entry
 
 Call = Callable[[int], Any]
@@ -39,8 +39,8 @@ class Work(NamedTuple):
     what: str
     ours: Call
     theirs: Call
-    agreement: float  # largest difference found, relative
-    within: float  # and how large it may be
+    agreement: float  # largest relative difference of the results
+    within: float  # allowed relative difference
 
 
 def run(turns: int = 60) -> list[dict[str, Any]]:
@@ -59,7 +59,7 @@ def run(turns: int = 60) -> list[dict[str, Any]]:
                 rows.append({**row, "reason": f"not installed here ({error})"})
                 continue
             for work in pieces:
-                # Not a time is taken of a peer that computes something else.
+                # A peer with other results is not timed.
                 assert work.agreement <= work.within, (peer, name, work.what, work.agreement)
                 found = in_turns({"ours": work.ours, "theirs": work.theirs}, turns, STATES)
                 rows.append(
@@ -154,8 +154,8 @@ def mujoco_work(name: str) -> list[Work]:
         mj.mj_fwdVelocity(model, data)
         full(M)
         bias = data.qfrc_bias
-        # The fastest glue that there is: numpy's solve and its operator @ take several times longer, which
-        # would count against MuJoCo.
+        # The fastest calls for the remaining operations: NumPy's solve and its operator @ take several times
+        # longer, which would add to MuJoCo's time.
         coupling = lapack.dposv(M[:6, :6], M[:6, 6:])[1]
         return coupling, M[6:, 6:] - M[6:, :6].dot(coupling), bias[6:] - bias[:6].dot(coupling)
 
@@ -220,7 +220,7 @@ def pink_work(name: str) -> list[Work]:
     sms = ffsms.load(name)
     q0 = sms.configuration(np.full(sms.n, 0.3))
     target = sms.at(sms.configuration(np.full(sms.n, 0.5))).end_effector_pose.translation
-    # Successive states of a march straight to a target: what a solver that starts warm is made for.
+    # Successive states of a straight motion to a target, which suit a solver with a warm start.
     plan = opt.plan(sms, q0, target, DURATION, STEP, method="resolved-rate", collision="off")
     planner = opt.StepPlanner(sms, STEP, collision="off", aim="resolved-rate")
     starts, rates = plan.q[FIRST : FIRST + STATES], plan.joint_rates[FIRST : FIRST + STATES]
@@ -254,11 +254,11 @@ def pink_work(name: str) -> list[Work]:
         v: FloatArray = pink.solve_ik(configuration, [hold], STEP, "proxqp", constraints=[momentum])
         return v
 
-    # What our step does in its time is what Pink is asked for.
+    # Pink's task is the motion of our step in the same time.
     goals = [STEP * sms.at(q).J_star[:3] @ ours(i) for i, q in enumerate(starts)]
     found = [theirs(i) for i in range(STATES)]
-    # The base must move as our momentum equation says, to the solver's tolerance; and the end effector as it
-    # was asked, but for what the logarithm of a turning frame adds.
+    # The base must move by our momentum equation up to the solver's tolerance, the end effector by the task
+    # up to a term of the logarithm of a turning frame.
     base = apart([(sms.velocity(q, v[6:]), v) for q, v in zip(starts, found, strict=True)])
     assert base <= 1e-5, base
     motion = apart(

@@ -17,7 +17,7 @@ from ffsms_pin.geometry.bodies import PointStack, chosen_mode
 
 DT = 0.01  # [s]
 
-# Whether the clearance is kept at joint positions (n,).
+# A function that returns whether the clearance is kept at joint positions (n,).
 Apart: TypeAlias = Callable[[FloatArray], bool]
 
 

@@ -14,14 +14,14 @@ from targets import reachable_targets
 
 import ffsms_pin as ffsms
 
-# Model, and whether the targets are poses.
+# The model, and True if the targets are poses.
 SETS = (
     ("satellite_xarm7", False),
     ("satellite_panda", True),
     ("satellite_xarm7", True),
     ("space_arm_7", False),
 )
-EXACT = 1e-3  # [m, rad] asked of the end of a plan
+EXACT = 1e-3  # [m, rad] largest final error of an exact plan
 KAPPA = 10.0
 
 

@@ -33,16 +33,16 @@ from planner import DT, paper_tasks, run_plans, smoothness
 import ffsms_pin as ffsms
 from ffsms_pin.files import write_content
 
-COARSE = 100  # steps of the nonlinear programme
-TIME_LIMIT = 120.0  # [s] of one of its solutions
-# Its forms: label, whether on the plan's own grid, whether written out in scalars (see `ipopt.solve`).
+COARSE = 100  # number of steps of the nonlinear programme
+TIME_LIMIT = 120.0  # [s] time limit of a solution
+# The forms of the programme: label, True for the plan's grid, True for scalar formulas (see `ipopt.solve`).
 FORMS = {
     "coarse": (f"IPOPT, {COARSE} steps", False, True),
     "graph": (f"IPOPT, {COARSE} steps, as a graph", False, False),
     "fine": ("IPOPT, the plan's own steps", True, True),
 }
 
-# Section: heading, what measures it, and what makes a table of that.
+# The sections: heading, function that measures, and function that makes the table.
 Section = tuple[str, Callable[[argparse.Namespace], Any], Callable[[Any], str]]
 
 

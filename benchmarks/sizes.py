@@ -21,8 +21,8 @@ from ffsms_pin.simulation.integrators import rk4_step
 
 JOINTS = (3, 6, 7, 14, 30)
 PLANNED = (3, 6, 7)
-PLANS = 3  # targets a size
-STATES, STEP, DT = 10, 0.01, 1e-3  # [s] of planning, of control
+PLANS = 3  # number of targets per size
+STATES, STEP, DT = 10, 0.01, 1e-3  # number of states, [s] step of planning, [s] step of control
 
 
 def run(turns: int = 40, hour: bool = True) -> dict[str, Any]:
@@ -104,7 +104,7 @@ def planned(n: int) -> dict[str, Any]:
     }
 
 
-# A sway for ever, so that nothing but the recording can grow; a fresh process each, for its peak of memory.
+# The joints swing steadily, so that only the recording grows. Each run has its own process for its memory.
 SIMULATION = """
 import json, sys, time, numpy as np, resource
 import ffsms_pin as ffsms

@@ -21,7 +21,7 @@ from ffsms_pin.checks import FloatArray
 from ffsms_pin.simulation.integrators import rk4_step
 
 ROBOTS = ("planar_3r", "satellite_panda")
-# Every quantity of the state that is documented as public.
+# All public quantities of a state.
 QUANTITIES = (
     *("H", "H_b", "H_bm", "H_m", "C_b", "C_m", "H_q", "C_q", "J_b", "J_m", "J_star", "C_bm", "C_be"),
     *("base_pose", "base_twist", "end_effector_pose", "com", "momentum", "kinetic_energy"),
@@ -171,7 +171,7 @@ def _measured(
     }
 
 
-# What is made together, by what is asked for first; the rest of each is then there.
+# Quantities that are computed together, by the one that is read first.
 GROUPS = (
     ("C_bm", "N and C_bm"),
     ("H_q", "H_q"),

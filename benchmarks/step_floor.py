@@ -36,7 +36,7 @@ from ffsms_pin.robot.base_motion import advance
 
 DT, KAPPA = 0.01, 10.0  # [s], and the sharpness of C~
 MODELS = ("planar_3r", "satellite_panda")
-# Of a step: where what it calls stands, and by which names.
+# The functions that a step calls: their module or class, and their names.
 PARTS: dict[str, tuple[Any, tuple[str, ...]]] = {
     "checks of the arguments": (Stepper, ("_checked",)),
     "state: J*, V, entropy, bounds on the rates": (stepper, ("StepState",)),
@@ -113,12 +113,12 @@ def _stepper(sms: ffsms.SpaceManipulator) -> Stepper:
 def measure(task: Task, repeats: int) -> dict[str, Any]:
     """Measure the times of a rollout's steps and of their floors [us]."""
     empty = _clock()
-    # One after the other in turn, so that a busy machine slows both.
+    # Step and floor take turns, so that other load slows both.
     times = [(_steps(task), _floors(task), _parts(task)) for _ in range(repeats)]
     steps = np.min([step for step, _, _ in times], axis=0) - empty
     floors = np.array([floor for _, floor, _ in times]) - empty
     parts = np.median(np.min([part for _, _, part in times], axis=0), axis=0) - empty
-    # Of the calls together, so that what counts is one undisturbed run, as for the step.
+    # The least time of all calls together, from one undisturbed run, as for the step.
     step, floor = float(np.median(steps)), float(np.median(floors.sum(axis=2).min(axis=0)))
     p999 = float(np.percentile(steps, 99.9))
     return {
@@ -166,7 +166,7 @@ def _floors(task: Task) -> FloatArray:
         options = {} if rows else {"compute_preconditioner": False}
         C = np.concatenate([p.C, bounds])
         low, up = np.concatenate([p.l, p.lower[-2:]]), np.concatenate([p.u, p.upper[-2:]])
-        # The last solution in this step's basis, as in the step: the joint limits come first, so V does.
+        # The previous solution in this step's basis, as in the step; the joint limits are the first rows.
         rates, V = V.dot(alpha_and_more[: sms.n]), p.C[: sms.n, : sms.n]
         start = np.concatenate([rates.dot(V), alpha_and_more[sms.n :]])
         t0 = now()

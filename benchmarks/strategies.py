@@ -34,24 +34,24 @@ from ffsms_pin.opt.step.stepwise import plan_stepwise
 from ffsms_pin.system.batch.arm import ArmStack
 from ffsms_pin.threads import one_blas_thread
 
-# Model, and whether the targets are poses.
+# The model, and True if the targets are poses.
 SETS = (("planar_3r", False), ("satellite_panda", True))
 KINDS = ("easy", "kappa 1", "near", "hard", "obstructed", "short", "momentum", "beside", "hurried", "wheels")
-# Strategies that nothing can be found without.
+# Strategies without which no plan is found.
 NEEDED = ("first starts", "descent")
 NAMES = tuple(name for name in dict.fromkeys(one.name for one in STRATEGIES) if name not in NEEDED)
 DT = 0.02  # [s]
-SHARE = 0.9  # of the joint box that goals are drawn from; of hard and hurried ones the start, too
-SLACK = 1.5  # durations, over what the joints need; short ones: drawn from the range
+SHARE = 0.9  # share of the joint box from which goals are drawn, for hard and hurried targets also the start
+SLACK = 1.5  # durations as multiples of the joints' least time; short ones are drawn from the range
 SHORT = (0.8, 1.1)
-NEAR = 0.1  # [rad] how far joints move to a near target at most; some count as arrived from the start
-CARRIED = (0.2, 1.0)  # how far momentum takes the centre of mass [arm lengths] and turns the base [rad]
-RADIUS = 0.03  # [arm lengths] of obstacles in the way
-BESIDE = 0.001  # [rad] how far joints move to a target beside the start, a millimetre or so away;
-TURN = 0.015  # [rad] and by how much one turns that is a pose, on the spot
-NOT_FAR = 0.6  # [rad] and at most to one that is to be reached in a hurry
-HURRY = 1.05  # times the least duration in which single steps straight to the target reach it
-WEAK = 0.3  # of the momentum that the wheels would need without limits
+NEAR = 0.1  # [rad] largest joint displacement to a near target; some are within the tolerance at the start
+CARRIED = (0.2, 1.0)  # displacement [arm lengths] and rotation [rad] by the momentum
+RADIUS = 0.03  # [arm lengths] radius of obstacles
+BESIDE = 0.001  # [rad] largest joint displacement to a target beside the start, about a millimetre away
+TURN = 0.015  # [rad] rotation of a pose beside the start
+NOT_FAR = 0.6  # [rad] largest joint displacement to a hurried target
+HURRY = 1.05  # durations as multiples of the least duration in which single steps reach the target
+WEAK = 0.3  # share of the momentum that the wheels would need without limits
 PYRAMID = np.array([[1.0, 1.0, 1.0], [-1.0, 1.0, 1.0], [1.0, -1.0, 1.0], [1.0, 1.0, -1.0]]) / math.sqrt(3.0)
 
 

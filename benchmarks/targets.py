@@ -22,9 +22,9 @@ from ffsms_pin.robot.base_motion import roll_out
 from ffsms_pin.system.batch.arm import ArmStack
 
 CLEARANCE = 0.01  # [m]
-SHARE = 0.9  # of the joint box
-SLACK = 1.5  # durations, over what the joints need
-STEPS = 120  # of the straight move, for its clearances and the base's reaction
+SHARE = 0.9  # share of the joint box
+SLACK = 1.5  # durations as multiples of the joints' least time
+STEPS = 120  # number of steps of the straight move, for its clearances and the base's reaction
 
 
 class Task(NamedTuple):
@@ -56,7 +56,7 @@ def reachable_targets(
         motion = rolled_out(sms, stack, q0, rates, dt_move)
         if clearance.violation(motion).amount > 0.0:
             continue
-        # By the plain roll-out again, which earlier targets were made by: those of a seed stay the same bits.
+        # The simple integration gives bitwise the same targets of a seed as before.
         q, _ = roll_out(sms, q0, move, np.zeros((STEPS, sms.n)), dt_move)
         least = np.max(np.abs(move) / limits.velocity + limits.velocity / limits.acceleration)
         duration = dt * math.ceil(SLACK * float(least) / dt - 1e-9)

@@ -22,12 +22,12 @@ from ffsms_pin.control import BaseCommand, BaseView, ComputedTorque, Coordinated
 
 PYRAMID = [[1, 0, 1], [-1, 0, 1], [0, 1, 1], [0, -1, 1]]
 RPM = 2.0 * np.pi / 60.0
-# docs/bases-that-act.md says where the numbers are from.
+# docs/bases-that-act.md has the sources of the numbers.
 SMALL = ffsms.ReactionWheels(PYRAMID, 0.001364, 0.1, 0.001364 * 7000.0 * RPM)
 LARGE = ffsms.ReactionWheels(PYRAMID, 12.0 / (6000.0 * RPM), 0.2, 12.0)
 
 LONG = ((300.0, 1e-2), (300.0, 5e-3), (300.0, 2e-3), (3600.0, 1e-2), (3600.0, 2.5e-3))  # flight, step [s]
-# How plans are made, and durations [s] of the moves. Nothing is known of the wheels in a floating plan.
+# The modes of the plans, and durations [s] of the moves. A floating plan ignores the wheels.
 MODES = {"floating": [12.0, 24.0, 36.0], "rotation-floating": [12.0]}
 ARMS = ("satellite_ur5", "satellite_panda", "satellite_xarm7")
 

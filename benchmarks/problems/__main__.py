@@ -22,7 +22,7 @@ import numpy as np
 
 from benchmarks.problems.judge import FAMILIES, Problem, judge, load
 
-# Where a solver is, and what it is given beside the problem and the time.
+# The module of a solver, and its arguments besides the problem and the time.
 SOLVERS: dict[str, tuple[str, dict[str, Any]]] = {
     "ours": ("library", {}),
     "step": ("library", {"method": "step"}),
@@ -32,7 +32,7 @@ SOLVERS: dict[str, tuple[str, dict[str, Any]]] = {
     "ipopt": ("nonlinear", {}),
     "crocoddyl": ("crocoddyl_ddp", {}),
 }
-BESIDE = "resolved-rate"  # what costs, travels and turns are divided by
+BESIDE = "resolved-rate"  # the solver by whose costs, travels and turns those of the others are divided
 
 
 class OutOfTime(BaseException):
@@ -129,7 +129,7 @@ def main() -> None:
     rows = [json.loads(line) for line in known]
     done = {(row["solver"], row["problem"]) for row in rows}
     problems = [one for name in given.families for one in load(name)[: given.limit]]
-    # In turns, so that what is done of a run that was stopped is a fair part of the whole.
+    # Solvers take turns, so that the finished part of a stopped run is a fair sample.
     problems.sort(key=lambda one: int(one["name"][-3:]))
     with open(given.out, "a", encoding="utf-8") as file:
         for solver in [] if given.table else given.solvers:

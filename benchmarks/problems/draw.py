@@ -13,10 +13,10 @@ from benchmarks.problems.judge import Array, Curve, World
 from benchmarks.problems.robots import ROBOTS
 
 PER_RATE = 1.25  # [1/s] acceleration limits over rate limits, the paper's ratio
-CLEARANCE, SPARE = 0.01, 0.01  # [m] asked for, and what starts and goals have beside it
-REACH = 0.02  # [m, rad] in the last tenth
+CLEARANCE, SPARE = 0.01, 0.01  # [m] clearance of the problem, and further margin of starts and goals
+REACH = 0.02  # [m, rad] tolerance in the last tenth of the time
 USED = (0.75, 0.98)  # share of the joints' rates and accelerations that witnesses use
-NODES, RAMP = 300, 0.2  # of a witness; share of its time to speed up and to slow down
+NODES, RAMP = 300, 0.2  # number of nodes of a witness; share of its time in each ramp
 
 Motion = dict[str, Array]
 

@@ -32,7 +32,7 @@ from benchmarks.problems.judge import EXACT, FAMILIES, HERE, Array, World, clien
 
 SEED = 26
 ARMS = ("ur5", "panda", "xarm7")
-# Of each family: how many problems, and the robots in turn.
+# The number of problems of each family, and the robots, which take turns.
 SETS: dict[str, tuple[int, tuple[str, ...]]] = {
     "positions": (100, ("planar_3r", *ARMS, "space_arm_7")),
     "poses": (100, (*ARMS, "space_arm_7")),
@@ -43,12 +43,12 @@ SETS: dict[str, tuple[int, tuple[str, ...]]] = {
     "momentum": (40, ("planar_3r", *ARMS)),
 }
 HELD = (0.1, 0.3, 1.0)  # [deg] limits on the base's attitude, in turn
-OBSTACLES, TRIES = 8, 60  # where obstacles are drawn so often, fewer may be found room for
-FAR = 0.15  # [arm lengths] that the end effector moves at least while the base is held
+OBSTACLES, TRIES = 8, 60  # number of obstacles, of which some may fit nowhere; number of draws for each
+FAR = 0.15  # [arm lengths] least displacement of the end effector while the base is held
 BODY, HANDLE = (0.6, 0.6, 0.5), 0.12  # [m] a client's body, and by how much its grasp sticks out
-SPIN = (1.0, 10.0)  # [deg/s] of clients
-CARRIED = (0.2, 0.5)  # how far momentum takes the centre of mass [m] and turns the base [rad] at most
-CLIENT_TURN = 0.2  # [rad] for the attitude of a client's grasp in the last tenth
+SPIN = (1.0, 10.0)  # [deg/s] range of the clients' rates
+CARRIED = (0.2, 0.5)  # largest displacement of the centre of mass [m] and rotation [rad] by the momentum
+CLIENT_TURN = 0.2  # [rad] tolerance of the attitude of a client's grasp in the last tenth
 
 
 def plain(draw: Draw, turned: bool) -> Motion:
@@ -78,7 +78,7 @@ def held(draw: Draw) -> Motion:
         middle = slope(joints[-1] + 0.5 * h * slopes[-1])
         joints.append(joints[-1] + h * middle)
         slopes.append(slope(joints[-1]))
-    # The path is gone along with a speed that rises and falls.
+    # The speed along the path rises and falls.
     gone, speed = profile(NODES)
     points = np.column_stack([np.interp(gone[:, 0] * NODES, range(NODES + 1), x) for x in np.array(joints).T])
     rates = speed * length * np.array([slope(x) for x in points])
@@ -111,7 +111,7 @@ def obstacles(draw: Draw) -> Motion:
     for k in range(TRIES):
         if len(draw.problem["obstacles"]) == OBSTACLES:
             break
-        # The first ones where the straight move passes, the others beside the way round.
+        # The first obstacles are on the path of the straight move, the others beside the detour.
         blocks = len(draw.problem["obstacles"]) < 3
         near = direct[NODES // 2 + rng.integers(-60, 60)] if blocks else rolled[rng.integers(len(rolled))]
         size, kind = draw.length * rng.uniform(0.08, 0.2, 3), ("box", "sphere", "cylinder")[k % 3]
@@ -154,7 +154,7 @@ def clients(draw: Draw) -> Motion:
     spin = twist[3:]
     velocity = twist[:3] - np.cross(spin, tip.translation - pose.translation)
     given = {"mass": round(mass, 3), "inertia": rounded(mass / 12.0 * np.array([y + z, x + z, x + y]))}
-    # Its motion backwards from the deadline: that of the same body with its spin reversed.
+    # Its motion backwards from the deadline is that of the same body with reversed angular velocity.
     back = client_of(given | placed(pose) | {"twist": np.concatenate([-velocity, -spin])})
     then, reverse = back.states(np.linspace(0.0, draw.problem["duration"], 4 * NODES + 1))[-1]
     draw.problem["client"] = given | placed(then) | {"twist": rounded(-reverse)}

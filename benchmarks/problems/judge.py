@@ -18,15 +18,15 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-coal = getattr(pin, "coal", None) or pin.hppfcl  # as Pinocchio 3 calls it
+coal = getattr(pin, "coal", None) or pin.hppfcl  # its name in Pinocchio 3
 SHAPES = {"sphere": coal.Sphere, "box": coal.Box, "cylinder": coal.Cylinder}
 HERE = Path(__file__).resolve().parent
 FAMILIES = ("positions", "poses", "held", "obstacles", "clients", "two_arms", "momentum")
-TURN = 0.01  # [rad] that no joint exceeds between two instants that are looked at
-SLACK = 1e-6  # [-] of limits, [m, rad, m/s, rad/s] of goals: what another integrator may differ by
-SPARE = 1e-5  # [m] likewise of clearances
-LAST = 0.1  # share of the time, at the end, in which goals have to be near
-EXACT = 1e-3  # [m, rad, m/s, rad/s] ends that are called exact
+TURN = 0.01  # [rad] largest rotation of a joint between two checked instants
+SLACK = 1e-6  # tolerance for another integrator: share of limits, [m, rad, m/s, rad/s] of goals
+SPARE = 1e-5  # [m] tolerance of clearances for another integrator
+LAST = 0.1  # final share of the time in which goals must be within their tolerance
+EXACT = 1e-3  # [m, rad, m/s, rad/s] largest final error of an exact solution
 KAPPA = 10.0  # sharpness of the paper's C~
 
 Problem = dict[str, Any]
@@ -179,7 +179,7 @@ class Curve:
         with np.errstate(all="ignore"):
             slowest = -c / (3.0 * d)  # where the acceleration is zero
             half = -(c + np.copysign(np.sqrt(c**2 - 3.0 * d * v), c))
-            turns = [half / (3.0 * d), v / half]  # where the rate is
+            turns = [half / (3.0 * d), v / half]  # where the rate is zero
         inside = [np.clip(np.nan_to_num(s, nan=0.0), 0.0, h) for s in (slowest, *turns)]
         found = [self.at(every, s) for s in (0.0 * h, h, *inside)]
         return tuple(np.concatenate(values) for values in zip(*found, strict=True))
@@ -201,7 +201,7 @@ def judge(problem: Problem, solution: dict[str, Any]) -> dict[str, Any]:
     fastest, torque = model.velocityLimit[6:], model.effortLimit[6:]
 
     def keep(name: str, excess: float, slack: float = SLACK) -> None:
-        if not excess <= slack:  # what is not a number, too
+        if not excess <= slack:  # also true for NaN
             broken[name] = max(broken.get(name, 0.0), float(excess))
 
     p, u, a = curve.extremes()
@@ -234,7 +234,7 @@ def judge(problem: Problem, solution: dict[str, Any]) -> dict[str, Any]:
             keep("torque", (np.abs(world.torques(q, v, one)) / torque).max() - 1.0)
         if not last:
             then = curve.at(j, inside + h[i])
-            if not inside:  # as the paper sums it: over the solution's own steps
+            if not inside:  # the paper's sum over the steps of the solution
                 cost += curve.h[j] * summand(world, q, curve.at(j, curve.h[j])[1], clients[i])
             middle = curve.at(j, inside + 0.5 * h[i])[1]
             q = world.after(q, (rates, middle, then[1]), h[i])

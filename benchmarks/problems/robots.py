@@ -18,7 +18,7 @@ import pinocchio as pin
 import ffsms_pin as ffsms
 
 FOLDER = Path(__file__).resolve().parent / "robots"
-NEAR = 0.02  # [m] boxes that come no further apart than this in `POSTURES` random postures are not kept apart
+NEAR = 0.02  # [m] pairs of boxes that are always nearer in `POSTURES` random postures have no clearance
 POSTURES = 300
 
 
@@ -31,8 +31,8 @@ class Robot(NamedTuple):
     torque: float = 1.0
 
 
-# Arms for the ground, on a satellite of 200 kg, move as slowly as arms in orbit do, and have motors for that:
-# nothing is to be held against gravity.
+# Arms for the ground on a satellite of 200 kg move as slowly as arms in orbit, with weaker motors, because
+# they carry no weight.
 ROBOTS = {
     "planar_3r": Robot("planar_3r", ("end_effector",), 0.4),
     "ur5": Robot("satellite_ur5", ("tool0",), 0.5, 0.01),

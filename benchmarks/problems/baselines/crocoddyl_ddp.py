@@ -15,7 +15,7 @@ from benchmarks.problems.judge import Problem, World, pin
 
 STEPS, ITERATIONS = 100, 100
 GOAL, BARRIER, TURN, EFFORT = 1e5, 1e4, 1e4, 1.0  # weights
-INSIDE, LATE = 0.9, 0.88  # share of the limits that barriers leave; of the time, from which goals count
+INSIDE, LATE = 0.9, 0.88  # shares of the limits inside barriers, and of the time from which goals have a cost
 
 
 def planned(problem: Problem, seconds: float) -> dict[str, Any]:

@@ -13,7 +13,7 @@ from benchmarks.problems.judge import HERE, SHAPES, Problem, se3
 from ffsms_pin import opt
 from ffsms_pin.opt.plans import plan_problem
 
-STEPS = 500  # of a plan
+STEPS = 500  # number of steps of a plan
 
 
 @lru_cache
@@ -69,7 +69,7 @@ def planned(problem: Problem, seconds: float, method: str = "horizon") -> dict[s
         "reached": plan.reached,
         "exact": plan.reached and plan.within_tolerance,
     }
-    # Goals are no limits to the judge; a clearance that is not proven may be kept.
+    # The judge does not treat goals as limits, and a clearance without proof may be kept.
     unsure = "a clearance is not proven" in plan.note
     said["kept"] = None if unsure else all(name.startswith("also ") for name in plan.broken)
     return {

@@ -12,8 +12,8 @@ import numpy as np
 
 from benchmarks.problems.judge import Array, Problem, World, pin
 
-STEPS, GAIN, DAMPING = 500, 2.0, 1e-3  # of a motion; [1/s] on what is missed; of the least squares [-]
-ARRIVAL = 0.88  # share of the time at which goals that stand still are reached
+STEPS, GAIN, DAMPING = 500, 2.0, 1e-3  # steps; [1/s] gain of the errors; damping of least squares
+ARRIVAL = 0.88  # share of the time at which fixed goals are reached
 
 
 def planned(problem: Problem, seconds: float, reacting: bool = True) -> dict[str, Any]:

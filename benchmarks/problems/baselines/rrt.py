@@ -16,10 +16,10 @@ import numpy as np
 from benchmarks.problems.baselines.null_space import missed
 from benchmarks.problems.judge import Array, Problem, World, pin
 
-STEP, NEAR, NODES = 0.1, 1e-4, 500  # [rad] between configurations; [m, rad] that ends a way; of a solution
-EXTENDED, SENT = 15, 150  # steps at most, towards a sample and towards the goals
-CUTS, REPAIRS = 40, 6  # attempts to cut short; corrections of the end after rounding off
-FREE = 0.88  # share of the time that motions take at most
+STEP, NEAR, NODES = 0.1, 1e-4, 500  # [rad] between configurations; [m, rad] final error; nodes
+EXTENDED, SENT = 15, 150  # largest number of steps towards a sample, and towards the goals
+CUTS, REPAIRS = 40, 6  # attempts to shorten the path; corrections of its end after smoothing
+FREE = 0.88  # largest share of the time that motions take
 
 
 class Planner:
