@@ -20,20 +20,19 @@ from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.simulation import Sensors
 from ffsms_pin.system.regressors import PER_BODY, body_regressor, momentum_regressors
 
-# Samples that share weights and noise bias, which both change slowly with the posture.
-_PERIOD = 32
-_REWEIGHTED = 64  # samples before the first update of the weights; further updates follow at doubled numbers
-_NOISE = 4.0  # largest mean square of weighted residuals that counts as noise
-# Least share of the prior variances in the weights. Without it, momenta with noise but no motion would get
-# such large weights that their noise outweighs the motion of the others.
+_PERIOD = 32  # number of samples with the same weights and noise bias, which change slowly with the posture
+_REWEIGHTED = 64  # number of samples before the first update of the weights, doubled after each update
+_NOISE = 4.0  # largest mean square of weighted residuals that noise explains
+# Least share of the prior variances in the weights. Without it, samples without motion would get such large
+# weights that their noise outweighs the samples with motion.
 _DOUBT = 0.05**2
 _LEAST_SCALE = 0.5  # lower bound of the noise's variance scale, for exact data
 _ROUNDING = 1e-14  # relative to the largest information
 _CERTAIN = 0.3  # largest remaining share of the uncertainty at which plans begin to use an estimate
-_CHANGED = 3e-3  # change of the unknown bodies' momentum, as a share, at which plans use a new estimate
-_FEWEST = 10  # samples before an estimate is used
+_CHANGED = 3e-3  # least change of the unknown bodies' momentum, as a share, for which plans use an estimate
+_FEWEST = 10  # number of samples before an estimate is used
 _SIGNIFICANT = 4.0  # standard deviations of noise that the information of a direction must exceed
-_ENOUGH = 30  # equations in excess of the unknowns, above which the residuals scale the noise
+_ENOUGH = 30  # excess of equations over unknowns from which on the residuals scale the noise
 
 
 class Identifier:
@@ -41,8 +40,8 @@ class Identifier:
 
     Without external forces the total momentum about a fixed point is constant, and it is linear in the
     inertial parameters. Each sample adds six equations to sums of fixed size (an information filter), in
-    which the constant is unknown too. Wheels may turn if their momentum is given. The property `found` solves
-    the sums.
+    which the constant momentum is unknown, too. Wheels may turn if their momentum is given. The property
+    `found` has the estimate.
 
     Parameters
     ----------
@@ -74,8 +73,9 @@ class Identifier:
     sms : SpaceManipulator
         The prior model with the inertias of `known`.
     robot : SpaceManipulator
-        The robot `sms` with the prior of an unknown payload, about which the equations are linearised.
+        The model about which the equations are linearised: `sms` with the priors of the unknown bodies.
     bodies : list of UnknownBody
+        The unknown bodies and their priors.
     samples : int
         The number of samples.
     """
@@ -249,10 +249,10 @@ class Identifier:
         self._bias_now = np.asarray(flat @ weighted.T)
 
     def expected_information(self, q: FloatArray, v: FloatArray) -> FloatArray:
-        """Return the information (k, k) of states q (N, nq) and v (N, 6 + n), without bias.
+        """Return the information (k, k) of exact states q (N, nq) and v (N, 6 + n).
 
-        It is in units of the prior deviations, with an unknown total momentum unless `at_rest`, and with the
-        weight of the first state for all.
+        The information is in units of the prior deviations. The total momentum is unknown unless `at_rest`,
+        and all states have the weight of the first state.
         """
         about = q[0, :3]
         first = q[0].copy()
@@ -302,7 +302,7 @@ class Identifier:
     def add_equations(self, rows: FloatArray, sides: FloatArray) -> None:
         """Add weighted linear equations: rows (R, 10 b) times the parameter change equal `sides` (R,).
 
-        Their noise is scaled by their own residuals, separately from that of the momentum.
+        The residuals of these equations scale their noise, separately from the noise of the momentum.
         """
         Z = np.column_stack([(rows * self._scaling)[:, self._columns], -sides])
         self._other += Z.T @ Z
@@ -320,7 +320,7 @@ class Identifier:
         return np.asarray(sums[np.ix_(rest, rest)] - across.T @ np.linalg.solve(H, across))
 
     def _equations(self) -> tuple[FloatArray, FloatArray, float, int]:
-        """Return G, g, c and the number of equations: the misfit of x is x G x + 2 g x + c."""
+        """Return G, g and c of the misfit x^T G x + 2 g^T x + c, and the number of equations."""
         k = len(self._columns)
         rest = [*range(k), k + 6]
         at_rest = self.at_rest or not self.samples
@@ -379,8 +379,8 @@ class Identifier:
     def learnt(self, last: SpaceManipulator) -> SpaceManipulator:
         """Return the robot with the estimated inertias, or `last` itself.
 
-        It is `last` if the estimate is too uncertain, or if it changes the momentum of the motion so far by
-        less than 0.3 % of the unknown bodies' momentum.
+        `last` is returned if the estimate is too uncertain, or if it changes the momentum of the motion so
+        far by less than 0.3 % of the unknown bodies' momentum.
 
         Parameters
         ----------

@@ -40,9 +40,9 @@ def identify(
 ) -> Identification:
     """Estimate masses, centres of mass and inertias from a motion of the floating robot.
 
-    This is `Identifier` for whole recordings, based on the constant total momentum. Torques add the joints'
-    equations of motion, which fix the scale of all parameters. The recording is checked first: a gap in time,
-    a frozen sensor or degrees raise an error.
+    An `Identifier` processes the whole recording. It uses the constant total momentum; torques add the
+    joints' equations of motion, which determine the scale of all parameters. The recording is checked first:
+    a gap in time, a frozen sensor, or values in degrees raise an error.
 
     Parameters
     ----------

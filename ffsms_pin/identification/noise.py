@@ -15,20 +15,22 @@ from ffsms_pin.simulation import Sensors
 # [m/s, rad/s] default if the sensors are unknown; larger residuals scale it up.
 NOMINAL = 1e-6
 _ORDERS = (3, 5, 7)  # orders of the differences that estimate noise
-_LEAST = 1e-9  # least share of a stated deviation, so that weights stay finite
-_USUAL_SHARE = 0.3  # share of the rate limits, assumed for the effect of joint angle errors on momentum
+_LEAST = 1e-9  # [m/s, rad/s] least deviation in the weights, so that they stay finite
+_USUAL_SHARE = (
+    0.3  # assumed joint rates, as a share of their limits, for the effect of errors in joint angles
+)
 
 
 @dataclass(frozen=True, eq=False)
 class NoiseModel:
-    """The variances of the measurements.
+    """The noise of the measurements.
 
     Attributes
     ----------
     rates : ndarray, shape (6 + n,)
         The variances of the velocity in Pinocchio's layout [m^2/s^2, rad^2/s^2], for weights.
     biasing : ndarray, shape (6 + n,)
-        The certain part of these variances, for the bias correction of the regression.
+        The same variances without assumed lower bounds, for the bias correction of the regression.
     position, attitude : float
         The variances of the base's pose, per axis [m^2, rad^2].
     latency : float
