@@ -124,7 +124,8 @@ class Identifier:
         self._other_count = 0
         self._told: FloatArray | None = None
         self._near: FloatArray | None = None
-        self.samples = self._freed = 0
+        self._offset: FloatArray | None = None
+        self.samples = self._count = self._freed = 0
 
     def __repr__(self) -> str:
         names = ", ".join(body.name for body in self.bodies)
@@ -140,7 +141,9 @@ class Identifier:
         q : array_like, shape (nq,)
             Measured configuration in Pinocchio's layout.
         v : array_like, shape (6 + n,)
-            Measured velocity in Pinocchio's layout.
+            Measured velocity in Pinocchio's layout. If the linear velocity of the base is not measured, it is
+            NaN; then the angular momentum about the centre of mass gives three equations, in which the linear
+            velocity follows from the masses of `robot`.
         wheel_momentum : array_like, shape (w,), optional
             Spin momenta of the robot's wheels relative to the base [N m s]. Default: the wheels stand still.
 
@@ -151,6 +154,8 @@ class Identifier:
         """
         if not (isinstance(t, float) and math.isfinite(t)):
             t = number("t", t)
+        if unseen := isinstance(v, np.ndarray) and bool(np.isnan(v[:3]).all()):
+            v = np.concatenate([np.zeros(3), v[3:]])
         q, v = vector("q", q, self.robot.nq), vector("v", v, self.robot.nv)
         if not t > self._time:
             raise InvalidValue("t", t, f"must be later than the previous sample at {self._time:g} s")
@@ -166,11 +171,15 @@ class Identifier:
         if self._origin is None:
             self._origin = q[:3].copy()
         q[:3] -= self._origin
-        self._add(q, v, spins)
+        self._add(q, v, spins, unseen)
 
-    def _add(self, q: FloatArray, v: FloatArray, spins: FloatArray | None) -> None:
+    def _add(self, q: FloatArray, v: FloatArray, spins: FloatArray | None, unseen: bool) -> None:
         model, data, Z, Y = self._model, self._data, self._Z, self._local
         pin.ccrba(model, data, q, v)
+        if unseen:  # in the frame of the centre of mass the linear momentum is zero
+            q[:3] -= data.com[0]
+            v[:3] = _linear_velocity(data.Ag) @ v[3:]
+            pin.ccrba(model, data, q, v)
         A = data.Ag.copy()
         x, y, z = data.com[0].tolist()
         p = A[:3]
@@ -194,17 +203,20 @@ class Identifier:
             wide[:, PER_BODY * k : PER_BODY * (k + 1)] = data.oMi[body.index + 1].actionInverse.T.dot(Y)
         wide *= self._scaling
         Z[:, :-7] = wide[:, self._columns]
+        if self._offset is not None:
+            Z[:, -1] -= Z[:, :-7] @ self._offset
         if self._pose_noise is None:
             self._pose_noise = self.noise.of_pose(Z[:, -1])
         if self.samples % _PERIOD == 0:
             if self.samples >= self._reweighted:
                 self._reweighted *= 2.0
                 self._believed = self._parameters()
-            self._weigh(q, A)
+            self._weigh(q, A, unseen)
         weight = self._weight
         self._bias += self._bias_now
         self._sums += Z.T.dot(weight.dot(Z))
         self.samples += 1
+        self._count += 3 if unseen else 6
 
     def weigh_by(self, other: Identifier) -> None:
         """Compute the weights of all samples from the estimate of another identifier of the same bodies.
@@ -218,7 +230,14 @@ class Identifier:
         solved = self.solution()
         return solved.x, (1.0 - _DOUBT) * solved.covariance + _DOUBT * np.eye(len(solved.x))
 
-    def _weigh(self, q: FloatArray, A: FloatArray) -> None:
+    def linearise_about(self, estimate: Identification) -> None:
+        """Use an estimate of the same bodies in place of the prior for unmeasured linear velocities."""
+        self.robot = estimate.sms
+        self._model, self._data = self.robot.model, self.robot.model.createData()
+        change = [estimate[body.name].parameters - body.believed for body in self.bodies]
+        self._offset = np.concatenate(change)[self._columns] / self._scales
+
+    def _weigh(self, q: FloatArray, A: FloatArray, unseen: bool = False) -> None:
         """Compute the weight of a sample, and the expected contribution of its noise to the information.
 
         Velocities multiply the unknown parameters, so their noise adds to the squares of the regression and
@@ -235,6 +254,9 @@ class Identifier:
         rows = np.zeros((self._sums.shape[0], 6, self.robot.nv))
         rows[:-7] = (wide * self._scaling[:, None, None])[self._columns]
         rows[-1] = A
+        if unseen:
+            rows[:, :, 3:] += rows[:, :, :3] @ _linear_velocity(A)
+            rows[:, :, :3] = 0.0
         noisy = rows * np.sqrt(self.noise.rates)
         x, covariance = self._believed
         momentum = noisy[-1] + np.tensordot(x, noisy[:-7], 1)
@@ -242,7 +264,10 @@ class Identifier:
         spread = (covariance @ noisy[:-7].reshape(size, -1)).reshape(size, 6, -1)
         S = momentum @ momentum.T + np.tensordot(spread, noisy[:-7], ((0, 2), (0, 2)))
         assert self._pose_noise is not None
-        self._weight = np.linalg.inv(S + self._pose_noise)
+        S = S + self._pose_noise
+        self._weight = np.zeros((6, 6))
+        used = slice(3 if unseen else 0, 6)
+        self._weight[used, used] = np.linalg.inv(S[used, used])
         biasing = rows * np.sqrt(self.noise.biasing)
         flat = biasing.swapaxes(1, 2).reshape(len(rows), -1)
         weighted = np.tensordot(biasing, self._weight, (1, 0)).reshape(len(rows), -1)
@@ -293,10 +318,10 @@ class Identifier:
             self._sums[-7:-1] = self._sums[:, -7:-1] = 0.0
         else:
             kept = [*range(len(self._columns)), len(self._columns) + 6]
-            G = self._without_momentum(self._sums)
+            constants, G = self._constants, self._without_momentum(self._sums)
             self._sums[:] = 0.0
             self._sums[np.ix_(kept, kept)] = G
-            self._freed += 6
+            self._freed += constants
         self._pose_noise = None
 
     def add_equations(self, rows: FloatArray, sides: FloatArray) -> None:
@@ -312,12 +337,17 @@ class Identifier:
     def _without_momentum(sums: FloatArray) -> FloatArray:
         """Return the sums (k + 1, k + 1) after elimination of the constant momenta."""
         k = len(sums) - 7
-        rest, held = [*range(k), k + 6], slice(k, k + 6)
-        H = sums[held, held]
-        if not H.any():
-            return sums[np.ix_(rest, rest)]
-        across = sums[held][:, rest]
-        return np.asarray(sums[np.ix_(rest, rest)] - across.T @ np.linalg.solve(H, across))
+        rest = [*range(k), k + 6]
+        held = k + np.flatnonzero(np.diag(sums)[k : k + 6])
+        across = sums[np.ix_(held, rest)]
+        return np.asarray(
+            sums[np.ix_(rest, rest)] - across.T @ np.linalg.solve(sums[np.ix_(held, held)], across)
+        )
+
+    @property
+    def _constants(self) -> int:
+        """The number of components of the total momentum that the samples show."""
+        return int(np.count_nonzero(np.diag(self._sums)[-7:-1]))
 
     def _equations(self) -> tuple[FloatArray, FloatArray, float, int]:
         """Return G, g and c of the misfit x^T G x + 2 g^T x + c, and the number of equations."""
@@ -325,7 +355,7 @@ class Identifier:
         rest = [*range(k), k + 6]
         at_rest = self.at_rest or not self.samples
         sums = self._sums[np.ix_(rest, rest)] if at_rest else self._without_momentum(self._sums)
-        count = 6 * self.samples - self._freed - (0 if self.at_rest else 6)
+        count = self._count - self._freed - (0 if self.at_rest else self._constants)
         return sums[:-1, :-1], sums[:-1, -1], float(sums[-1, -1]), max(count, 0)
 
     def solution(self) -> Solution:
@@ -407,6 +437,14 @@ class Identifier:
     def found(self) -> Identification:
         """The physically consistent estimate from all samples so far."""
         return identification_of(self)
+
+
+def _linear_velocity(A: FloatArray) -> FloatArray:
+    """Return the base's linear velocity per other velocity (3, 3 + n) at zero linear momentum.
+
+    `A` (6, 6 + n) maps velocities to momentum.
+    """
+    return -np.linalg.solve(A[:3, :3], A[:3, 3:])
 
 
 def _significant(

@@ -37,6 +37,7 @@ def identify(
     spread: float = 1.0,
     at_rest: bool = False,
     passes: int = 2,
+    base_velocity: str = "local",
 ) -> Identification:
     """Estimate masses, centres of mass and inertias from a motion of the floating robot.
 
@@ -53,7 +54,9 @@ def identify(
     recording : tuple of array_like, optional
         A measured motion in place of `tracking`: t (N,) [s], q (N, nq), v (N, 6 + n), and optionally joint
         torques [N m], one row per sample or per step. q and v are in Pinocchio's layout: quaternions (x, y,
-        z, w), the root's velocity in the root's axes.
+        z, w), the root's velocity in the root's axes. If the position or the linear velocity of the base is
+        not measured, its columns q[:, :3] or v[:, :3] are NaN. Without the linear velocity the angular
+        momentum alone is used, with two more passes.
     unknown : sequence of str
         The unknown bodies, as in `Identifier`: "base", "payload", links.
     known : mapping, optional
@@ -72,6 +75,10 @@ def identify(
     passes : int
         The number of passes over the recording. From the second pass on, the weights follow the previous
         estimate. One pass gives the result of an `Identifier` with the same `sensors`.
+    base_velocity : {"local", "mixed", "inertial"}
+        The axes of the root's velocity in `recording`: "local", the root's own; "mixed", inertial axes for
+        the linear and the root's axes for the angular velocity, as in MuJoCo's `qvel`; "inertial", inertial
+        axes for both.
 
     Returns
     -------
@@ -87,16 +94,22 @@ def identify(
     identifier = Identifier(sms, unknown, **options)
     noise = at_least_zero("torque_noise", torque_noise, "N m")
     passes = whole("passes", passes, 1, 10)
-    made = recording_of(sms, tracking, recording, wheel_momentum, use_torques is True)
+    made = recording_of(sms, tracking, recording, wheel_momentum, use_torques is True, base_velocity)
     if use_torques and made.tau is None:
         raise InvalidValue("use_torques", use_torques, "must be left out: the recording has no torques")
+    unseen = bool(np.isnan(made.v[:, :3]).any())
+    if unseen and made.tau is not None and use_torques is not False:
+        text = "must be False, because the linear velocity of the base is not measured"
+        raise InvalidValue("use_torques", use_torques, text)
     wheels = [None] * len(made.t) if made.wheel_momentum is None else made.wheel_momentum
-    for _ in range(passes):
+    for _ in range(passes + 2 * unseen):
         before, identifier = identifier, Identifier(sms, unknown, **options)
         if before.samples:
             identifier.weigh_by(before)
+            if unseen:
+                identifier.linearise_about(before.found)
         if not identifier.noise.stated:
-            identifier.noise = NoiseModel.shown_by(made.v)
+            identifier.noise = NoiseModel.shown_by(made.t, made.v)
         for t, q, v, spins in zip(made.t, made.q, made.v, wheels, strict=True):
             identifier.update(t, q, v, spins)
         if made.tau is not None and use_torques is not False:
@@ -110,7 +123,8 @@ def torque_equations(
     """Return the joints' equations of motion as weighted rows (R, 10 b) and right sides (R,).
 
     A row times the change of the unknown bodies' parameters equals its right side. Regressor and torques are
-    averaged over blocks of 0.1 s, in which the noise of the accelerations largely cancels.
+    averaged over blocks of 0.1 s, in which the noise of the accelerations largely cancels. Blocks in which a
+    joint is beyond its limits are left out, because its stop adds a torque.
     """
     robot, bodies, tau = identifier.robot, identifier.bodies, recording.tau
     assert tau is not None
@@ -120,8 +134,11 @@ def torque_equations(
     deviation = max(torque_noise, _TORQUE_SHARE * float(np.abs(tau).max()), 1e-9)
     columns = np.concatenate([np.arange(PER_BODY) + PER_BODY * body.index for body in bodies])
     believed, armature = robot.inertial_parameters, np.array(robot.model.armature)[6:]
+    stopped = np.array([robot.limits.violation(robot.layout.positions(row)).any() for row in q])
     rows, sides = [], []
     for first in range(0, len(dt) - size + 1, size):
+        if stopped[first : first + size + 1].any():
+            continue
         Y, force = np.zeros((n, PER_BODY * (1 + n))), np.zeros(n)
         for k in range(first, first + size):
             rate = (v[k + 1] - v[k]) / dt[k]
@@ -138,4 +155,7 @@ def torque_equations(
         W = np.linalg.inv(np.linalg.cholesky(covariance))
         rows.append(W @ Y[:, columns])
         sides.append(W @ (force - Y @ believed))
+    if not rows:
+        text = "has no 0.1 s in which all joints are within their limits; set use_torques=False"
+        raise InvalidValue("recording q", q[0], text)
     return np.concatenate(rows), np.concatenate(sides)

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
+from numpy.lib.stride_tricks import sliding_window_view
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.robot import SpaceManipulator
@@ -67,9 +67,9 @@ class NoiseModel:
         )
 
     @classmethod
-    def shown_by(cls, v: FloatArray) -> NoiseModel:
-        """Return the noise of velocities v (N, 6 + n), estimated from their differences."""
-        noise = noise_of(v)
+    def shown_by(cls, t: FloatArray, v: FloatArray) -> NoiseModel:
+        """Return the noise of velocities v (N, 6 + n) at t (N,), estimated from their differences."""
+        noise = np.nan_to_num(noise_of(t, v))
         return cls(np.maximum(noise, NOMINAL) ** 2, noise**2, 0.0, 0.0, 0.0, False)
 
     def of_pose(self, momentum: FloatArray) -> FloatArray:
@@ -80,15 +80,19 @@ class NoiseModel:
         return np.asarray(self.position * shift @ shift.T + self.attitude * turn @ turn.T)
 
 
-def noise_of(values: FloatArray) -> FloatArray:
-    """Return the noise deviations (k,) of series (N, k), the least by differences of several orders.
+def noise_of(t: FloatArray, values: FloatArray) -> FloatArray:
+    """Return the noise deviations (k,) of series (N, k), the least by divided differences of several orders.
 
     Lower orders also show the motion if its rate of sampling is low.
     """
-    if len(values) < 16:
+    if len(values) < 2 * max(_ORDERS):
         return np.zeros(values.shape[1])
-    squares = [
-        np.mean(np.diff(values, order, axis=0) ** 2, axis=0) / math.comb(2 * order, order)
-        for order in _ORDERS
-    ]
+    squares = []
+    for order in _ORDERS:
+        times = sliding_window_view(t / float(np.median(np.diff(t))), order + 1)
+        gaps = times[:, :, None] - times[:, None, :] + np.eye(order + 1)
+        shares = 1.0 / gaps.prod(axis=2)
+        shares /= np.linalg.norm(shares, axis=1)[:, None]
+        differences = np.einsum("ik,ick->ic", shares, sliding_window_view(values, order + 1, axis=0))
+        squares.append(np.mean(differences**2, axis=0))
     return np.asarray(np.sqrt(np.min(squares, axis=0)))

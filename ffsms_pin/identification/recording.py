@@ -6,25 +6,38 @@ disagree if a sensor froze, if values are in degrees, or if the base's velocity 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from ffsms_pin.checks import FloatArray, instance, reals
+from ffsms_pin.checks import FloatArray, instance, one_of, reals
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.identification.noise import noise_of
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.simulation import Tracking
 from ffsms_pin.system.batch.stacks import apply, log3, rotations
 
-_GAP = 5.0  # times the median step is a gap
+_GAP = 5.0  # times the usual step is a gap
+_USUAL = 90.0  # percentile of the steps that is the usual one, because samples may be irregular
 _WINDOWS = 24  # number of windows
 _NOISE = 8.0  # times the noise of a window: least motion for a comparison
 _AGREES = 0.2  # allowed difference of positions and integrated velocities, as a share of the motion
 _FARTHEST = 3.0  # times the sum of one radian and the position limit: largest accepted position
 _FASTEST = 10.0  # times the rate limit: largest accepted rate; impacts are below it, rates in degrees above
 _DEGREES = 180.0 / np.pi
+_TURN = 1.0  # [rad] mean rotation of the base in a window
+_ALTERNATIVE = 0.3  # times the disagreement of positions and velocities that other axes have to leave
+_MILLI = 3.0  # factor between velocities by model and measurement that masses may explain
+_SOME = 200  # number of samples for the size of the base's velocity
+
+BASE_VELOCITIES = {
+    "local": "linear and angular velocity in the root's axes",
+    "mixed": "linear velocity in inertial and angular velocity in the root's axes",
+    "inertial": "linear and angular velocity in inertial axes",
+}
+"""The axes of a recorded base velocity."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,9 +64,15 @@ class Recording:
 
 
 def recording_of(
-    sms: SpaceManipulator, tracking: Tracking | None, recording: Any, wheel_momentum: Any, torques: bool
+    sms: SpaceManipulator,
+    tracking: Tracking | None,
+    recording: Any,
+    wheel_momentum: Any,
+    torques: bool,
+    base_velocity: str,
 ) -> Recording:
     """Return a checked recording, from a `Tracking` or from arrays (t, q, v[, tau])."""
+    one_of("base_velocity", base_velocity, BASE_VELOCITIES)
     if (tracking is None) == (recording is None):
         raise InvalidValue("recording", recording, "must be given, or a Tracking instead, but not both")
     if tracking is None:
@@ -63,10 +82,42 @@ def recording_of(
         if wheel_momentum is not None:
             text = "must be left out: the Tracking has its own"
             raise InvalidValue("wheel_momentum", wheel_momentum, text)
+        if base_velocity != "local":
+            text = 'must be "local", which that of a Tracking is'
+            raise InvalidValue("base_velocity", base_velocity, text)
         made = _of_tracking(sms, tracking, torques)
     _check_times(made.t)
-    _check_samples(sms, made)
-    return made
+    _check_units(sms, made)
+    _check_axes(sms, made, base_velocity)
+    made = _in_root_axes(made, base_velocity)
+    _check_size(sms, made)
+    _check_agreement(sms, made)
+    return _with_positions(made)
+
+
+def _in_root_axes(recording: Recording, base_velocity: str) -> Recording:
+    """Return the recording with the base's velocity in the root's axes."""
+    v, back = recording.v.copy(), rotations(recording.q[:, 3:7].T).swapaxes(0, 1)
+    if base_velocity != "local":
+        v[:, :3] = apply(back, v[:, :3].T).T
+    if base_velocity == "inertial":
+        v[:, 3:6] = apply(back, v[:, 3:6].T).T
+    return replace(recording, v=v)
+
+
+def _with_positions(recording: Recording) -> Recording:
+    """Return the recording with positions of the base that are not measured as integrals of its velocity."""
+    if not np.isnan(recording.q[:, :3]).all():
+        return recording
+    q, velocity = recording.q.copy(), _inertial_velocity(recording)
+    travel = 0.5 * np.diff(recording.t)[:, None] * (velocity[1:] + velocity[:-1])
+    q[0, :3], q[1:, :3] = 0.0, np.nan_to_num(np.cumsum(travel, axis=0))
+    return replace(recording, q=q)
+
+
+def _inertial_velocity(recording: Recording) -> FloatArray:
+    """Return the linear velocity of the base (N, 3) in inertial axes."""
+    return apply(rotations(recording.q[:, 3:7].T), recording.v[:, :3].T).T
 
 
 def _of_tracking(sms: SpaceManipulator, tracking: Tracking, torques: bool) -> Recording:
@@ -117,8 +168,12 @@ def _of_arrays(sms: SpaceManipulator, recording: Any, wheel_momentum: Any) -> Re
         label = name if name == "wheel_momentum" else f"recording {name}"
         if array.shape != shape:
             raise InvalidValue(label, array, f"must have shape {shape} but has {array.shape}")
-        if not np.isfinite(array).all():
-            raise InvalidValue(label, array, "must be finite")
+        measured = array[:, 3:] if name in "qv" and np.isnan(array[:, :3]).all() else array
+        if not np.isfinite(measured).all():
+            base = "; a position or a linear velocity of the base that is not measured is NaN in all rows"
+            raise InvalidValue(label, array, "must be finite" + base * (name in "qv"))
+    q = q.copy()  # both signs of a quaternion are the same attitude
+    q[1:, 3:7] *= np.cumprod(np.where((q[1:, 3:7] * q[:-1, 3:7]).sum(axis=1) < 0.0, -1.0, 1.0))[:, None]
     return Recording(t, q, v, tau, wheel_momentum)
 
 
@@ -130,15 +185,15 @@ def _check_times(t: FloatArray) -> None:
     if not (steps > 0.0).all():
         k = int(np.argmin(steps))
         raise InvalidValue("recording t", float(t[k + 1]), f"must increase, but follows {t[k]:.6g} s")
-    usual = float(np.median(steps))
+    usual = float(np.percentile(steps, _USUAL))
     if (longest := float(steps.max())) > _GAP * usual:
         k = int(np.argmax(steps))
         text = f"has a gap from {t[k]:.6g} to {t[k + 1]:.6g} s, {longest / usual:.3g} times the usual step;"
         raise InvalidValue("recording t", float(longest), f"{text} identify from the rows on one side of it")
 
 
-def _check_samples(sms: SpaceManipulator, recording: Recording) -> None:
-    """Check units, quaternions, and the agreement of positions and velocities."""
+def _check_units(sms: SpaceManipulator, recording: Recording) -> None:
+    """Check quaternions, and joints against their limits, which values in degrees exceed by far."""
     q, v = recording.q, recording.v
     lengths = np.linalg.norm(q[:, 3:7], axis=1)
     if (wrong := np.abs(lengths - 1.0) > 1e-3).any():
@@ -157,17 +212,51 @@ def _check_samples(sms: SpaceManipulator, recording: Recording) -> None:
         if np.isfinite(limits.velocity[i]) and most > _FASTEST * limits.velocity[i]:
             text = f"of joint '{name}' is beyond ten times its limit of {limits.velocity[i]:.4g} rad/s: this"
             raise InvalidValue("recording v", most, f"{text} looks like degrees; np.radians converts them")
+
+
+def _check_axes(sms: SpaceManipulator, recording: Recording, base_velocity: str) -> None:
+    """Raise `InvalidValue` if other axes or another order of the quaternion agree much better."""
+    q = recording.q
+    order = np.column_stack([q[:, :3], q[:, [4, 5, 6, 3]], q[:, 7:]])
+    swapped = replace(recording, q=order)
+    off = {axes: _disagreement(sms, _in_root_axes(recording, axes)) for axes in BASE_VELOCITIES}
+    in_other_order = {axes: _disagreement(sms, _in_root_axes(swapped, axes)) for axes in BASE_VELOCITIES}
+    least = _ALTERNATIVE * off[base_velocity]
+    if least <= 1.0:
+        return
+    remedies: list[str] = []
+    if min(in_other_order.values()) < min(least, *off.values()):
+        off = in_other_order
+        remedies.append("reorder the quaternions (w, x, y, z): q[:, 3:7] = q[:, [4, 5, 6, 3]]")
+    best = min(off, key=lambda axes: off[axes])
+    if off[best] > least:
+        return
+    if best != base_velocity:
+        remedies.append(f'set base_velocity="{best}", {BASE_VELOCITIES[best]}')
+    text = f"and positions of the base agree in other axes or another order; {' and '.join(remedies)}"
+    raise InvalidValue("recording v", base_velocity, text)
+
+
+def _disagreement(sms: SpaceManipulator, recording: Recording) -> float:
+    """Return the difference of the base's positions and integrated velocities, as a share of the noise."""
+    moved, integrated, noise = (x[..., :6] for x in _windows(sms, recording))
+    expected = _NOISE * noise + 1e-3 * np.abs(moved).max(axis=0) + 1e-9
+    return float(np.sqrt(np.nanmean(((moved - integrated) / expected) ** 2)))
+
+
+def _check_agreement(sms: SpaceManipulator, recording: Recording) -> None:
+    """Check that positions and integrated velocities agree, channel by channel."""
     t, names = recording.t, _channels(sms)
     moved, integrated, noise = _windows(sms, recording)
     for c, name in enumerate(names):
         D, size = moved[:, c], float(np.sqrt(np.mean(moved[:, c] ** 2)))
         expected = integrated[:, c]
         other = float(np.sqrt(np.mean(expected**2)))
-        if max(size, other) < _NOISE * noise[c] + 1e-9:
+        if not max(size, other) >= _NOISE * noise[c] + 1e-9:  # also NaN: not measured
             continue
         if (window := _frozen(D, expected, noise[c])) is not None:
             what = "position" if not D[window] else "velocity"
-            start, end = _spans(t)[window]
+            start, end = _spans(recording.q)[window]
             text = f"holds the {what} of {name} frozen from {t[start]:.4g} to {t[end]:.4g} s, while its"
             rest = "velocity" if what == "position" else "position"
             raise InvalidValue(
@@ -183,11 +272,33 @@ def _check_samples(sms: SpaceManipulator, recording: Recording) -> None:
         off = float(np.sqrt(np.mean((D - expected) ** 2)))
         if off > _AGREES * max(size, other) + _NOISE * noise[c]:
             problem = f"has positions and velocities of {name} that do not agree: they differ by"
-            problem += f" {100.0 * off / max(size, other):.0f} % over windows of {_duration(t):.3g} s;"
+            window = float(t[-1] - t[0]) / len(D)
+            problem += f" {100.0 * off / max(size, other):.0f} % over windows of {window:.3g} s;"
             if c < 6:
                 problem += " the root's velocity is in the root's own axes, [linear; angular], and its"
                 problem += " quaternion (x, y, z, w);"
             raise InvalidValue("recording", scale, f"{problem} check units, axes and order")
+
+
+def _check_size(sms: SpaceManipulator, recording: Recording) -> None:
+    """Check the linear velocity of the base against that of the model at zero momentum."""
+    rows = np.unique(np.linspace(0, len(recording.t) - 1, _SOME).astype(int))
+    q, v = recording.q[rows], recording.v[rows]
+    q[:, :3] = 0.0
+    if np.isnan(v[:, :3]).any():
+        return
+    modelled = v.copy()
+    modelled[:, :3] = [sms.velocity(a, b[6:])[:3] for a, b in zip(q, v, strict=True)]
+    velocities = (_inertial_velocity(replace(recording, q=q, v=x)) for x in (v, modelled))
+    measured, expected = (x - x.mean(axis=0) for x in velocities)
+    size = float(np.sum(expected**2))
+    if size > 0.0 and not v[:, :3].any():
+        text = "has no linear velocity of the base, which moves with the arm; if it is not measured, set"
+        raise InvalidValue("recording v", 0.0, f"{text} v[:, :3] = np.nan")
+    ratio = float(np.sum(measured * expected)) / max(size, 1e-300)
+    if 1e3 / _MILLI < ratio < 1e3 * _MILLI:
+        text = "has positions and velocities of the base in millimetres, judging by the momentum;"
+        raise InvalidValue("recording v", ratio, f"{text} multiply them by 1e-3")
 
 
 def _frozen(D: FloatArray, expected: FloatArray, noise: float) -> int | None:
@@ -203,13 +314,12 @@ def _channels(sms: SpaceManipulator) -> list[str]:
     return [*base, *(f"joint '{name}'" for name in sms.joint_names)]
 
 
-def _spans(t: FloatArray) -> list[tuple[int, int]]:
-    edges = np.unique(np.linspace(0, len(t) - 1, min(_WINDOWS, len(t) - 1) + 1).astype(int))
+def _spans(q: FloatArray) -> list[tuple[int, int]]:
+    """Return windows of rows of q (N, nq), in each of which the base turns by at most about one radian."""
+    turned = float(np.linalg.norm(np.diff(q[:, 3:7], axis=0), axis=1).sum()) * 2.0
+    count = min(max(_WINDOWS, math.ceil(turned / _TURN)), len(q) - 1)
+    edges = np.unique(np.linspace(0, len(q) - 1, count + 1).astype(int))
     return list(zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True))
-
-
-def _duration(t: FloatArray) -> float:
-    return float(t[-1] - t[0]) / len(_spans(t))
 
 
 def _windows(sms: SpaceManipulator, recording: Recording) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -223,12 +333,11 @@ def _windows(sms: SpaceManipulator, recording: Recording) -> tuple[FloatArray, F
     first, second = q[:, layout.index], q[:, layout.index + layout.continuous]
     joints = np.where(layout.continuous, np.arctan2(second, first), first)
     joints = np.where(layout.continuous, np.unwrap(joints, axis=0), joints)
-    world = v.copy()
-    world[:, :3] = apply(R, v[:, :3].T).T
+    world = np.column_stack([_inertial_velocity(recording), v[:, 3:]])
     steps = np.diff(t)[:, None]
     gained = 0.5 * (world[1:] + world[:-1]) * steps
     moved, integrated = [], []
-    for a, b in _spans(t):
+    for a, b in _spans(q):
         turn = np.einsum("ji,jkn->ikn", R[:, :, a], R[:, :, a : b + 1])
         shift = R[:, :, a].T @ (q[b, :3] - q[a, :3])
         rotation = log3(turn[:, :, -1:])[:, 0]
@@ -245,8 +354,8 @@ def _windows(sms: SpaceManipulator, recording: Recording) -> tuple[FloatArray, F
         total[still & _varies(v)] = 0.0
         integrated.append(total)
     position = np.column_stack([q[:, :3], 2.0 * q[:, 3:6], joints])
-    count = max(float(np.diff(_spans(t)).mean()), 1.0)
-    noise = np.hypot(np.sqrt(2.0) * noise_of(position), noise_of(v) * steps.mean() * np.sqrt(count))
+    count = max(float(np.diff(_spans(q)).mean()), 1.0)
+    noise = np.hypot(np.sqrt(2.0) * noise_of(t, position), noise_of(t, v) * steps.mean() * np.sqrt(count))
     return np.array(moved), np.array(integrated), noise
 
 

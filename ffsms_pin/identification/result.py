@@ -296,9 +296,11 @@ def _notes(
             " other bodies differ from the model, or an external force acts"
         )
     if solved.unexplained > _UNEXPLAINED:
+        more = ", and whether the total momentum is zero (at_rest)" if identifier.at_rest else ""
         yield (
             f"no values of the parameters explain {100.0 * solved.unexplained:.2g} % of the unknown bodies'"
-            " momentum: check order, units and delays of the measurements, and the masses of other bodies"
+            " momentum: check order, signs, units and delays of the measurements, and the masses of other"
+            f" bodies{more}"
         )
     if not hidden.size:
         return

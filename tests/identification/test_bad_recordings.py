@@ -78,25 +78,53 @@ def test_damage_is_told(
     }
     damaged("degrees", **both)
     damaged("quaternion", q=other(q, np.s_[:, 3:7], 2.0 * q[:, 3:7]))
-    damaged("quaternion (x, y, z, w)", q=other(q, np.s_[:, 3:7], q[:, [6, 3, 4, 5]]))
+    damaged("quaternions (w, x, y, z)", q=other(q, np.s_[:, 3:7], q[:, [6, 3, 4, 5]]))
     damaged("do not agree", v=other(v, np.s_[:, 6:], v[:, 6:][:, ::-1]))
     damaged("finite", v=other(v, (3, 4), np.nan))
     damaged("shape", v=v[:-1])
 
 
-def test_a_velocity_in_inertial_axes_is_told(
-    panda: ffsms.SpaceManipulator, arrays: Any, refused: Callable[..., Any]
+@pytest.mark.parametrize("turned", [0.0, 1.2])
+@pytest.mark.parametrize("base_velocity", ["mixed", "inertial"])
+def test_other_axes_are_read_or_told(
+    turned: float, base_velocity: str, panda: ffsms.SpaceManipulator, arrays: Any, refused: Callable[..., Any]
 ) -> None:
-    """As of an engine whose base has turned far: MuJoCo's linear velocity has inertial axes."""
-    t, q, v = arrays
-    turned, world = q.copy(), v.copy()
-    turn = pin.SE3(pin.exp3(np.array([0.0, 0.0, 1.2])), np.zeros(3))
+    """The axes of MuJoCo and of an inertial frame; a base that turns by 0.1 rad only is enough."""
+    (t, q, v), turn = arrays, pin.SE3(pin.exp3(np.array([0.0, 0.0, turned])), np.zeros(3))
+    q, w = q.copy(), v.copy()
     for k, row in enumerate(q):
         pose = turn * pin.XYZQUATToSE3(row[:7])
-        turned[k, :7] = pin.SE3ToXYZQUAT(pose)
-        world[k, :3] = pose.rotation @ v[k, :3]
-    assert identify(panda, recording=(t, turned, v))["base"].mass == pytest.approx(180.567, rel=1e-4)
-    refused(lambda: identify(panda, recording=(t, turned, world)), InvalidValue, "root's own axes")
+        q[k, :7] = pin.SE3ToXYZQUAT(pose)
+        w[k, :3] = pose.rotation @ v[k, :3]
+        if base_velocity == "inertial":
+            w[k, 3:6] = pose.rotation @ v[k, 3:6]
+    q[::2, 3:7] *= -1.0  # the same attitudes
+    assert identify(panda, recording=(t, q, v))["base"].mass == pytest.approx(180.567, rel=1e-4)
+    found = identify(panda, recording=(t, q, w), base_velocity=base_velocity)
+    assert found["base"].mass == pytest.approx(180.567, rel=1e-4)
+    remedy = f'base_velocity="{base_velocity}"'
+    refused(lambda: identify(panda, recording=(t, q, w)), InvalidValue, remedy)
+    raw = np.column_stack([q[:, :3], q[:, [6, 3, 4, 5]], q[:, 7:]])
+    refused(lambda: identify(panda, recording=(t, raw, w)), InvalidValue, remedy, "[4, 5, 6, 3]")
+    wrong = {"recording": (t, q, v), "base_velocity": base_velocity}
+    refused(lambda: identify(panda, **wrong), InvalidValue, 'base_velocity="local"')
+
+
+def test_times_of_any_spacing(panda: ffsms.SpaceManipulator, arrays: Any, rng: np.random.Generator) -> None:
+    rows = np.sort(rng.choice(len(arrays[0]), 400, replace=False))
+    found = identify(panda, recording=tuple(x[rows] for x in arrays))
+    assert found["base"].mass == pytest.approx(180.567, rel=1e-5)
+
+
+def test_velocities_in_millimetres_and_missing_ones_are_told(
+    panda: ffsms.SpaceManipulator, arrays: Any, refused: Callable[..., Any]
+) -> None:
+    t, q, v = arrays
+    size, none = np.ones(panda.nv), np.ones(panda.nv)
+    size[:3], none[:3] = 1e3, 0.0
+    large = np.column_stack([1e3 * q[:, :3], q[:, 3:]])
+    refused(lambda: identify(panda, recording=(t, large, v * size)), InvalidValue, "millimetres")
+    refused(lambda: identify(panda, recording=(t, q, v * none)), InvalidValue, "v[:, :3] = np.nan")
 
 
 def test_pushes_are_told(planar: ffsms.SpaceManipulator, swing: Any, law: Any, refused: Any) -> None:
@@ -124,6 +152,10 @@ def test_arguments(panda: ffsms.SpaceManipulator, arrays: Any, refused: Any) -> 
     wrong("not among the unknown", known={panda.joint_names[0]: 2.0})
     wrong("spread", spread=0.0)
     wrong("not both", tracking=swung_by(changed(panda), panda))
+    wrong("local", tracking=swung_by(changed(panda), panda), recording=None, base_velocity="mixed")
+    wrong("local", base_velocity="world")
+    unseen = arrays[0], arrays[1], np.column_stack([np.full((len(arrays[0]), 3), np.nan), arrays[2][:, 3:]])
+    wrong("not measured", recording=(*unseen, np.zeros((len(arrays[0]), 7))))
     wrong("no torques", use_torques=True)
     wrong("no wheels", wheel_momentum=np.zeros((len(arrays[0]), 3)))
     wrong("tuple", recording=arrays[0])

@@ -14,7 +14,10 @@ from recorded import Wave, changed, swung_by
 
 import ffsms_pin as ffsms
 from ffsms_pin import control, simulation
+from ffsms_pin.errors import InvalidValue
 from ffsms_pin.identification import Identification, Identifier, identify
+from ffsms_pin.identification.identify import torque_equations
+from ffsms_pin.identification.recording import Recording
 from ffsms_pin.robot.base_motion import roll_out
 from ffsms_pin.simulation import Sensors
 from ffsms_pin.system.regressors import momentum_regressors, parameters_of, pseudo_inertia
@@ -222,13 +225,42 @@ def test_exact_momenta_and_torques_together_leave_unobservable_parameters_alone(
         assert body.mass == pytest.approx(inertia.mass, rel=0.5)
 
 
+@pytest.mark.parametrize("momentum", [np.zeros(6), np.array([1.0, -0.5, 0.3, 0.4, 0.2, -0.3])])
+def test_gyros_and_encoders_alone_find_the_base(momentum: Any) -> None:
+    """The angular momentum about the centre of mass shows all ten parameters, without a linear velocity."""
+    tracking = swung_by(true_arm(), arm(), momentum=tuple(momentum))
+    q, v = tracking.q[::4].copy(), tracking.v[::4].copy()
+    v[:, :3] = np.nan
+    base_of(identify(arm(), recording=(tracking.t[::4], q, v)), true_arm(), 1e-5)
+    q[:, :3] = np.nan
+    base_of(identify(arm(), recording=(tracking.t[::4], q, v)), true_arm(), 1e-5)
+    v[:, :3] = tracking.v[::4, :3]
+    base_of(identify(arm(), recording=(tracking.t[::4], q, v)), true_arm(), 1e-5)
+
+
 def test_a_low_rate_of_sampling_is_no_noise() -> None:
     """Differences of the third order alone would take the motion for noise of 2 % of the rates."""
     tracking = swung_by(true_arm(), arm())
-    rows = slice(None, None, 20)  # 10 Hz
+    rows = slice(None, None, 40)  # 5 Hz
     base_of(
         identify(arm(), recording=(tracking.t[rows], tracking.q[rows], tracking.v[rows])), true_arm(), 1e-3
     )
+
+
+def test_torques_at_a_stop_are_left_out() -> None:
+    """The stop of a joint adds a torque that no sensor shows."""
+    tracking = swung_by(true_arm(), arm())
+    recording = Recording(tracking.t, tracking.q.copy(), tracking.v, tracking.tau.copy())
+    joint, rows = arm().joint_names.index("panda_joint4"), slice(200, 400)
+    recording.q[rows, 7 + joint] = arm().limits.upper[joint] + 1e-3
+    recording.tau[rows, joint] += 5.0
+    identifier = Identifier(arm(), ["base"])
+    kept, sides = torque_equations(identifier, recording, 0.0)
+    assert len(sides) == arm().n * (len(tracking.tau) // 20 - 11)
+    assert len(kept) == len(sides)
+    recording.q[:, 7 + joint] = recording.q[300, 7 + joint]
+    with pytest.raises(InvalidValue, match="use_torques=False"):
+        torque_equations(identifier, recording, 0.0)
 
 
 def test_wheels_are_counted() -> None:
