@@ -198,7 +198,7 @@ class Problem:
         # The bound on rates keeps positions finite.
         put("joint_rates", frozen(vector("joint_rates", rates, sms.n, "rad/s", largest=1e4)))
         put("locked", names("locked", self.locked, sms.joint_names, "joints"))
-        momentum = self.asked_momentum if self.momentum is None else vector("momentum", self.momentum, 6)
+        momentum = self.required_momentum if self.momentum is None else vector("momentum", self.momentum, 6)
         momentum = None if momentum is None or not momentum.any() else momentum
         if momentum is not None and (momentum != free_momentum(momentum, self.mode)).any():
             zero = "have no angular part" if 0 in MODES[self.mode] else "be zero"
@@ -323,7 +323,7 @@ class Problem:
         return np.asarray(self.com0 + self.rotation0 @ self.arm0.rho[:, 0])
 
     @property
-    def asked_momentum(self) -> FloatArray | None:
+    def required_momentum(self) -> FloatArray | None:
         """The total momentum (6,) that the goal requires; None if any is admissible."""
         client = self.goal.at_rest_with
         return None if client is None else rest_momentum(client, self.com0)

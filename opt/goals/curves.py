@@ -1,4 +1,4 @@
-"""Curves of positions or poses: from functions or samples, along a time or along a parameter."""
+"""Curves of positions or poses, from functions or samples, by time or by a parameter."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ class FunctionCurve:
 class SampledCurve:
     """A curve through samples: cubic splines for positions and attitudes, with continuous accelerations.
 
-    `parameters` (K,) increase; beyond the first and the last one the curve stays at its ends.
+    `parameters` (K,) increase. Before the first and after the last parameter the curve is constant.
     """
 
     def __init__(self, parameters: FloatArray, points: Points) -> None:
@@ -100,7 +100,10 @@ class SampledCurve:
 
 
 def sampled_points(samples: Any) -> Points:
-    """Return the samples of a curve, checked: positions (K, 3), poses, or homogeneous matrices (K, 4, 4)."""
+    """Check the samples of a curve, and return them as points.
+
+    Samples are positions (K, 3), poses, or homogeneous matrices (K, 4, 4).
+    """
     kinds = "positions (K, 3) [m], pinocchio.SE3s or homogeneous matrices (K, 4, 4)"
     if not isinstance(samples, Sequence | np.ndarray) or isinstance(samples, str):
         remedy = f"must be a function, or samples: {kinds}"
@@ -116,7 +119,7 @@ def sampled_points(samples: Any) -> Points:
 
 
 def sample_times(times: Any, count: int) -> FloatArray:
-    """Return the times of `count` samples (K,) [s], checked: from zero on, each later than the one before."""
+    """Check the times of `count` samples [s], which begin at zero and increase, and return them."""
     t = checks.vector("times", times, count, "s")
     if t[0] != 0.0:
         remedy = "must begin at zero: the curve starts with the motion, or after its approach"
@@ -158,13 +161,13 @@ class EvenCurve:
         return self._curve(self._parameters(np.clip(parameters, 0.0, self._last)))
 
 
-_RAMP = 0.15  # share of the time for acceleration, and for deceleration, of an even law
+_RAMP = 0.15  # share of the duration for acceleration to a constant speed, and for deceleration
 
 
 def even_shares(x: FloatArray) -> FloatArray:
-    """Return the shares of a curve (K,) at shares x (K,) of its time: constant speed, smooth ends."""
+    """Return the shares of a curve (K,) at shares x (K,) of its time, for constant speed with smooth ends."""
 
-    def begun(y: FloatArray) -> FloatArray:  # the integral of a ramp 3 z^2 - 2 z^3, and of one after it
+    def begun(y: FloatArray) -> FloatArray:  # the integral of 3 z^2 - 2 z^3 in the ramp, and of 1 after it
         z = np.clip(y / _RAMP, 0.0, 1.0)
         return _RAMP * (z**3 - 0.5 * z**4) + np.maximum(y - _RAMP, 0.0)
 
@@ -175,11 +178,11 @@ def even_shares(x: FloatArray) -> FloatArray:
 
 
 class TimeLaw(NamedTuple):
-    """The time law of a curve, its share by time, with a constant second derivative between nodes (K,)."""
+    """The time law of a curve: its share by time, with a constant second derivative between K nodes."""
 
-    times: FloatArray  # [s]
-    shares: FloatArray
-    rates: FloatArray  # [1/s]
+    times: FloatArray  # (K,) [s]
+    shares: FloatArray  # (K,) of the curve's length
+    rates: FloatArray  # (K,) [1/s]
 
     def __call__(self, t: FloatArray) -> FloatArray:
         """Return the shares at times t [s]; constant beyond the ends."""
@@ -192,9 +195,9 @@ class TimeLaw(NamedTuple):
 
 
 def check_jumps(curve: Curve, parameters: FloatArray, unit: str) -> None:
-    """Raise `InvalidValue` if a curve jumps, that is, a difference does not shrink with its interval.
+    """Raise `InvalidValue` if a curve jumps between parameters (K,), whose `unit` is for the message.
 
-    `unit` is the unit of the parameters, for the message.
+    A jump is a difference that does not shrink with the interval.
     """
     points = curve(parameters)
     steps = np.diff(lengths(points))

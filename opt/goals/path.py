@@ -46,9 +46,9 @@ _CHECKED = 401  # number of times at which a path is checked before planning
 
 
 class PathMotion(NamedTuple):
-    """The place of a path at K times, with velocities (3, K) [m/s] and (3, K) [rad/s], in the path's axes.
+    """The places of a path at K times, with velocities (3, K) [m/s] and angular velocities `spins` (3, K).
 
-    Without attitudes the angular velocities are None.
+    Angular velocities [rad/s] are None if the path has no attitudes. All are in the axes `Path.on`.
     """
 
     place: Place
@@ -58,43 +58,43 @@ class PathMotion(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Path(Goal):
-    """A path for the end effector during the whole motion, within `tolerance` at every instant.
+    """A path that the end effector follows during the whole motion, within `tolerance` at every instant.
 
     A problem with this goal has the limit "path" (`OnPath`); if a plan violates it, `reached` is False.
     """
 
     curve: Any
     """The curve: a function that returns a position (3,) [m], a pinocchio.SE3 or a homogeneous matrix (4, 4);
-    or samples of these, joined by cubic splines: (K, 3), K poses, or (K, 4, 4). A function is one of time [s]
-    from the path's start on, or of the `parameter`."""
+    or samples of these, joined by cubic splines: (K, 3), K poses, or (K, 4, 4). The argument of a function is
+    the time [s] from the path's start, or a parameter if `parameter` has its range."""
     times: Annotated[Numbers | None, Unit("s", "none: a geometric curve")] = None
-    """The times of the samples, from zero on. Samples without times are a geometric curve. A motion that ends
-    before the last sample follows the path up to its end, and the plan has a note."""
+    """The times of the samples, beginning at zero. Samples without times are a geometric curve. If the motion
+    ends before the last sample, it does not follow the rest of the path, and the plan has a note."""
     parameter: Any = None
-    """The first and the last value of the parameter of a function that is a geometric curve."""
+    """The first and the last value of the function's parameter. The function is then a geometric curve."""
     tolerance: Annotated[Positive, Unit("m")] = TOLERANCE
     """The largest distance from the path."""
     orientation_tolerance: Annotated[Positive, Angle("rad")] = 0.01
     """The largest angle from the attitude of a path of poses."""
     free_axis: Annotated[Vector3 | None, Unit("", "none")] = None
-    """The axis of the end-effector frame, in its own axes, about which its rotation is free."""
+    """The axis, in the axes of the end-effector frame, about which rotation is free."""
     frame: Any = INERTIAL
-    """The axes of the curve: "inertial"; "base", those of the base link's frame; or a Client or a
-    capture.ClientEstimate, with whose body axes the path then moves."""
+    """The axes of the curve: "inertial"; "base", those of the base link's frame; or the body axes of a Client
+    or a capture.ClientEstimate. In the last two cases the path moves with these axes."""
     timing: Annotated[Literal["given", "fastest"], Unit()] = "given"
-    """The time law of a geometric curve: "given", an even speed over the problem's duration, with smooth
+    """The time law of a geometric curve: "given", constant speed over the problem's duration, with smooth
     ends; or "fastest", the least time within the limits of joint rates, accelerations and torques, of the
     base's angular speed and of wheels, with the problem's duration as the upper bound."""
     approach_time: Annotated[NotNegative, Unit("s")] = 0.0
-    """The time before the path's start in which the end effector moves straight to the path and joins it with
-    its velocity. Zero: the motion begins on the path."""
+    """The time before the path's start in which the end effector moves straight to the path and reaches the
+    path's velocity. Zero: the motion begins on the path."""
     reach: Annotated[Positive, Unit("m")] = REACH
     """The position tolerance of a flown motion on the path."""
     orientation_reach: Annotated[Positive, Angle("rad")] = 0.05
     """The attitude tolerance of a flown motion on a path of poses."""
-    duration: float | None = None  # [s] of the motion; a problem sets it together with `begin`
+    duration: float | None = None  # the motion's duration [s]; a problem sets it together with `begin`
     begin: Any = None  # the end effector's start pose (pinocchio.SE3) in the path's axes
-    law: TimeLaw | None = None  # time law of a geometric curve, set by the planner; default: constant speed
+    law: TimeLaw | None = None  # time law of a geometric curve, set by the planner; None: `even_shares`
     moves: ClassVar[bool] = True
     coupled: ClassVar[bool] = False  # the path determines the motion
 
@@ -141,7 +141,7 @@ class Path(Goal):
                 return EvenCurve(SampledCurve(along, points), 0.0, float(along[-1]))
             return SampledCurve(sample_times(self.times, points.positions.shape[1]), points)
         if self.times is not None:
-            remedy = "must be left out of a function, which is one of time already"
+            remedy = "must be left out of a function, whose argument is the time"
             raise InvalidValue("times", self.times, remedy)
         if self.parameter is None:
             return FunctionCurve(self.curve, 0.0)
@@ -171,7 +171,10 @@ class Path(Goal):
         return BASE if isinstance(self.frame, str) and self.frame == BASE else INERTIAL
 
     def for_motion(self, sms: SpaceManipulator, q0: FloatArray, duration: float) -> Path:
-        """Return the path of a motion from q0 (nq,) that lasts `duration` [s]; jumps raise `InvalidValue`."""
+        """Return the path for a motion from q0 (nq,) that lasts `duration` [s].
+
+        If the curve jumps, `InvalidValue` is raised.
+        """
         if duration <= self.approach_time:
             remedy = f"must be shorter than the motion, which lasts {duration:g} s"
             raise InvalidValue("approach_time", self.approach_time, remedy)
@@ -194,7 +197,7 @@ class Path(Goal):
 
     @property
     def rest(self) -> float:
-        """The time of the samples after the deadline of the motion [s]."""
+        """The time from the motion's deadline to the last sample [s]; zero if there are no times."""
         if callable(self.curve) or self.times is None or self.duration is None:
             return 0.0
         return max(float(self.times[-1]) - (self.duration - self.approach_time), 0.0)
@@ -223,7 +226,7 @@ class Path(Goal):
         return points
 
     def _in_axes(self, points: Points, times: FloatArray) -> Points:
-        """Return points in the axes of `frame` at times (K,) of the motion in the axes `on`."""
+        """Transform points at times (K,) of the motion from the axes of `frame` to the axes `on`."""
         if isinstance(self.frame, str):
             return points
         place, turn = self.frame.poses(times)
@@ -234,7 +237,7 @@ class Path(Goal):
 
     def points(self, times: FloatArray) -> Points:
         """Return the points at times (K,) of the motion [s], the approach included."""
-        # After the deadline the path stays at its end.
+        # After the deadline the path stays where it is at the deadline.
         until = np.inf if self.duration is None else self.duration
         t = np.minimum(times, until) - self.approach_time
         on_path = self._in_axes(self.along(np.maximum(t, 0.0)), np.maximum(times, self.approach_time))
@@ -256,7 +259,10 @@ class Path(Goal):
         ends = self._in_axes(self.along(at), T + at)
 
         def polynomial(first: FloatArray, values: FloatArray) -> FloatArray:
-            """Return a quintic polynomial from rest at `first` to values (3, 3) at successive steps of h."""
+            """Return values of a quintic polynomial from rest at `first` (3,) to the state of the path.
+
+            `values` (3, 3) are those of the path at its first three instants, h apart.
+            """
             end, velocity = (
                 values[:, 0],
                 (-3.0 * values[:, 0] + 4.0 * values[:, 1] - values[:, 2]) / (2.0 * h),
@@ -281,13 +287,16 @@ class Path(Goal):
         turns = polynomial(first, log3(np.einsum("xyk,zy->xzk", R, R[..., 0])))
         return Points(positions, np.einsum("xyk,yz->xzk", exp3(turns), R[..., 0]))
 
-    def _begin_rotation(self, wanted: FloatArray) -> FloatArray:
-        """Return the initial attitude of an approach, with the nearest rotation about a free axis."""
+    def _begin_rotation(self, first: FloatArray) -> FloatArray:
+        """Return the initial attitude of an approach to the path's first attitude (3, 3).
+
+        Rotation about a free axis is chosen for the smallest angle between both.
+        """
         if self.free_axis is None:
             return np.asarray(self.begin.rotation)
-        now, then = self.begin.rotation @ self.free_axis, wanted @ self.free_axis
+        now, then = self.begin.rotation @ self.free_axis, first @ self.free_axis
         turn = pin.Quaternion.FromTwoVectors(now, then).toRotationMatrix()
-        return np.asarray(turn.T @ wanted)
+        return np.asarray(turn.T @ first)
 
     def places(self, times: FloatArray) -> Place:
         """Return the places at times (K,) of the motion [s], the approach included."""
@@ -332,22 +341,23 @@ class OnPath(PoseConstraint, Limit):
     def __init__(self, goal: Path) -> None:
         self.goal = goal
         self.tolerance, self.orientation_tolerance = goal.tolerance, goal.orientation_tolerance
-        # It is soft, because a rollout brings the end effector back to the path. The margin is the tolerance.
+        # The penalty is soft, because single steps bring the end effector back to the path afterwards. The
+        # margin is the tolerance.
         self.scale = 5e4 * self.tolerance
         self.margin = self.tolerance / self.scale
 
     def rows(self, step: StepState) -> Rows | None:
-        """Return no rows: single steps follow the path by their objective."""
+        """Return no rows, because single steps follow the path by their objective."""
         return None
 
     def residual(self, m: Variables) -> list[Variable]:
-        """Return the full errors, so that a descent changes only redundant motion."""
+        """Return the errors, also those within the tolerances, so that only redundant motion is free."""
         tolerances = (self.tolerance, self.orientation_tolerance)
         parts = zip(self.pose_error(m).parts, tolerances, strict=False)
         return [x * (self.margin / tolerance) for x, tolerance in parts]
 
     def violation(self, motion: Rollouts) -> Violation:
-        """Return the largest excess over a tolerance, as a length [m]."""
+        """Return the largest excess over a tolerance; that of an angle is converted to a length [m]."""
         m = Variables(motion)
         error = self.pose_error(m)
         share = np.maximum(error.distance[0] / self.tolerance, error.angle[0] / self.orientation_tolerance)
@@ -368,20 +378,20 @@ class OnPath(PoseConstraint, Limit):
         return f"the end effector is {by} off the path at {time:.3g} s{part}, where {most} are allowed"
 
 
-_FINER = 5  # factor on the number of steps; with the middles between nodes ten times as many instants
+_FINER = 5  # factor on the number of steps; with midpoints there are ten times as many instants
 
 
 class PathErrors(NamedTuple):
-    """The errors of a motion along a path, judged at ten times its resolution."""
+    """The errors of a motion along a path, evaluated at ten times the motion's resolution."""
 
-    distance: FloatArray  # (N + 1,) the largest error within half a step of each node [m]
-    angle: FloatArray  # (N + 1,) [rad]
-    excess: float  # over the tolerances, as a length [m]
-    note: str  # a text about the largest error
+    distance: FloatArray  # (N + 1,) the largest distance within half a step of each node [m]
+    angle: FloatArray  # (N + 1,) the largest angle within half a step of each node [rad]
+    excess: float  # the largest excess over a tolerance; that of an angle is converted to a length [m]
+    note: str  # a message about the largest errors
 
 
 def path_errors(problem: Problem, rates: FloatArray) -> PathErrors:
-    """Return the errors of the motion of joint rates (N + 1, n) at the nodes of a problem with a path."""
+    """Return the errors of a motion along a problem's path, with joint rates (N + 1, n) at the nodes."""
     path: Path = problem.goal
     steps = len(rates) - 1
     nodes, fine = np.arange(steps + 1), np.arange(_FINER * steps + 1) / _FINER

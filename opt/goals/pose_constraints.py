@@ -30,8 +30,8 @@ _BINDING = 0.05  # share of the tolerance below which the limit is active
 class PoseConstraint:
     """A constraint on the pose of a frame of the robot relative to the places of a goal.
 
-    Waypoints, goals of other frames, corridors and paths are such limits, with different frames, times,
-    references and tolerances. The times of `goal` are those of limits (`Problem.time_offset`).
+    It is the base class of waypoints, goals of other frames, corridors and paths. Times of `goal` are those
+    of limits, which differ from times of the motion by `Problem.time_offset`.
     """
 
     goal: Goal
@@ -47,7 +47,7 @@ class PoseConstraint:
         return places.pose_error(m.frame(self.frame, places.on))
 
     def reference(self, m: Variables) -> FrameVariable:
-        """Return the poses of the goal as a frame, which depends on time in a step."""
+        """Return the poses of the goal as a frame; in a single step it has slopes by time."""
         places, moves, turns = self.places(m), {}, {}
         assert places.rotation is not None
         if m.step is not None:
@@ -57,16 +57,17 @@ class PoseConstraint:
 
 
 class PoseTolerance(PoseConstraint, Inequality):
-    """The tolerance of a frame's pose error to a goal, at the deadline or in the last tenth.
+    """The limit on a frame's pose error relative to a goal, at the deadline or in the last tenth.
 
-    The slack is in metres; that of an angle is scaled by the ratio of the reaches. Within `share` of the
-    reaches the residual is zero. `message` is the text for a motion that misses the goal.
+    The slack is in metres; that of an angle is multiplied by `reach` / `orientation_reach`. If the error is
+    within `share` of the reaches, the residual is zero. `message` is the message for a motion that misses the
+    goal.
     """
 
     def __init__(self, goal: Goal, frame: str, when: str) -> None:
         self.goal, self.frame, self.when, self.name = goal, frame, when, f"also {frame}"
-        # The rest of the reaches is for the difference between the spline and the finished motion, and for
-        # the violation of a soft penalty.
+        # The other share of the reaches is left for the difference between the spline and the finished
+        # motion, and for the violation of a soft penalty.
         if when == "deadline":
             self.reach, self.orientation_reach, self.share = goal.tolerance, goal.tolerance, 0.4
             self.message = f"'{frame}' ends {{}} from its goal"
@@ -79,19 +80,19 @@ class PoseTolerance(PoseConstraint, Inequality):
         """Pair the parts of a pose error with their reaches."""
         return list(zip(missed, (self.reach, self.orientation_reach), strict=False))
 
-    def asked(self, m: Variables) -> list[tuple[Variable, float]]:
-        """Return the frame's pose error as parts with their reaches."""
+    def errors_with_reaches(self, m: Variables) -> list[tuple[Variable, float]]:
+        """Return the parts of the frame's pose error, each with its reach."""
         return self.among(self.pose_error(m).parts)
 
     def slack(self, m: Variables) -> Any:
         """Return the slack of each part of the pose error."""
-        return [self.reach - (self.reach / most) * x.norm() for x, most in self.asked(m)]
+        return [self.reach - (self.reach / most) * x.norm() for x, most in self.errors_with_reaches(m)]
 
     def residual(self, m: Variables) -> list[Variable]:
-        """Return the pose error beyond `share` of the reaches, as vectors, which have the right curvature."""
+        """Return the pose error beyond `share` of the reaches, as vectors for the right curvature."""
         scale = self._scale_and_margin(m.rollouts)[0]
         residuals: list[Variable] = []
-        for x, most in self.asked(self.at_active_instants(m)):
+        for x, most in self.errors_with_reaches(self.at_active_instants(m)):
             part = self.reach / most
             lack = deadzone(x, max(self.share * most - self.bounded_margin(m) / part, 0.0)) * (part / scale)
             residuals += [lack.at_once()] if lack.value.any() else []
@@ -107,7 +108,7 @@ class PoseTolerance(PoseConstraint, Inequality):
 
 
 def arrivals(goal: Goal, frame: str = "tip") -> list[PoseTolerance]:
-    """Return a goal's two constraints on a frame: at the deadline, and in the last tenth (const8)."""
+    """Return the two limits of a goal on a frame, at the deadline and in the last tenth (const8)."""
     return [PoseTolerance(goal, frame, when) for when in ("deadline", "last tenth")]
 
 
@@ -115,8 +116,8 @@ def arrivals(goal: Goal, frame: str = "tip") -> list[PoseTolerance]:
 class FrameGoal(AllOf):
     """A goal of another frame of the robot at the deadline, in addition to that of the end effector.
 
-    The frame must be within `tolerance` at the deadline, and within `reach` in the last tenth. If a plan
-    misses the goal, it has not `reached`, and its `note` has the error.
+    The frame must be within the goal's `tolerance` at the deadline, and within its `reach` in the last tenth.
+    A plan that misses the goal has not `reached`, and its `note` has the error.
 
     Attributes
     ----------
@@ -140,14 +141,14 @@ class FrameGoal(AllOf):
         set_frozen(self, goal=standing_goal(self.goal, "goal"), name=self.name or f"also {self.frame}")
 
     def for_robot(self, sms: SpaceManipulator) -> FrameGoal:
-        """Return the goal with the frame of this robot."""
+        """Return the goal for the frame of a robot."""
         end, _ = arrivals(self.goal, self.frame)
         ends = [FrameEnd(RobotFrame.of(sms.arm_stack(), self.frame), self.goal.place(0.0))]
         return replace(self, margin=(1.0 - end.share) * end.reach / sms.arm_stack().length, ends=ends)
 
     @property
     def parts(self) -> list[Inequality]:
-        """The constraints at the deadline and in the last tenth, with one margin."""
+        """The limits at the deadline and in the last tenth, scaled to the same margin."""
         constraints = arrivals(self.goal, self.frame)
         for constraint in constraints:
             constraint.scale = (1.0 - constraint.share) * constraint.reach / (self.margin or 1.0)
@@ -163,14 +164,14 @@ class Waypoint(PoseTolerance):
     Raises
     ------
     InvalidValue
-        A value out of range or of a wrong shape.
+        If a value is out of range or has a wrong shape.
     """
 
     place: Any
     """The fixed position (3,) [m] or pose, inertial axes."""
     time: Annotated[NotNegative | None, Unit("s", "any")] = None
-    """The time from the start of the motion. Single steps ignore a waypoint without a time, because they
-    cannot determine whether it was passed."""
+    """The time of the waypoint from the start of the motion. Single steps ignore a waypoint without a time,
+    because they cannot determine whether it was passed."""
     reach: Annotated[Positive, Unit("m")] = 0.01  # half of the paper's r_th
     """The position tolerance."""
     orientation_reach: Annotated[Positive, Angle("rad")] = ORIENTATION_REACH
@@ -198,7 +199,7 @@ class Waypoint(PoseTolerance):
         )
 
     def for_robot(self, sms: SpaceManipulator) -> Waypoint:
-        """Return the waypoint with the margin for this robot."""
+        """Return the waypoint with the margin for a robot."""
         return replace(self, margin=(1.0 - self.share) * self.reach / sms.arm_stack().length)
 
     def timed(self, plan: Trajectory) -> Waypoint:
@@ -209,56 +210,63 @@ class Waypoint(PoseTolerance):
         return replace(self, time=float(plan.t[int(np.argmin(distances))]))
 
     def places(self, m: Variables) -> Place:
-        """Return the waypoint's place."""
+        """Return the waypoint's place, which is fixed."""
         place: Place = self.place
         return place
 
     def time_until_active(self, step: StepState) -> float:
-        """Return the remaining time until the waypoint [s]; negative without a time."""
+        """Return the time from the step's start to the waypoint [s]; negative if it is past or not set."""
         return -1.0 if self.time is None else self.time - step.time_offset - step.time
 
     def rows(self, step: StepState) -> Rows | None:
         """Return the rows until the waypoint's time; none without a time."""
         return super().rows(step) if self.time_until_active(step) >= 0.0 else None
 
-    def asked(self, m: Variables) -> list[tuple[Variable, float]]:
-        """Return the pose error as parts with their reaches; none once the waypoint's time has passed."""
-        return [] if self.time is not None and self.time < m.time_offset else super().asked(m)
+    def errors_with_reaches(self, m: Variables) -> list[tuple[Variable, float]]:
+        """Return the parts of the pose error, each with its reach; none if the waypoint's time is past."""
+        return [] if self.time is not None and self.time < m.time_offset else super().errors_with_reaches(m)
 
     def at_active_instants(self, m: Variables) -> Variables:
-        """Return each motion at the time, or at its nearest point, interpolated between instants."""
+        """Return each motion at the waypoint's time, or at the motion's point nearest to the waypoint.
+
+        Both are interpolated between instants.
+        """
         times, motion = m.times, np.arange(m.count)
         if self.time is None:
-            k, later = self._nearest(m)
+            k, delay = self._nearest(m)
         else:
             due = self.time - m.time_offset
             k = np.full(m.count, int(np.argmin(np.abs(times - due))))
-            later = min(due, m.duration) - times[k]  # the arm rests after the deadline
+            delay = min(due, m.duration) - times[k]  # the arm rests after the deadline
         at = m.at(motion, k)
-        at.tip = at.tip.moving_on(at.velocity, at.angular_velocity, later[None])
-        at.rollouts = replace(at.rollouts, times=at.times + later)
+        at.tip = at.tip.moving_on(at.velocity, at.angular_velocity, delay[None])
+        at.rollouts = replace(at.rollouts, times=at.times + delay)
         return at
 
     def _nearest(self, m: Variables) -> tuple[Indices, FloatArray]:
-        """Return the instants (S,) nearest to the place, in shares of the reaches, and delays [s]."""
+        """Return the instants (S,) nearest to the waypoint, and delays (S,) [s] to the nearest points.
+
+        Distances and angles are compared as shares of their reaches.
+        """
         speeds = (m.velocity.value, self.place.counting(m.angular_velocity.value))
-        ways = [(x.value / most, v / most) for (x, most), v in zip(self.asked(m), speeds, strict=False)]
-        along = sum(dot(x, v) for x, v in ways)
-        square = sum(dot(v, v) for _, v in ways)
+        parts = zip(self.errors_with_reaches(m), speeds, strict=False)
+        errors = [(x.value / most, v / most) for (x, most), v in parts]
+        along = sum(dot(x, v) for x, v in errors)
+        square = sum(dot(v, v) for _, v in errors)
         order = np.argsort(m.times, kind="stable")
-        gaps, back, on = 0.5 * np.diff(m.times[order]), np.zeros_like(m.times), np.zeros_like(m.times)
-        back[order[1:]], on[order[:-1]] = -gaps, gaps  # at most half of the gap to its neighbours
-        later = np.clip(along / np.maximum(square, 1e-300), back, on)
-        left = sum(dot(x - later * v, x - later * v) for x, v in ways)
-        k = np.argmin(left, axis=1)
-        return k, later[np.arange(m.count), k]
+        gaps, least, most = 0.5 * np.diff(m.times[order]), np.zeros_like(m.times), np.zeros_like(m.times)
+        least[order[1:]], most[order[:-1]] = -gaps, gaps  # at most half of the gap to a neighbour
+        delay = np.clip(along / np.maximum(square, 1e-300), least, most)
+        squares = sum(dot(x - delay * v, x - delay * v) for x, v in errors)
+        k = np.argmin(squares, axis=1)
+        return k, delay[np.arange(m.count), k]
 
 
 _STANDING = "a position (3,) [m], a pinocchio.SE3 or a matrix (4, 4), an opt.Position or an opt.Pose"
 
 
 def standing_goal(value: Any, name: str, kinds: str = _STANDING) -> Goal:
-    """Return a fixed goal without velocity, from itself or a plain place."""
+    """Return the goal for a position, a pose or a goal, which must be fixed and have no velocity."""
     goal = as_goal(value, name, kinds)
     if goal.moves or not goal.place(0.0).rests:
         raise InvalidValue(name, value, "must be fixed, without a velocity")
@@ -266,7 +274,7 @@ def standing_goal(value: Any, name: str, kinds: str = _STANDING) -> Goal:
 
 
 def inertial_place(value: Any, name: str, kinds: str = _STANDING) -> Place:
-    """Return the place of a fixed goal in inertial axes."""
+    """Return the place for a position, a pose or a goal, which must be fixed in inertial axes."""
     place = standing_goal(value, name, kinds).place(0.0)
     if place.moves_with_base:
         raise InvalidValue(name, value, "must be in inertial axes")
@@ -278,9 +286,9 @@ class GoalErrors(NamedTuple):
 
     distance: FloatArray  # (N + 1,) from the desired position at the nodes [m]
     angle: FloatArray  # (N + 1,) from the desired attitude at the nodes [rad]
-    contact: FloatArray  # (6,) velocities relative to those of the place at the deadline, or to zero
-    misses: str  # text of errors beyond the tolerance at the end; empty if there are none
-    late: str  # text of errors beyond the reaches in the last tenth; empty if there are none
+    contact: FloatArray  # (6,) the end effector's twist at the deadline relative to the desired twist
+    misses: str  # message of errors beyond the tolerance at the end; empty if there are none
+    late: str  # message of errors beyond the reaches in the last tenth; empty if there are none
 
 
 def verdict(goal: Goal, motion: Rollouts) -> GoalErrors:
@@ -306,13 +314,13 @@ def end_errors(goal: Goal, distance: float, angle: float, contact: FloatArray, d
 
     The error of an unconstrained velocity is zero; for `contact` see `GoalErrors`.
     """
-    place = goal.place(duration)
-    asked = [goal.exact or velocity is not None for velocity in (place.velocity, place.angular_velocity)]
-    return np.array([distance, angle, *np.linalg.norm(np.split(contact, 2), axis=1) * asked])
+    place, velocities = goal.place(duration), np.linalg.norm(np.split(contact, 2), axis=1)
+    constrained = [goal.exact or v is not None for v in (place.velocity, place.angular_velocity)]
+    return np.array([distance, angle, *velocities * constrained])
 
 
 def end_misses(goal: Goal, errors: FloatArray) -> str:
-    """Return a message of errors beyond the tolerance at the end; empty if there are none."""
+    """Return a message of the errors at the end; empty if all are within the tolerance."""
     if not errors.max() > goal.tolerance:
         return ""
     units = zip(errors, (1e3, math.degrees(1.0)) * 2, ("mm", "deg", "mm/s", "deg/s"), strict=True)
@@ -325,26 +333,26 @@ def end_misses(goal: Goal, errors: FloatArray) -> str:
 
 @dataclass(frozen=True, eq=False)
 class Corridor(PoseConstraint, Inequality):
-    """A cone fixed to a grasp, within which the end effector stays near the grasp.
+    """A cone fixed to a grasp, inside which the end effector must be while it is near the grasp.
 
-    The forbidden region is a ball around the grasp, except the cone. The slack is the greater of the depth
-    inside the cone and the distance outside the ball.
+    The forbidden region is a ball around the grasp, except the cone. The slack is the larger of two values:
+    the depth inside the cone, and the distance outside the ball.
 
     Attributes
     ----------
     goal : Goal
         The grasp, a goal whose places are poses.
     deadline : float
-        Time of the goal at the motion's deadline [s].
+        The motion's deadline in the times of `goal` [s].
     length, half_angle : float
-        The length of the cone, within which it is enforced, and its half angle [m, rad].
+        The length of the cone, which is the radius of the ball [m], and its half angle [rad].
     axis : ndarray, shape (3,)
         Unit vector of the direction of approach, in grasp axes.
     tolerance : float
         The position tolerance at the tip of the cone [m].
     inside: float
-        The time before the deadline for which whole motions are in the corridor [s]. It determines which
-        instants belong to the corridor, so that none is pushed out of the ball on the wrong side.
+        The time before the deadline during which whole motions must be inside the cone at any distance [s].
+        Otherwise a search might push instants out of the ball on the wrong side.
     """
 
     goal: Goal
@@ -356,18 +364,18 @@ class Corridor(PoseConstraint, Inequality):
     inside: float
     name = "corridor"
     refusal = "the start is beside the corridor: {note}; move the start, or take a shorter standoff"
-    margin = 4e-3  # [arm lengths] between two instants a motion may cut the mouth's edge
+    margin = 4e-3  # [arm lengths] because a motion may cut the cone's edge between two instants
     step_margin = 0.0
-    accuracy = 5e-5  # [m] accuracy at a cone's edge between instants
+    accuracy = 5e-5  # [m] because a motion may cut the cone's edge between two instants
     active_below = 1e-3
 
     def slack(self, m: Variables) -> Any:
-        """Return the greater of the depth inside the cone and the distance outside the ball."""
+        """Return the larger of the depth inside the cone and the distance outside the ball."""
         cone, far = self._seen(m)
         return np.maximum(cone, far - self.length)
 
     def margin_violation(self, m: Variables) -> Any:
-        """Return the violation by whole motions, with a margin that vanishes at the cone's tip."""
+        """Return the violation of the margin by whole motions; the margin vanishes at the cone's tip."""
         cone, far = self._seen(m)
         late = m.times + m.time_offset >= self.deadline - self.inside
         ball = far - np.where(late, math.inf, self.length)[None]

@@ -19,8 +19,8 @@ from ffsms_pin.opt.step.state import StepState
 class AlphaBox(Inequality):
     """The paper's |alpha_i| <= 1, with joint rates = V alpha.
 
-    The paper's step always has it, as printed; whole motions have it on request. V is orthogonal, so the box
-    limits the rate in each principal direction of the coupling to 1 rad/s.
+    Single steps always have this limit, as printed; whole motions have it on request. V is orthogonal, so the
+    limit bounds the joint rate in each principal direction of the coupling by 1 rad/s.
     """
 
     name = "alpha box"
@@ -31,8 +31,9 @@ class AlphaBox(Inequality):
     def slack(self, m: Variables) -> Any:
         """Return the slack of each |alpha_i| <= 1.
 
-        Slopes by the joint rates are the columns of V. Those by the coupling follow from the eigenvectors of
-        C^T C: dv_i = sum over j of v_j (v_j^T d(C^T C) v_i) / (lambda_i - lambda_j).
+        The slopes by the joint rates are the columns v_i of V. Those by C = C_bm follow from v_i as
+        eigenvectors of C^T C with eigenvalues lambda_i: dv_i is the sum over j of
+        v_j (v_j^T d(C^T C) v_i) / (lambda_i - lambda_j).
         """
         rates, C = m.rollouts.rates, m.rollouts.arm.coupling
         n, shape = len(rates), rates.shape[1:]
@@ -43,9 +44,9 @@ class AlphaBox(Inequality):
         def slopes() -> dict[str, FloatArray]:
             CV = np.einsum("kmb,bmi->kib", C, V)
             s = np.pad(sigma, ((0, n - len(sigma)), (0, 0)))
-            apart = s[:, None] - s
-            # The sum excludes v_i itself, and directions with equal singular values.
-            gap = np.where(np.abs(apart) <= 1e-8 * s[0], np.inf, apart * (s[:, None] + s))
+            difference = s[:, None] - s
+            # The sum excludes j = i, and directions with equal singular values.
+            gap = np.where(np.abs(difference) <= 1e-8 * s[0], np.inf, difference * (s[:, None] + s))
             along = np.einsum("bmj,ijb->imb", V, alpha / gap)
             slope = np.einsum("kib,imb->ikmb", CV, along)
             slope += np.einsum("kmb,imb,bni->iknb", C, along, V)
@@ -59,26 +60,26 @@ class AlphaBox(Inequality):
     def rows(self, step: StepState) -> Rows:
         """Return the rows -1 <= V^T u <= 1, exactly as printed.
 
-        V rotates from step to step, so fast joint rates that were within the box may now be outside. The box
-        is hard if an arm that brakes as fast as its joints can is within it at the step's end. Otherwise it
-        is relaxed as little as possible by the slack that the step returns (`Step.slack`).
+        V rotates from step to step, so fast joint rates that were inside the box may now be outside. If an
+        arm that brakes as fast as its joints can is inside the box at the step's end, the rows are hard.
+        Otherwise they are relaxed as little as possible by the slack of the step (`Step.slack`).
         """
         ones = np.ones(step.sms.n)
         # V is orthogonal, so all rates within the ball of radius 1 are in the box.
         slow = step.rates.dot(step.rates) <= 1.0
         kept = slow or np.abs(step.V.T.dot(np.clip(0.0, *step.bounds))).max() <= 1.0
-        # The softness is so large that the clearances, which share the slack, are relaxed by centimetres a
-        # second at most. A violation still costs several times what it gains in speed or direction [rad/m].
+        # With this softness [rad/m] the clearances, which share the slack, are relaxed by centimetres per
+        # second at most. A violation still costs several times its benefit in speed or direction.
         return Rows(step.V.T, -ones, ones, 0.0 if kept else 10.0)
 
     def speed_bound(self, motion: Rollouts) -> SpeedBound:
-        """Return the bounds by all |alpha_i|."""
+        """Return the bounds from all |alpha_i| <= 1."""
         slope = 1.0 - self.slack(Variables(motion)).value[:, 0]
         most = np.ones(len(slope))
         return SpeedBound(np.zeros(len(slope)), slope, most, np.inf * most)
 
     def violation(self, motion: Rollouts) -> Violation:
-        """Return the largest |alpha_i| beyond 1: each step's rates in the basis of its start, as printed."""
+        """Return the largest excess of |alpha_i| over 1, with V of each step's start, as printed."""
         most = np.abs(motion.paired.alpha).max(axis=1)
         binds = motion.times[2::2][most > 1.0 - self.margin]
         largest = float(most.max(initial=0.0))

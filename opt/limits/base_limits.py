@@ -16,19 +16,19 @@ from ffsms_pin.opt.rollouts import Rollouts
 from ffsms_pin.options import Angle, Bound, Unit
 
 _UNITS = {"attitude": "rad", "attitude_rate": "rad/s", "translation": "m", "final_attitude": "rad"}
-# [rad] The least scale of a rotation limit, because the penalty of a limit of a tenth of a degree would be
-# too stiff during a search.
+# [rad] The least bound from which the scale of a rotation limit is computed, because the penalty of a limit
+# of a tenth of a degree would be too stiff during a search.
 _NARROW = 0.02
-_STEP_SHARE = 0.03  # safety margin of single steps, as a share of a limit, for the motion within a step
+_STEP_SHARE = 0.03  # safety margin of single steps as a share of a limit, for the motion within a step
 
 
 class _Most(Inequality):
     """An upper bound on one quantity of the base."""
 
     margin = SCALE * SHARE
-    largest_extra_margin = 0.0  # because the excess of `BaseLimits` may be that of another quantity
+    largest_extra_margin = 0.0  # because the violation of `BaseLimits` may be that of another quantity
     softness = 0.1  # [rad/m] stiffer than a clearance, because the base rotates far less than the arm moves
-    trusted = 0.02  # [rad/s] assumed rate to undo a base rotation before the deadline
+    trusted = 0.02  # [rad/s] rate at which a base rotation is assumed to be reversible before the deadline
 
     def __init__(self, name: str, most: float) -> None:
         self.name, self.most, self.unit = name, most, _UNITS[name]
@@ -43,10 +43,10 @@ class _Most(Inequality):
         if self.name == "attitude_rate":
             return self.most - m.base_angular_velocity.norm()
         allowed: Any = self.most
-        if self.name == "final_attitude":  # active at the end; it tightens as steps approach the deadline
+        if self.name == "final_attitude":  # active at the end; steps are bounded more as it approaches
             if m.step is None:
                 allowed = np.where(m.rollouts.times >= m.duration, self.most, math.inf)[None]
-            else:  # active ten steps before it
+            else:  # active from ten steps before the end
                 allowed = self.most + self.trusted * np.maximum(m.duration - 10.0 * m.step.dt - m.time, 0.0)
         return allowed - m.base.angle_from(m.rollouts.rotation_start)
 
@@ -63,7 +63,7 @@ class BaseLimits(AllOf):
     Raises
     ------
     InvalidValue
-        A limit that is not a number above zero.
+        If a limit is not a number above zero.
     """
 
     attitude: Annotated[Bound, Angle("rad")] = math.inf
@@ -88,28 +88,28 @@ class BaseLimits(AllOf):
         return not self.parts
 
     @property
-    def holds_attitude(self) -> bool:  # type: ignore[override]  # plain elsewhere
+    def holds_attitude(self) -> bool:  # type: ignore[override]  # a class attribute in the base class
         """True if the attitude is limited, during the motion or at the end."""
         return min(self.attitude, self.final_attitude) < math.inf
 
     @property
-    def in_braking(self) -> BaseLimits | None:  # type: ignore[override]  # plain elsewhere
-        """The limit while the arm stops, because rows do not include the acceleration in the null space.
+    def in_braking(self) -> BaseLimits | None:  # type: ignore[override]  # a class attribute in `Limit`
+        """The limit while the arm stops, because rows of a step do not bound null-space accelerations.
 
-        A stopping arm may use half of the margin of rows. The limit at the end is not included.
+        It has half of the margin of rows. The limit at the end is not included.
         """
-        left = 1.0 - 0.5 * _STEP_SHARE
-        most = [left * bound for bound in (self.attitude, self.attitude_rate, self.translation)]
+        share = 1.0 - 0.5 * _STEP_SHARE
+        most = [share * bound for bound in (self.attitude, self.attitude_rate, self.translation)]
         return BaseLimits(*most) if min(most) < math.inf else None
 
     @cached_property
     def parts(self) -> list[Inequality]:
-        """The bounds on limited quantities."""
+        """The bounds on the quantities that are limited."""
         bounds = ((name, getattr(self, name)) for name in _UNITS)
         return [_Most(name, most) for name, most in bounds if most < math.inf]
 
     def speed_bound(self, motion: Rollouts) -> SpeedBound | None:
-        """Return the bound by the angular speed of the base, if there is one."""
+        """Return the bound from the base's angular speed; None if that is not limited."""
         if self.attitude_rate == math.inf:
             return None
         speed = np.linalg.norm(Variables(motion).base_angular_velocity.value[:, 0], axis=0)

@@ -24,7 +24,7 @@ from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.system.batch.stacks import apply, cross, dot
 
 _BODY_MARGIN = 3e-3  # [arm lengths] safety margin between bodies, see `Clearance.margin`
-_BINDING = 1e-3  # [m] beyond the margin within which the limit is active
+_BINDING = 1e-3  # [m] the limit is active up to this distance beyond its margin
 _STEP = 1e-3  # [s] step of finite differences for the velocity of a moving obstacle
 
 
@@ -35,30 +35,31 @@ class Clearance(Limit):
     Raises
     ------
     InvalidValue
-        If the mode is unknown, or the clearance is no number.
+        If the collision mode is unknown, or the clearance is no number.
     """
 
     clearance: Annotated[NotNegative, Unit("m")] = 0.01
     """The paper's d_safe, and the margin to the base and to obstacles."""
     collision: Annotated[str, OneOf(MODES), Unit()] = "auto"
-    """The geometry: the paper's "points" and the base's box (const4 to const7); the URDF's collision shapes
-    in convex parts ("hulls"), or exact ("shapes"), which takes much longer; or "off". "auto" is "hulls" if
-    bodies with shapes can meet, else "points", as for planar arms. Obstacles keep clear of the hulls in all
-    modes except "points", also in "off". In "points", or if the robot has no shapes, they keep clear of the
-    points and the lines between them."""
+    """The geometry of the robot: "points", the paper's points and the base's box (const4 to const7); "hulls",
+    the URDF's collision shapes as convex parts; "shapes", the exact shapes, which take much longer; "off",
+    none; "auto", "hulls" if bodies with shapes can collide, else "points", for example for planar arms. The
+    distance of obstacles is that to the convex parts, also with "off" and "shapes". With "points", or if the
+    robot has no shapes, it is that to the points and to the lines between them."""
     margin: float = 0.01
-    """The safety margin of whole motions during a search [arm lengths], in addition to the clearance. Bodies
-    have a fixed smaller margin, because neighbouring bodies are close in every posture."""
+    """The safety margin of whole motions during a search [arm lengths], in addition to the clearance. With
+    shapes it is 3e-3, because neighbouring bodies are close in every posture."""
     obstacles: Sequence[Obstacle] = ()
     """The obstacles."""
     payload: tuple[Any, Any] | None = None
-    """The grasped convex shape, and its pose (pinocchio.SE3) in the end-effector frame. It keeps clear of
-    obstacles and of the robot's bodies, as a part of the body that carries it."""
+    """The grasped convex shape, and its pose (pinocchio.SE3) in the end-effector frame. The clearance applies
+    to it as to the body that carries it."""
     name = "clearance"
     rate, step_margin, softness = 2.0, 2e-3, 1.0
     blocks = True
     refusal = "the start violates the clearance: {note}; move the start, or reduce the clearance"
-    _stacks: tuple[ClearanceStack, ...] = field(default=(), repr=False)  # of the robot itself, of obstacles
+    # The pairs of the robot's bodies, and the pairs of bodies and obstacles.
+    _stacks: tuple[ClearanceStack, ...] = field(default=(), repr=False)
 
     def __post_init__(self) -> None:
         number("clearance", self.clearance)
@@ -85,36 +86,36 @@ class Clearance(Limit):
 
     @property
     def stacks(self) -> tuple[ClearanceStack, ...]:
-        """The pairs of bodies of the robot, and of the robot with obstacles; empty before `for_robot`."""
+        """The pairs of the robot's bodies, and of bodies and obstacles; empty before `for_robot`."""
         return self._stacks
 
     @property
     def left_out(self) -> list[str]:
-        """The pairs of bodies that are nearer than the clearance by construction, which are ignored."""
+        """The ignored pairs of bodies, which are nearer than the clearance by construction."""
         return [name for stack in self._stacks for name in stack.left_out]
 
     def slack(self, m: Variables) -> list[Variable]:
-        """Return the distances less the clearance (c, S, K), one array of pairs for each stack."""
-        return [self._room(stack, m) for stack in self._stacks]
+        """Return distances minus the clearance (c, S, K) of all pairs, a variable for each stack."""
+        return [self._slack(stack, m) for stack in self._stacks]
 
-    # The methods below replace those of `opt.Inequality` and evaluate only near pairs, in a fraction of the
-    # time.
+    # `rows`, `residual` and `violation` are not those of `opt.Inequality`, because the evaluation of near
+    # pairs alone is much faster.
 
-    def _room(self, stack: ClearanceStack, m: Variables) -> Variable:
+    def _slack(self, stack: ClearanceStack, m: Variables) -> Variable:
         poses = stack.seen(m.rollouts)
         every, shape = stack.every(poses), m.rollouts.joints.shape[1:]
         nearest = stack.nearest(poses, every)
 
         def by_pairs(values: FloatArray) -> FloatArray:
-            apart = values.reshape(*values.shape[:-1], -1, len(stack.names))
-            return np.moveaxis(apart, -1, 0).reshape(-1, *values.shape[:-1], *shape)
+            pairs_last = values.reshape(*values.shape[:-1], -1, len(stack.names))
+            return np.moveaxis(pairs_last, -1, 0).reshape(-1, *values.shape[:-1], *shape)
 
         slopes = _slopes(stack, m, poses, every, nearest)
         value = by_pairs(nearest.distance) - self.clearance
         return Variable(value, {name: by_pairs(slope) for name, slope in slopes.items()}, m.where)
 
     def rows(self, step: StepState) -> Rows | None:
-        """Return rows that bound the rate of each distance by a share of its slack."""
+        """Return rows that bound the rate at which each distance decreases by `rate` times its slack."""
         return stacked([self._rows(stack, step) for stack in self._stacks])
 
     def _rows(self, stack: ClearanceStack, step: StepState) -> Rows:
@@ -127,7 +128,7 @@ class Clearance(Limit):
             if stack.obstacles and stack.passes.any():
                 moved = _Passing(stack, step, poses)
                 closing += moved.fastest(fastest)
-            # Beyond this distance rates up to the fastest are too slow for a row to bind.
+            # Beyond this distance no row can be active, even at the fastest joint rates.
             near = kept + closing / self.rate
         every = stack.every(poses)
         nearest = stack.nearest(poses, every, near)
@@ -140,10 +141,10 @@ class Clearance(Limit):
 
     def residual(self, m: Variables) -> list[Variable]:
         """Return the violation of the clearance and its margin, in arm lengths."""
-        length, asked, lacks = m.stack.length, self.clearance + m.extra_margin, []
+        length, required, residuals = m.stack.length, self.clearance + m.extra_margin, []
         for stack in self._stacks:
             # Bodies that are close in every posture cannot have the full margin.
-            kept = np.minimum(asked + self.margin * length, 0.5 * (asked + stack.largest))
+            kept = np.minimum(required + self.margin * length, 0.5 * (required + stack.largest))
             poses = stack.seen(m.rollouts)
             entries, nearest = stack.below(poses, kept)
             if nearest.distance.size:
@@ -151,11 +152,11 @@ class Clearance(Limit):
                 slopes = {name: -slope[..., None, :] / length for name, slope in by.items()}
                 value = (kept[entries[0]] - nearest.distance)[None] / length
                 where = np.unravel_index(entries[1], m.rollouts.joints.shape[1:])
-                lacks.append(Variable(value, slopes, (where[0], where[1])))
-        return lacks
+                residuals.append(Variable(value, slopes, (where[0], where[1])))
+        return residuals
 
     def violation(self, motion: Rollouts) -> Violation:
-        """Return the largest violation at nodes and middles, and between shapes at all times."""
+        """Return the largest violation at nodes and midpoints, and for shapes at all times between."""
         near = self.margin * motion.stack.length + _BINDING
         minima = [(least_of(stack, motion, self.clearance, near), stack) for stack in self._stacks]
         if not minima:
@@ -180,7 +181,7 @@ class Clearance(Limit):
 def _slopes(
     stack: ClearanceStack, m: Variables, poses: Poses, entries: Entries, nearest: Nearest
 ) -> dict[str, FloatArray]:
-    """Return the slopes (..., V) of distances at entries."""
+    """Return the slopes (..., V) of distances at V entries, pairs of bodies at instants."""
     gradients, placed = stack.slopes(poses, entries, nearest)
     slopes = {"by_joints": gradients}
     if stack.obstacles:
@@ -195,38 +196,39 @@ def _slopes(
 
 
 class _Passing:
-    """The motion of obstacles relative to the base in a step, by the base's motion and by their own."""
+    """The motion of obstacles relative to the base in a step, due to the base's motion and to their own."""
 
     def __init__(self, stack: ClearanceStack, step: StepState, poses: Poses) -> None:
         index = stack.bodies[:, 1] - stack.sms.n
         self._passes, self._far = stack.passes, stack.sizes[:, 1]
-        # Twist of the base (6, n + 1), a column for each joint and one for the momentum.
+        # The twist of the base (6, n + 1) per joint rate; the last column is that from the momentum.
         self._base = np.column_stack([step.reaction, step.drift])
         self._turns, self._origins = poses.turns[:, :, index, 0], poses.origins[:, index, 0]
-        self._way, self._turning = np.zeros_like(self._origins), np.zeros_like(self._turns)
+        self._velocity, self._rotating = np.zeros_like(self._origins), np.zeros_like(self._turns)
         if any(obstacle.moves for obstacle in stack.obstacles):
             now = step.time_offset + step.time
             before, after = (stack.at(step.q, now + h) for h in (-_STEP, _STEP))
-            self._way = (after.origins - before.origins)[:, index, 0] / (2.0 * _STEP)
-            self._turning = (after.turns - before.turns)[:, :, index, 0] / (2.0 * _STEP)
+            self._velocity = (after.origins - before.origins)[:, index, 0] / (2.0 * _STEP)
+            self._rotating = (after.turns - before.turns)[:, :, index, 0] / (2.0 * _STEP)
 
     def fastest(self, rates: FloatArray) -> FloatArray:
-        """Return bounds (m,) on the speeds of the bodies' points at joint rates up to `rates` (n,) [m/s]."""
+        """Return bounds (m,) [m/s] on the relative speeds of points at joint rates up to `rates` (n,)."""
         linear, angular = (np.linalg.norm(part, axis=0) for part in (self._base[:3], self._base[3:]))
         away = np.linalg.norm(self._origins, axis=0) + self._far
         speeds = (linear + away[:, None] * angular) @ np.append(rates, 1.0)
-        own = np.linalg.norm(self._way, axis=0) + self._far * np.linalg.norm(self._turning, axis=(0, 1))
+        own = np.linalg.norm(self._velocity, axis=0)
+        own = own + self._far * np.linalg.norm(self._rotating, axis=(0, 1))
         return np.asarray(self._passes * (speeds + own))
 
     def slopes(self, placed: FloatArray) -> FloatArray:
-        """Return the rates of distances (m, n + 1) by a unit rate of each joint, and by the given motion."""
+        """Return the rates of distances (m, n + 1) per joint rate; the last column is that at joint rest."""
         here, _, normal = placed
         by = -np.concatenate([normal, cross(here, normal)]).T @ self._base
         by[:, -1] += self.own_slopes(placed)
         return np.asarray(self._passes[:, None] * by)
 
     def own_slopes(self, placed: FloatArray) -> FloatArray:
-        """Return the rates of distances (m,) by the obstacles' own motion."""
+        """Return the rates of distances (m,) due to the obstacles' own motion."""
         _, there, normal = placed
         local = apply(self._turns.transpose(1, 0, 2), there - self._origins)
-        return np.asarray(self._passes * dot(normal, self._way + apply(self._turning, local)))
+        return np.asarray(self._passes * dot(normal, self._velocity + apply(self._rotating, local)))

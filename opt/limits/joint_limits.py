@@ -20,23 +20,23 @@ from ffsms_pin.system import RobotLimits
 class JointLimits(Limit):
     """The robot's joint limits (`sms.limits`), at every instant and not only at nodes.
 
-    In a step they are bounds on the joint rates. In a whole motion they are hard rows on the control points,
-    so there is no residual.
+    In a step they are bounds on the joint rates. In a whole motion they are hard constraints on the control
+    points of the spline, so there is no residual.
     """
 
     name = "joints"
     joint_bounds: RobotLimits | None = field(default=None, repr=False)
 
     def for_robot(self, sms: SpaceManipulator) -> JointLimits:
-        """Return the limit with the robot's limits."""
+        """Return the limit with the limits of a robot."""
         return replace(self, joint_bounds=sms.limits)
 
     def rows(self, step: StepState) -> Rows:
-        """Return bounds on the joint rates within which the arm can still brake."""
+        """Return bounds on the joint rates within which the arm can brake before its position limits."""
         return Rows(np.eye(step.sms.n), *step.bounds)
 
     def residual(self, motions: Rollouts) -> list[Variable]:
-        """Return no residual, because rows on the control points keep the limits."""
+        """Return no residual, because constraints on the control points ensure the limits."""
         return []
 
     def violation(self, motion: Rollouts) -> Violation:

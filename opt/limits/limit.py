@@ -34,7 +34,7 @@ class FrameEnd(NamedTuple):
 
 
 class SpeedBound(NamedTuple):
-    """Bounds on quantities of a motion along a path that are `at_rest` plus `slope` times its speed ds/dt."""
+    """Bounds on quantities `at_rest` + `slope` ds/dt of a motion along a path with the speed ds/dt."""
 
     at_rest: FloatArray  # (c,)
     slope: FloatArray  # (c, K) at the instants of the motion
@@ -43,37 +43,38 @@ class SpeedBound(NamedTuple):
 
 
 class Limit(ABC):
-    """A condition that a motion must satisfy: rows of a step, a residual and a verdict, which solvers stack.
+    """A condition that a motion must satisfy.
 
-    An own limit is a subclass, passed as `opt.Problem(limits=[...])`; docs/own-parts.md has an example.
+    A limit has rows for single steps, a residual for whole motions, and the violation of a finished motion. A
+    user's own limit is a subclass, passed as `opt.Problem(limits=[...])`; see docs/own-parts.md.
 
     Attributes
     ----------
     name : str
         The key in `Trajectory.binding`.
     margin : float
-        The safety margin of the residual, in its unit, because penalties are soft and whole motions are
-        evaluated at some instants only. With a residual below half of it the limit counts as satisfied.
+        The safety margin in the unit of the residual, because penalties are soft and whole motions are
+        evaluated at some instants only. A search takes a residual below half of the margin as satisfied.
     ends : sequence of FrameEnd
         Desired places of frames at the deadline, for the initial guesses of a search.
     joint_bounds : RobotLimits or None
         Hard bounds on rates, accelerations and positions of whole motions; a start outside is an error.
     in_braking : Limit or None
-        A limit that must also hold if the arm stops after a step, if the rows of a single step are not
-        sufficient.
+        A limit that must hold while the arm stops after a step; None if the rows of the step ensure that.
     refusal : str
-        The message for a start that violates the limit, if no motion from there can satisfy it; "{note}" is
-        that of the violation. If empty, the search starts anyway.
-    blocks, obstacles : bool and sequence of Obstacle
-        True if a violation is a collision, from which a descent rarely recovers; and the obstacles that a
-        search must avoid.
+        The message for a start from which no motion satisfies the limit; it contains "{note}", which is
+        replaced by the note of the violation. If it is empty, the search starts anyway.
+    blocks : bool
+        True if a violation is a collision, from which a descent rarely recovers.
+    obstacles : sequence of Obstacle
+        The obstacles that a search must avoid.
     holds_attitude : bool
-        True if the limit holds the base's attitude, so that a search starts from motions that keep the
-        attitude.
+        True if the limit bounds the base's rotation. A search then starts from motions that do not rotate
+        the base.
     eased_by_time : bool
         True if slower motions satisfy the limit more easily, so that a longer duration may be feasible.
     of_paper : bool
-        True if `method="paper"` supports the limit, because its rows are always hard.
+        True if `method="paper"`, in which all rows are hard, supports the limit.
     """
 
     name: str = ""
@@ -89,36 +90,36 @@ class Limit(ABC):
     of_paper: bool = True
 
     def for_robot(self, sms: SpaceManipulator) -> Limit:
-        """Return the limit prepared for a robot; each solver calls it once. Default: the limit itself."""
+        """Return the limit for a robot; a solver calls this method once. Default: the limit itself."""
         return self
 
     @abstractmethod
     def rows(self, step: StepState) -> Rows | None:
-        """Return rows that keep the limit through one step of the paper's method; None: no rows."""
+        """Return rows that ensure the limit during a single step; None: no rows."""
 
     @abstractmethod
     def residual(self, m: Any) -> Formula:
-        """Return the violation of the limit with its margin, at least zero; an empty list: none.
+        """Return the violation of the limit including its margin, at least zero; an empty list if none.
 
-        The residual is a variable computed from `m`, the `opt.Variables` of whole motions, divided by the
-        violation that weighs like a position error of one arm length. `m.extra_margin` is to be added to the
-        margin, in the limit's own unit.
+        The residual is a variable computed from `m`, the `opt.Variables` of whole motions. It is divided by
+        the violation that has the same cost as a position error of one arm length. `m.extra_margin`, in the
+        limit's own unit, must be added to the margin.
         """
 
     @abstractmethod
     def violation(self, motion: Rollouts) -> Violation:
-        """Return the violation by one finished motion, at its nodes and the middles between them."""
+        """Return the violation by one finished motion, evaluated at its nodes and their midpoints."""
 
     def speed_bound(self, motion: Rollouts) -> SpeedBound | None:
         """Return bounds on the speed along a path, for the fastest time law; None: satisfied at any speed.
 
-        `motion` is that of unit speed, ds/dt = 1, without momentum.
+        `motion` is the motion along the path with unit speed, ds/dt = 1, and without momentum.
         """
         return None
 
 
 def prepared(limit: Limit, sms: SpaceManipulator) -> Limit:
-    """Return the limit for a robot (`Limit.for_robot`); raise `PartError` for an error in it."""
+    """Return the limit for a robot (`Limit.for_robot`); raise `PartError` if that method fails."""
     try:
         made = limit.for_robot(sms)
     except FfsmsError:
@@ -129,27 +130,28 @@ def prepared(limit: Limit, sms: SpaceManipulator) -> Limit:
     return made
 
 
-# The safety margin as a share of a limit, for `Limit.margin`. With half of it, re-planned motions under a
-# base limit of 1 degree missed their targets by up to 5 mm, with this value by a hundredth of that.
+# The safety margin as a share of a bound, for `Limit.margin`. With a margin of 0.04, re-planned motions under
+# a base limit of 1 degree missed their targets by up to 5 mm, with 0.08 by a hundredth of that.
 SHARE = 0.08
-# The violation by a whole limit weighs like a clearance violation of this number of arm lengths.
+# A violation as large as the bound has the same cost as a clearance violation of this number of arm lengths.
 SCALE = 0.03
 
 
 class Inequality(Limit):
     """A limit as one formula: `slack(m)` >= 0.
 
-    In a step the slack shrinks at most at a rate proportional to itself; a slack that depends on the joint
-    rates, such as that of a speed, is at or above zero at the step's end. In whole motions the violation of
-    the safety margin is a penalty. The least slack of the finished motion is the verdict.
+    In a step the slack decreases at most at a rate proportional to the slack. If the slack depends on the
+    joint rates, for example that of a speed limit, it must be at or above zero at the step's end. In whole
+    motions the violation of the safety margin is a penalty. The violation of a finished motion is its least
+    slack, if that is negative.
 
-    The attributes of the class are parameters, each with a default for a slack in metres;
-    docs/own-parts.md explains them. All except `margin`, `rate`, `trusted`, `when` and `unit` are in the
-    slack's unit.
+    The attributes of the class are parameters with defaults for a slack in metres; docs/own-parts.md explains
+    them. All except `margin`, `rate`, `softness`, `trusted`, `when` and `unit` are in the slack's unit.
     """
 
     unit: str = "m"  # the unit of the slack, for messages
-    scale: float | None = None  # the slack that weighs like an error of one arm length; None: that length
+    # the violation that has the same cost as a position error of one arm length; None: that length
+    scale: float | None = None
     margin: float = 0.01  # the safety margin of whole motions as a share of `scale`, for soft penalties
     absolute_margin: float | None = None  # the same margin in the slack's unit; None: `margin` times `scale`
     rate: float = 2.0  # [1/s] the largest relative rate of decrease of the slack, for braking
@@ -160,8 +162,8 @@ class Inequality(Limit):
     when: str = "always"
     trusted: float = 0.05
     active_below: float | None = None  # the slack below which it counts as active; None: 1.125 margins
-    accuracy: float = 1e-6  # the violation up to which it counts as satisfied
-    largest_extra_margin: float = np.inf  # bound of the additional margin, in the slack's unit
+    accuracy: float = 1e-6  # the violation up to which the limit counts as satisfied
+    largest_extra_margin: float = np.inf  # upper bound on the additional margin
 
     def __init_subclass__(cls, **options: Any) -> None:
         super().__init_subclass__(**options)
@@ -170,10 +172,10 @@ class Inequality(Limit):
 
     @abstractmethod
     def slack(self, m: Variables) -> Any:
-        """Return the slack at every instant: a `Variable` (S, K) or (c, S, K), or a list of these."""
+        """Return the slack at every instant, a `Variable` (S, K) or (c, S, K), or a list of these."""
 
     def bounded_margin(self, m: Variables) -> float:
-        """Return the additional margin of motions, bounded by `largest_extra_margin`."""
+        """Return the additional margin, at most `largest_extra_margin`."""
         return min(m.extra_margin, self.largest_extra_margin)
 
     def at_active_instants(self, m: Variables) -> Variables:
@@ -183,7 +185,7 @@ class Inequality(Limit):
         return m.during(*(m.last_tenth[[0, -1]] if self.when == "last tenth" else (m.last, m.last)))
 
     def time_until_active(self, step: StepState) -> float | None:
-        """Return the time until the limit is active, in a step [s]; None: it is always active."""
+        """Return the time from the step's start until the limit is active [s]; None if it always is."""
         if self.when == "always":
             return None
         late = (1.0 - ARRIVAL_SHARE) * (step.time + step.time_left)
@@ -194,46 +196,48 @@ class Inequality(Limit):
         return _stacked(formulas(self, "slack", m), m)
 
     def rows(self, step: StepState) -> Rows | None:
-        """Return rows of a step that bound the rate of the slack, or the slack at its end if that jumps."""
-        seen = step.variables
-        at = seen.change(self.slacks(seen))
-        asked = np.isfinite(at.value)
-        if not asked.any():
+        """Return rows that bound the slack's rate, or its value at the step's end if it depends on rates."""
+        variables = step.variables
+        at = variables.change(self.slacks(variables))
+        finite = np.isfinite(at.value)
+        if not finite.any():
             return None
-        value, flow, drift, jump = (x[asked] for x in at)
+        value, flow, drift, jump = (x[finite] for x in at)
         due, most = self.time_until_active(step), np.full(len(value), UNBOUNDED)
-        if due is not None:  # the missing slack at the step's end, and the rate at which it must shrink
-            missing = self._scale_and_margin(seen.rollouts)[1] - value - step.dt * (flow @ step.rates + drift)
+        if due is not None:  # the missing slack at the step's end, and the rate at which it must decrease
+            margin = self._scale_and_margin(variables.rollouts)[1]
+            missing = margin - value - step.dt * (flow @ step.rates + drift)
             spare = max(due - 10.0 * step.dt, 0.0)  # the limit must hold ten steps before it is active
             closing = self.rate * (missing - self.trusted * spare)
             if spare > 0.0:  # at most 1.5 times the mean rate over the remaining time
                 closing = np.minimum(closing + self.trusted, 1.5 * missing / max(spare, 2.0 * step.dt))
             return Rows(flow, closing - drift, most, self.softness)
-        left = value - self.step_margin
+        slack = value - self.step_margin
         jumps = jump.any(axis=1)
-        # With u: flow . u + drift >= -rate left; or left + dt (flow . u + drift) + jump . (u - rates) >= 0.
+        # The joint rates u at the step's end satisfy flow . u + drift >= -rate slack, or, if the slack
+        # depends on rates, slack + dt (flow . u + drift) + jump . (u - rates) >= 0.
         share = np.where(jumps, step.dt, 1.0)
         G = share[:, None] * flow + jump
-        least = -np.where(jumps, left, self.rate * left) - share * drift + jump @ step.rates
+        least = -np.where(jumps, slack, self.rate * slack) - share * drift + jump @ step.rates
         return Rows(G, least, most, self.softness)
 
     def margin_violation(self, m: Variables) -> Variable:
-        """Return the violation (c, S, K) of the safety margin by whole motions, negative without one."""
+        """Return the violation (c, S, K) of the safety margin by whole motions; it may be negative."""
         return self._scale_and_margin(m.rollouts)[1] + self.bounded_margin(m) - self.slacks(m)
 
     def residual(self, m: Variables) -> list[Variable]:
-        """Return the violation of the safety margin over `scale`, at the instants at which there is any."""
-        scale, counted = self._scale_and_margin(m.rollouts)[0], self.at_active_instants(m)
-        if always := counted.where is None:
-            lacks = self.margin_violation(m).value > 0.0
-            lacking = np.nonzero(lacks.any(axis=0) if lacks.ndim == 3 else lacks)
-            if not lacking[0].size:
+        """Return the violation of the safety margin divided by `scale`, at the instants with a violation."""
+        scale, active = self._scale_and_margin(m.rollouts)[0], self.at_active_instants(m)
+        if always := active.where is None:
+            violated = self.margin_violation(m).value > 0.0
+            indices = np.nonzero(violated.any(axis=0) if violated.ndim == 3 else violated)
+            if not indices[0].size:
                 return []
-            counted = m.at(*lacking)
-        lack: Variable = np.maximum(self.margin_violation(counted), 0.0) / scale  # type: ignore[assignment]
-        if not lack.value.any():
+            active = m.at(*indices)
+        excess: Variable = np.maximum(self.margin_violation(active), 0.0) / scale  # type: ignore[assignment]
+        if not excess.value.any():
             return []
-        return [lack if always else lack.at_once()]
+        return [excess if always else excess.at_once()]
 
     def _scale_and_margin(self, motions: Rollouts) -> tuple[float, float]:
         """Return `scale` and `absolute_margin`."""
@@ -241,29 +245,29 @@ class Inequality(Limit):
         return scale, self.margin * scale if self.absolute_margin is None else self.absolute_margin
 
     def violation(self, motion: Rollouts) -> Violation:
-        """Return the largest violation, also between instants, by the parabola through three of them."""
-        counted = self.at_active_instants(Variables(motion))
-        left, times = self.slacks(counted).value[:, 0], counted.times
-        if not left.size:
+        """Return the largest violation, also between instants, by parabolas through three instants."""
+        active = self.at_active_instants(Variables(motion))
+        slacks, times = self.slacks(active).value[:, 0], active.times
+        if not slacks.size:
             return Violation()
         # Penalties are soft, so the limit counts as active within 1.125 margins.
         binding = (
             1.125 * self._scale_and_margin(motion)[1] if self.active_below is None else self.active_below
         )
-        binds = times[(left < binding).any(axis=0)]
-        least = _least_between(left) if counted.where is None else left
+        binds = times[(slacks < binding).any(axis=0)]
+        least = _least_between(slacks) if active.where is None else slacks
         i, k = np.unravel_index(int(np.argmin(least)), least.shape)
         if least[i, k] > -self.accuracy:  # counts as satisfied
             return Violation(0.0, binds)
         return Violation(float(-least[i, k]), binds, self.note(float(least[i, k]), float(times[k])))
 
     def note(self, slack: float, time: float) -> str:
-        """Return the message for a motion that violates the limit: the least slack, and its time [s]."""
+        """Return the message for a motion whose least slack, at a time [s], violates the limit."""
         return f"the limit '{self.name}' is violated by {-slack:.3g} {self.unit} at {time:.3g} s"
 
 
 class AllOf(Limit):
-    """A group of inequalities with units of their own that are one limit."""
+    """A limit that consists of several inequalities, which may have different units."""
 
     @property
     @abstractmethod
@@ -275,7 +279,7 @@ class AllOf(Limit):
         return stacked([rows for part in self.parts if (rows := part.rows(step)) is not None])
 
     def residual(self, m: Variables) -> Any:
-        """Return the list of residuals of all inequalities."""
+        """Return the residuals of all inequalities."""
         return [residuals_of(part, m) for part in self.parts]
 
     def violation(self, motion: Rollouts) -> Violation:
@@ -312,10 +316,10 @@ def _stacked(slacks: list[Variable], m: Variables) -> Variable:
 
 
 def _least_between(values: FloatArray) -> FloatArray:
-    """Return the least values (c, K) of curves around their instants, nodes and middles.
+    """Return values (c, K) at nodes and midpoints, with minima of parabolas in place of those at midpoints.
 
-    The value at a middle is the minimum of the parabola through the middle and its neighbours, if there is
-    one.
+    The parabola goes through a midpoint and its neighbours. If it has no minimum between them, the value is
+    unchanged.
     """
     least = values.copy()
     if values.shape[1] >= 3 and values.shape[1] % 2:

@@ -1,4 +1,4 @@
-"""Limits on the joints' torques, and the common base of motor limits."""
+"""Limits on the joints' torques, and the base class of limits on motors."""
 
 from __future__ import annotations
 
@@ -21,35 +21,35 @@ Loads: TypeAlias = list[tuple[Variable, FloatArray, Sequence[str], Sequence[str]
 
 
 class MotorLimits(Inequality):
-    """A limit on loads of motors, in shares of their capacity."""
+    """A limit on loads of motors, with loads as shares of the motors' capacities."""
 
     margin = SCALE * SHARE
     scale = 1.0 / SCALE
     absolute_margin = SHARE
     largest_extra_margin = 0.5 - SHARE  # with half of the capacity as the margin, plans would be too slow
     eased_by_time = True
-    broken: str  # text of the violation
-    lacks: str  # text of a motor: name, load, unit, time, capacity, and sufficient capacity
+    broken: str  # message for a violation
+    lacks: str  # message for a motor, with name, load, unit, time, capacity, and sufficient capacity
 
     @abstractmethod
     def loads(self, m: Variables) -> Loads:
-        """Return each kind of load."""
+        """Return the loads of motors, an entry for each kind."""
 
     def slack(self, m: Variables) -> list[Variable]:
-        """Return the slack of each motor, the unused share of its capacity."""
+        """Return the unused share of each motor's capacity."""
         return [1.0 - abs(load) / most for load, most, *_ in self.loads(m)]
 
     def violation(self, motion: Rollouts) -> Violation:
-        """Return the largest overload of a motor as a share, on both sides of every node."""
+        """Return the largest overload as a share of a motor's capacity, on both sides of every node."""
         sides = (self.loads(Variables(side)) for side in (motion, motion.before))
         worst, notes, binds = 0.0, [], np.zeros(len(motion.times), dtype=bool)
         for (load, most, names, units), (before, *_) in zip(*sides, strict=True):
             values = np.abs(load.value[:, 0])
             values[:, ::2] = np.maximum(values[:, ::2], np.abs(before.value[:, 0]))
             used = values / most[:, None]
-            # A limit is active slightly beyond its margin.
+            # The limit is active slightly below 0.92, where its margin begins.
             binds |= (used > 0.91).any(axis=0)
-            # Equal loads by symmetry differ by rounding, and the first motor is named.
+            # Loads that are equal by symmetry differ by rounding; without it the first motor is reported.
             i, k = np.unravel_index(int(np.argmax(used.round(9))), used.shape)
             if used[i, k] > 1.0:
                 worst = max(worst, float(used[i, k]) - 1.0)
@@ -60,10 +60,11 @@ class MotorLimits(Inequality):
 
 @dataclass(frozen=True)
 class TorqueLimits(MotorLimits):
-    """The joints' largest torques, or forces, `sms.limits.torque`; an infinite one limits nothing.
+    """The limits of the joints' torques or forces, `sms.limits.torque`; an infinite limit has no effect.
 
-    The torques H_q qdd + C_q are exact, with the base reacting in its mode, and the total momentum included.
-    A problem has this limit by default. Its unit is a share: a violation of 0.3 is an overload of 30 %.
+    The torques H_q qdd + C_q include the reaction of the base in its mode, and the total momentum. A problem
+    has this limit by default. Its unit is a share of a joint's limit, so a violation of 0.3 is an overload of
+    30 %.
     """
 
     name = "torques"
@@ -78,9 +79,10 @@ class TorqueLimits(MotorLimits):
         return [(m.torques, most, robot.joint_names, units)] if np.isfinite(most).any() else []
 
     def rows(self, step: StepState) -> Rows | None:
-        """Return rows of unit length, in rad/s: H_q (u - u_0) / dt + C_q, linear in the rates u at the end.
+        """Return a row of unit length, in rad/s, for each joint that could exceed its limit in this step.
 
-        There is a row for each joint that could exceed its limit in this step.
+        The torques H_q (u - u_0) / dt + C_q are linear in the joint rates u at the step's end, with u_0 those
+        at its start.
         """
         if not np.isfinite(step.sms.limits.torque).any():
             return None

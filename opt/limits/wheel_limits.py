@@ -17,11 +17,12 @@ from ffsms_pin.opt.step.state import StepState
 
 @dataclass(frozen=True)
 class WheelLimits(MotorLimits):
-    """The wheels' largest torques and momenta, if wheels hold the attitude (mode "rotation-floating").
+    """The limits of torques and momenta of wheels that hold the attitude (mode "rotation-floating").
 
-    Momentum follows from the conservation of angular momentum, torque is its rate, with bearing friction
-    compensated. A problem in that mode, for a robot with wheels, has this limit by default. Its unit is a
-    share of the wheel's capacity: a violation of 0.3 is an overload of 30 %.
+    A wheel's momentum follows from the conservation of angular momentum. Its motor torque is the rate of this
+    momentum, plus compensation of bearing friction. In that mode a problem for a robot with wheels has this
+    limit by default. Its unit is a share of the wheel's capacity, so a violation of 0.3 is an overload of
+    30 %.
     """
 
     name = "wheels"
@@ -29,7 +30,7 @@ class WheelLimits(MotorLimits):
     lacks = "{0} would need {1:.3g} {2} at {3:.3g} s and has {4:.3g} {2}; wheels of {5:.3g} {2} would do"
 
     def loads(self, m: Variables) -> Loads:
-        """Return momenta and torques; none without wheels."""
+        """Return the wheels' momenta and torques; an empty list if no wheels hold the attitude."""
         wheels = m.rollouts.wheels
         if wheels is None:
             return []
@@ -39,21 +40,21 @@ class WheelLimits(MotorLimits):
     def rows(self, step: StepState) -> Rows | None:
         """Return a row of unit length for each wheel, in rad/s; None if no wheels hold the attitude.
 
-        With D the angular momentum per joint rate (`opt.rollouts`), u_0 the joint rates at the step's start
-        and u those at its end, a wheel's torque is the present one plus A^+ D (u_0 - u) / dt. Its momentum
-        follows, so both limits are bounds on the same sum of joint rates. If both cannot be satisfied, the
-        torque limit is. Wheels with the same sum, such as all wheels of a planar arm, share a row.
+        With A^+ D of `opt.rollouts`, the joint rates u_0 at the step's start and u at its end, the torques
+        are the present ones plus A^+ D (u_0 - u) / dt. The momenta at the step's end follow, so both limits
+        bound the same sums of joint rates, A^+ D u. If they contradict each other, the torque limit has
+        priority. Wheels with proportional sums, for example all wheels of a planar arm, share a row.
         """
         wheels = step.wheels
         if wheels is None:
             return None
-        m, dt, left = step.variables, step.dt, 1.0 - SHARE
+        m, dt, share = step.variables, step.dt, 1.0 - SHARE
         G = wheel_shares(wheels) @ held_momentum(m.arm)[..., 0, 0]
         now, torque = m.wheels.value[:, 0, 0], m.wheel_torques.value[:, 0, 0]
         rubbing = -wheels.friction_torque(now / wheels.inertia) if wheels.rubs else np.zeros(len(wheels))
-        middle, slack = G @ step.rates + dt * torque, dt * np.minimum(left * wheels.torque, UNBOUNDED)
+        middle, slack = G @ step.rates + dt * torque, dt * np.minimum(share * wheels.torque, UNBOUNDED)
         lower, upper = middle - slack, middle + slack
-        middle, slack = middle + now - dt * rubbing, np.minimum(left * wheels.momentum, UNBOUNDED)
+        middle, slack = middle + now - dt * rubbing, np.minimum(share * wheels.momentum, UNBOUNDED)
         lower = np.maximum(lower, np.minimum(middle - slack, upper))
         upper = np.minimum(upper, np.maximum(middle + slack, lower))
         kept: list[tuple[FloatArray, float, float]] = []
@@ -62,7 +63,7 @@ class WheelLimits(MotorLimits):
         return reachable_rows(step, *map(np.array, zip(*kept, strict=True))) if kept else None
 
     def speed_bound(self, motion: Rollouts) -> SpeedBound | None:
-        """Return the bounds by momenta and torques of the wheels, without the friction of their bearings."""
+        """Return the bounds from momenta and torques of the wheels, without bearing friction."""
         wheels = motion.wheels
         if wheels is None:
             return None
@@ -74,9 +75,9 @@ class WheelLimits(MotorLimits):
         violation, wheels = super().violation(motion), motion.wheels
         if wheels is None:
             return violation
-        taken = Variables(motion).arm_momentum.value[:, 0]
-        rest = np.abs(taken - wheels.axes.T @ (wheel_shares(wheels) @ taken)).max()
-        if rest <= 1e-6 * max(float(np.abs(taken).max()), 1e-9):  # rounding
+        momentum = Variables(motion).arm_momentum.value[:, 0]
+        rest = np.abs(momentum - wheels.axes.T @ (wheel_shares(wheels) @ momentum)).max()
+        if rest <= 1e-6 * max(float(np.abs(momentum).max()), 1e-9):  # rounding
             return violation
         note = f"{rest:.3g} N m s of the arm's momentum are about an axis that no wheel has"
         note = f"{violation.note or self.broken}{'; ' if violation.note else ': '}{note}"
@@ -84,7 +85,7 @@ class WheelLimits(MotorLimits):
 
 
 def _share(kept: list[tuple[FloatArray, float, float]], row: FloatArray, low: float, up: float) -> None:
-    """Add a row; parallel rows are merged with the bounds of all, because the solver requires it."""
+    """Add a row to `kept`, or merge it with a parallel row, because rows of a QP must be independent."""
     size = float(np.linalg.norm(row))
     if size <= 1e-12:  # joints that do not move the wheel
         return

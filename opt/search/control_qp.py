@@ -1,8 +1,8 @@
-"""The quadratic programme of a descent step: a quadratic model of the merit under linear limits.
+"""The quadratic program (QP) of a descent step: a quadratic model of the merit under linear limits.
 
-If the unconstrained minimum satisfies the limits, a Cholesky factorisation gives it, otherwise DAQP. A dual
-active-set method ends at the solution of its active rows, so it is deterministic, and fast with a few dozen
-unknowns.
+If the unconstrained minimum satisfies the limits, a Cholesky factorisation solves the QP, otherwise DAQP.
+This dual active-set solver ends at the exact solution for its active rows, so it is deterministic. It is fast
+for a few dozen unknowns.
 
 Reference: D. Arnstroem, A. Bemporad, D. Axehill, "A dual active-set solver for embedded quadratic programming
 using recursive LDL^T updates", IEEE Transactions on Automatic Control 67 (2022).
@@ -24,16 +24,16 @@ from ffsms_pin.opt.search.inverse_kinematics import at_rest, braking, within_wor
 from ffsms_pin.opt.search.spline import Map, RateSpline
 from ffsms_pin.system import RobotLimits
 
-# The solver's tolerance. The margin of every row is ten times as large, and the distance at which a row is
-# active ten times that.
+# The solver's tolerance. The margin of every row is 10 times the tolerance. Rows within 100 times the
+# tolerance are active.
 _TOLERANCE = 1e-7
-_LEAST_STOP = 0.5  # [s] least braking time of joints after a contact, see `capture.brake`
+_LEAST_STOP = 0.5  # [s] least braking time of joints after a contact
 
 
 class _Rows(NamedTuple):
-    """The rows lower <= matrix p_j <= upper for the control points p_j (M,) of every joint j; bounds (k, n).
+    """The rows lower <= matrix p_j <= upper for the control points p_j (M,) of every joint j.
 
-    A spline lies within the range of its control points, so bounds on these hold at every instant.
+    `matrix` is (k, M), the bounds are (k, n).
     """
 
     kind: str
@@ -43,12 +43,12 @@ class _Rows(NamedTuple):
 
 
 class ControlQP:
-    """The QP of a step x that keeps the control points p + x of a spline within lower <= rows p <= upper.
+    """The QP of a step x, after which the control points p + x satisfy lower <= rows (p + x) <= upper.
 
-    p (M n,) is flattened with the joints last. There is a row for every joint of each of the `kinds` ("rate",
-    "acceleration", "position", "rest" or "stop"), by one `matrix` (k, M). Rows for rest at the end, or for
-    the distance to stop after it, follow the first `moving` ones. The control points of a braking arm remain
-    feasible.
+    The control points (M n,) are flattened with the joints last. `matrix` (k, M) has the rows of one joint,
+    which are the same for all joints, and `kinds` (k,) their kinds: "rate", "acceleration", "position",
+    "rest" (at the end) or "stop" (after the end). The first `moving` rows are those of the first three kinds.
+    The control points of an arm that brakes from the start are always feasible.
     """
 
     def __init__(self, problem: Problem, spline: RateSpline) -> None:
@@ -56,7 +56,7 @@ class ControlQP:
         self._size, self._free = size * n, np.flatnonzero(np.tile(problem.free, size))
         kinds = [_Rows("", np.empty((0, size)), *np.empty((2, 0, n))), *_rows(problem, spline)]
         self.matrix = np.vstack([kind.matrix for kind in kinds])
-        each = np.zeros((len(self.matrix), n, size, n))  # by all control points
+        each = np.zeros((len(self.matrix), n, size, n))  # (row, joint, control point, joint)
         each[:, np.arange(n), :, np.arange(n)] = self.matrix
         self._rows = each.reshape(-1, size * n)[:, self._free]
         self.kinds = [kind.kind for kind in kinds for _ in kind.matrix]
@@ -69,12 +69,15 @@ class ControlQP:
         self.upper = np.maximum(np.minimum(upper, UNBOUNDED), at)
 
     def within(self, p: FloatArray) -> FloatArray:
-        """Scale control points down to the limits; the descent then brings them to rest."""
+        """Scale control points down until they satisfy all limits but those of rest and stopping."""
         at = self._along(p)[: self.moving]
         return p * self.share(at, self.lower[: self.moving], self.upper[: self.moving])
 
     def solve(self, hessian: FloatArray, gradient: FloatArray, p: FloatArray) -> FloatArray:
-        """Minimise 1/2 x^T hessian x + gradient^T x over x, shaped like p (M, n); locked joints stay."""
+        """Minimise 1/2 x^T hessian x + gradient^T x over steps x from p; return x in the shape of p (M, n).
+
+        Locked joints do not move.
+        """
         free = self._free
         step = np.zeros(p.size)
         if not free.size:
@@ -92,20 +95,21 @@ class ControlQP:
         return step.reshape(p.shape)
 
     def _along(self, p: FloatArray) -> FloatArray:
-        """Multiply `rows` by control points (M, n); every row belongs to one joint."""
+        """Multiply all rows by control points (M, n)."""
         return np.asarray(self.matrix @ p).ravel()
 
     def _bounded(
         self, factor: FloatArray, unbounded: FloatArray, move: FloatArray, low: FloatArray, high: FloatArray
     ) -> FloatArray | None:
-        """Return the best step within low <= rows x <= high; None if none is found.
+        """Return the best step x with low <= rows x <= high; None if DAQP fails.
 
-        With `factor`, the U of hessian = U^T U, DAQP minimises |z|^2 for z = U (x - unbounded), under the
-        active rows and those that the unconstrained minimum violates, then those that z violates.
+        With `factor`, the U of hessian = U^T U, DAQP minimises |z|^2 for z = U (x - unbounded). At first its
+        rows are those that are active or violated by the unconstrained minimum. Rows that the solution
+        violates are added, until there are none.
         """
         touched = 100.0 * _TOLERANCE
         new = np.flatnonzero((move > high) | (move < low) | (high < touched) | (low > -touched))
-        # Scaled to order one, because the solver's tolerances are absolute.
+        # Rows are scaled to order one, because the solver's tolerances are absolute.
         scale = float(np.linalg.norm(np.triu(factor))) / math.sqrt(len(factor))
         step, rows, transformed = np.zeros(self._size), new[:0], np.empty((0, len(factor)))
         # A warm start for the solver: 1 for active upper bounds, 3 for active lower bounds.
@@ -135,7 +139,7 @@ class ControlQP:
                 return step
 
     def active(self, p: FloatArray) -> list[tuple[str, int]]:
-        """Return kind and joint of the active limits at control points p, the most frequent first."""
+        """Return kind and joint of the limits active at control points p (M, n), the most frequent first."""
         at, lower, upper = self._along(p), self.lower, self.upper
         touched = (at > upper - 1e-4 * np.abs(upper)) | (at < lower + 1e-4 * np.abs(lower))
         places = np.argwhere(touched[: self.moving].reshape(-1, p.shape[1]))
@@ -144,16 +148,16 @@ class ControlQP:
 
     @staticmethod
     def share(move: FloatArray, low: FloatArray, high: FloatArray) -> float:
-        """Return the largest share of a step that satisfies the limits."""
+        """Return the largest share of a move, at most 1, that stays between `low` and `high`."""
         outside_share = (move > np.maximum(high, 0.0)) | (move < np.minimum(low, 0.0))
         bound = np.where(move > 0.0, high, low)
         return max(0.0, float((bound[outside_share] / move[outside_share]).min(initial=1.0)))
 
 
 def _slowing(bounds: RobotLimits) -> float:
-    """Return the braking distance of joints per rate [s].
+    """Return the braking distance of joints divided by their rate [s], half of the longest braking time.
 
-    It is half of the braking time; rates fall fastest half-way, by 1.5 times the mean.
+    Rates decrease fastest half-way, with 1.5 times the mean deceleration.
     """
     longest = 1.5 * bounds.velocity / bounds.acceleration
     return 0.5 * float(longest[np.isfinite(longest)].max(initial=_LEAST_STOP))
@@ -165,11 +169,11 @@ def _solved(factor: FloatArray, right: FloatArray) -> FloatArray:
 
 
 def _rows(problem: Problem, spline: RateSpline) -> list[_Rows]:
-    """Return the rows of joint bounds, and those for rest at the end, or for stopping after it."""
+    """Return the rows of joint bounds, and rows for rest at the end or for stopping after the end."""
     rates0, rows = problem.joint_rates, list[_Rows]()
 
     def add(kind: str, scale: float, points: Map, lower: FloatArray, upper: FloatArray) -> None:
-        """Return rows of similar sizes: rates over 1 s, accelerations over 0.8 s^2, positions over 3 s."""
+        """Append rows, multiplied by `scale` so that rows of all kinds have a similar size."""
         offset = points.given(rates0)  # the contribution of the initial state
         least, most = offset if offset.ndim == 3 else (offset, offset)
         rows.append(_Rows(kind, scale * points.free, scale * (lower - least), scale * (upper - most)))
@@ -177,9 +181,9 @@ def _rows(problem: Problem, spline: RateSpline) -> list[_Rows]:
     for bounds in (limit.joint_bounds for limit in problem.limits):
         if bounds is None:
             continue
-        # The finished motion has linear rates between nodes, so its positions differ from the spline's by
-        # less than this: the error of the trapezoidal rule is dt^2 / 12 times the variation of the
-        # acceleration, a few times its limit.
+        # The finished motion has linear rates between nodes, so its positions differ from those of the spline
+        # by less than `guard`. The error of the trapezoidal rule is dt^2 / 12 times the variation of the
+        # acceleration, which is a few times the acceleration limit.
         guard = np.minimum(2.0 * problem.dt**2 * bounds.acceleration, 0.1 * (bounds.upper - bounds.lower))
         guard = np.where(np.isfinite(guard), guard, 0.0)
         low, high = bounds.lower - problem.joints0, bounds.upper - problem.joints0
@@ -190,7 +194,7 @@ def _rows(problem: Problem, spline: RateSpline) -> list[_Rows]:
         at_end = Map(spline.rates.free[-1:], spline.rates.fixed[-1:])
         add("rest", 1.0, at_end, -at_rest(problem), at_rest(problem))
     elif problem.goal.coast is not None and (spline.changes or within_workspace(problem)):
-        # A goal out of the workspace is not met, so there is no contact afterwards.
+        # A goal out of the workspace is not met, so there is no contact after which joints would brake.
         for bounds in filter(None, (limit.joint_bounds for limit in problem.limits)):
             on = problem.goal.coast + _slowing(bounds)
             ends = [

@@ -30,7 +30,7 @@ from ffsms_pin.opt.search.spline import FINE
 from ffsms_pin.opt.trajectory import Trajectory, measure
 
 Kinds: TypeAlias = list[tuple[str, int]]  # kinds of joint limits, with indices of joints
-Attempt: TypeAlias = Callable[[Problem, FloatArray], bool]
+Attempt: TypeAlias = Callable[[Problem, FloatArray], bool]  # see `explain`
 _LONGER = (1.25, 1.5, 2.0, 3.0)  # factors on the failed duration
 
 
@@ -48,13 +48,13 @@ def with_limit_notes(
             others = [_Nothing(other.name) if other is limit else other for other in problem.limits]
             free = again(replace(problem, limits=others))
             note = violation_of(limit, problem.motion(free.joint_rates)).note if free.reached else ""
-            if note:  # the note of that motion, not of the plan
+            if note:  # the note of the motion without the limit
                 notes.append(f"without the limit '{limit.name}' a motion arrives, but {note}")
     return noted(plan, *notes)
 
 
 class _Nothing(Limit):
-    """A limit without conditions that replaces the limit of its name."""
+    """A limit without conditions, which replaces the limit with the same name."""
 
     def __init__(self, name: str) -> None:
         self.name = name
@@ -70,9 +70,9 @@ class _Nothing(Limit):
 
 
 def refused(problem: Problem) -> Trajectory | None:
-    """Return a plan at rest if no motion from this start satisfies the limits.
+    """Return a plan at rest if no motion from the start satisfies the limits; else None.
 
-    A start that overlaps an obstacle, or a target inside an obstacle, raises `InvalidValue`.
+    `InvalidValue` is raised if the start overlaps an obstacle, or if the target is inside an obstacle.
     """
     still = np.zeros((problem.steps + 1, problem.sms.n))
     begin = problem.motion(still[:2])
@@ -84,7 +84,7 @@ def refused(problem: Problem) -> Trajectory | None:
     place = problem.place
     for obstacle in (obstacle for limit in problem.limits for obstacle in limit.obstacles):
         if obstacle.on_base or place.moves_with_base or obstacle.grasp is not None:
-            continue  # the base's final pose is unknown; a grasp may be inside
+            continue  # the base's final pose is unknown, and a grasp may be inside the client's body
         depth = -obstacle.distance(place.position, problem.time_offset + problem.duration)
         if depth > problem.goal.tolerance:
             remedy = f"it is {1e3 * depth:.1f} mm inside '{obstacle.name}'; move the target or the obstacle"
@@ -102,17 +102,17 @@ def explain(
     binding: Kinds,
     attempt: Attempt,
 ) -> Trajectory:
-    """Return a failed plan with a note of its error, the active limits, and a feasible duration.
+    """Return a failed plan with a note of its error, the active limits, and a sufficient duration.
 
-    `goals` are the joint goals of the search, `binding` the joint limits that the plan reaches (kind and
-    joint). `attempt` tries a problem with another duration by straight moves to joint goals near the given
-    ones (K, n), or by a quick search if there are none.
+    `goals` are the joint goals of the search, `binding` the active joint limits (kind and joint).
+    `attempt(problem, joints)` returns whether a problem with another duration is solved by straight moves to
+    joint goals near `joints` (K, n), or by a quick search if K is 0.
     """
     why = reasons(problem, plan, binding, goals)
     if arrives_while_tumbling(problem, plan):
         # Active limits during the motion are no reason, and more time does not reduce the rotation rate.
         return noted(plan, plan.note, _cannot_stay(problem, plan))
-    if plan.reached:  # but not within the goal's tolerance, so no other duration is tried
+    if plan.reached:  # the plan only misses the tolerance, so no other duration is tried
         return noted(plan, plan.note, *why)
     at = "({:.4f}, {:.4f}, {:.4f})".format(*plan.end_effector[-1])
     ends = f"ends {plan.position_error[-1]:.4f} m from the target, at {at}, the nearest position found"
@@ -136,7 +136,7 @@ def explain(
 
 
 def reasons(problem: Problem, plan: Trajectory, binding: Kinds, goals: JointGoals | None = None) -> list[str]:
-    """Return the reasons why a plan misses its goal, workspace or active limits; see `explain`."""
+    """Return the reasons why a plan misses its goal: the workspace, or active limits; see `explain`."""
     if not within_workspace(problem):
         distance, least, most = workspace_distances(problem)
         outside = (
@@ -156,7 +156,7 @@ def reasons(problem: Problem, plan: Trajectory, binding: Kinds, goals: JointGoal
     error = max(plan.position_error[-1], *plan.orientation_error[-1:])
     far = not error <= 0.05 * problem.stack.length
     if goals is not None and len(goals.joints) and not len(goals.near(problem)) and far:
-        return ["binding: the workspace, as far as is known: no posture tried is near the goal"]
+        return ["binding: probably the workspace, because no posture that was tried is near the goal"]
     return ["no limit binds; no motion was found that ends nearer"]
 
 
@@ -166,7 +166,7 @@ def arrives_while_tumbling(problem: Problem, plan: Trajectory) -> bool:
 
 
 def _cannot_stay(problem: Problem, plan: Trajectory) -> str:
-    """Describe the joint rates required for a tumbling robot to stay at the goal in the last tenth."""
+    """Describe the joint rates that a tumbling robot needs to stay at the goal in the last tenth."""
     from scipy.optimize import linprog  # slow to load
 
     sms, largest, drift = problem.sms, 0.0, 0.0
@@ -196,7 +196,10 @@ def _cannot_stay(problem: Problem, plan: Trajectory) -> str:
 
 
 def moving_end_note(problem: Problem, plan: Trajectory) -> str:
-    """Describe joint rates that hold the end effector at the deadline on a rotating base; empty if zero."""
+    """Describe joint rates that hold the end effector at the deadline on a rotating base.
+
+    The description is empty if the joints are at rest.
+    """
     rates = np.abs(plan.joint_rates[-1])
     holds = problem.tumbles and problem.place.rests and plan.reached
     if not holds or (rates <= 1.5 * at_rest(problem)).all():
@@ -209,7 +212,7 @@ def moving_end_note(problem: Problem, plan: Trajectory) -> str:
 
 
 def joint_limits_used(problem: Problem, plan: Trajectory, nodes: slice = slice(None)) -> Kinds:
-    """Return kind and joint of the joint limits that a plan reaches at `nodes`, the longest time first."""
+    """Return kind and joint of the joint limits that a plan reaches at `nodes`, sorted by active time."""
     uses: list[tuple[int, str, int]] = []
     for bounds in (limit.joint_bounds for limit in problem.limits if limit.joint_bounds is not None):
         joints, whole = plan.joint_positions[nodes], bounds.upper - bounds.lower
@@ -229,11 +232,11 @@ def noted(plan: Trajectory, *notes: str, **changes: Any) -> Trajectory:
 
 
 def _sufficient(problem: Problem, goals: JointGoals, more_time_helps: bool, attempt: Attempt) -> float:
-    """Return the first sufficient duration [s] among a few multiples; 0: none.
+    """Return the first sufficient duration [s] among a few multiples of the problem's; 0 if there is none.
 
-    Without momentum a path can be followed in any duration within the limits of joints and wheels. So more
-    time does not help if none of these is active, and no feasible straight move to the goal needs more time.
-    `opt.shortest` finds the least duration.
+    Without momentum a joint path ends at the same place at any speed. So more time helps only if a limit that
+    depends on speed is active (`more_time_helps`), or if a feasible straight move to the goal needs more
+    time. `opt.shortest` computes the least duration.
     """
     if problem.goal.moves:
         return 0.0  # a moving goal depends on the deadline
@@ -244,7 +247,7 @@ def _sufficient(problem: Problem, goals: JointGoals, more_time_helps: bool, atte
         return 0.0
     longer = [factor * problem.duration for factor in _LONGER]
     if not len(there):
-        longer = longer[-1:]  # a search takes longer than a straight move
+        longer = longer[-1:]  # a quick search takes much computing time, so only one is tried
     elif least > longer[-1]:
         longer = [1.1 * least]
     tried = (duration for duration in longer if duration >= least)
@@ -252,20 +255,20 @@ def _sufficient(problem: Problem, goals: JointGoals, more_time_helps: bool, atte
 
 
 def too_short(problem: Problem, goals: JointGoals) -> float:
-    """Return a duration [s] too short for a search to these joint goals; 0 if none is known."""
+    """Return a duration [s] below which a search does not succeed; 0 if none is known."""
     if problem.momentum is not None or problem.joint_rates.any() or problem.goal.moves:
         return 0.0
-    # No known plan is faster than the fastest straight move by this factor.
+    # No known plan is faster than the fastest straight move by more than this factor.
     return min(straight_time(problem, goals.near(problem)).tolist(), default=0.0) / 1.5
 
 
 def keep_limits(model: Model, goals: FloatArray) -> NDArray[np.bool_]:
-    """Return which straight moves to joint goals (K, n) satisfy the limits, apart from the joint rates."""
+    """Return the mask (K,) of straight moves to joint goals (K, n) that satisfy all but the joint limits."""
     if not len(goals):
         return np.zeros(0, dtype=bool)
     problem, spline = model.problem, model.spline
     p = moves_to(problem, spline, goals)
-    # A joint without enough time stops short of its goal; a joint at rest has no displacement.
+    # Moves that end before their goals for lack of time are scaled to full length, except joints at rest.
     displacements = goals - problem.joints0
     done = spline.position_points.of(p, problem.joint_rates)[:, -1]
     p *= np.divide(displacements, done, out=np.ones_like(displacements), where=np.abs(done) > 1e-6)[:, None]
@@ -273,7 +276,7 @@ def keep_limits(model: Model, goals: FloatArray) -> NDArray[np.bool_]:
 
 
 def _time_within_reach(problem: Problem) -> str:
-    """Return a text of the times at which a moving goal is within reach, nearest to the failed deadline."""
+    """Describe the interval of time nearest to the deadline in which a moving goal is within reach."""
     t, inside = _within_reach(problem)
     if not inside.any():
         return f"the goal is not within reach at any time in the next {t[-1]:.0f} s"
@@ -286,14 +289,14 @@ def _time_within_reach(problem: Problem) -> str:
 
 
 def _too_fast(problem: Problem, goals: JointGoals) -> str:
-    """Return a message if the joint rates to move with the goal at the deadline exceed their limits."""
+    """Return a message if moving with the goal at the deadline requires joint rates above their limits."""
     place, near = problem.place, goals.near(problem)
     if place.velocity is None or place.angular_velocity is None or not len(near):
         return ""
     base = place.base_attitude(problem.stack.evaluate(near.T).tip_rotation)
     J = pose_error_at(problem, place, problem.duration, near, base)[1]
-    wanted = np.concatenate([place.velocity - problem.drift, place.angular_velocity])
-    rates = (np.linalg.pinv(J, rcond=1e-3) @ wanted[:, None])[..., 0]
+    twist = np.concatenate([place.velocity - problem.drift, place.angular_velocity])
+    rates = (np.linalg.pinv(J, rcond=1e-3) @ twist[:, None])[..., 0]
     share = float(np.abs(rates / problem.sms.limits.velocity).max(axis=1).min())
     if share <= 1.0:
         return ""
@@ -301,7 +304,7 @@ def _too_fast(problem: Problem, goals: JointGoals) -> str:
 
 
 def _within_reach(problem: Problem) -> tuple[FloatArray, NDArray[np.bool_]]:
-    """Return future times (K,), and whether the goal is then within reach."""
+    """Return future times (K,) [s], and the mask (K,) of times at which the goal is within reach."""
     least, most = reach_range(problem)
     t = np.linspace(0.0, max(10.0 * problem.duration, 600.0), 3001)[1:]
     displacement = problem.goal.places(t).position - problem.com0[:, None] - problem.drift[:, None] * t

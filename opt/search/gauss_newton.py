@@ -1,7 +1,7 @@
-"""Levenberg-Marquardt on the squares of all residuals, within the joint limits, for several motions at once.
+"""The Levenberg-Marquardt method for several motions in parallel, within the joint limits.
 
-The module stacks the residuals of terms, goal and limits, with their slopes by the control points. It uses
-successive halving: many motions for a few iterations, the best of them for more, on a finer spline.
+The residuals are those of terms, goal and limits, with their slopes by the control points of a spline. By
+successive halving many motions get a few iterations, and the best of them more iterations on a finer spline.
 
 References: J. Nocedal, S. J. Wright, "Numerical Optimization", 2nd ed., 2006, ch. 10; K. Jamieson, A.
 Talwalkar, "Non-stochastic best arm identification and hyperparameter optimization", 2016.
@@ -36,10 +36,10 @@ class Weights(NamedTuple):
 
     They are for a motion of 8 s of an arm one metre long, and are scaled by duration and arm length. `end` is
     the weight of the goal's errors at the deadline [1/m^2]; errors beyond the reach in the last tenth have a
-    tenth of it. `limits` is that of the limits' residuals, over time [1/s]. `tie_break` multiplies the
-    weights of terms with `Term.smooths`. For `fade_speed` and `fade_distance`, in arm lengths, see
-    `Smoothing`. With `firm` steps keep the end fixed while they reduce the cost (`deadzone`); otherwise most
-    long steps fail.
+    tenth of this weight. `limits` is the weight of the limits' residuals, integrated over time [1/s].
+    `tie_break` multiplies the weights of terms with `Term.smooths`. For `fade_speed` and `fade_distance`, in
+    arm lengths, see `Smoothing`. With `firm` steps keep the end fixed while they reduce the cost
+    (`deadzone`); without `firm` most long steps fail.
     """
 
     end: float
@@ -56,7 +56,7 @@ class Weights(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Model:
-    """A problem on one spline, with the solver of its steps; `goal` may be a corrected one."""
+    """A problem on a spline, with the QP of descent steps; `goal` may be that of `corrected_goal`."""
 
     problem: Problem
     goal: Goal
@@ -72,11 +72,12 @@ class Model:
 
     @cached_property
     def damping(self) -> FloatArray:
-        """The Hessian (Mn, Mn) of unit damping, of rates or of the accelerations of a change."""
+        """The Hessian (Mn, Mn) of unit damping of rates, or of accelerations if the spline is a change."""
         n, squares = self.problem.sms.n, np.eye(self.spline.size)
         if self.spline.changes:
-            # With M rates over T, |p|^2 is M / T times the integral of their square; for an arc, that of the
-            # accelerations is 10 / T^2 times as large.
+            # For M control points over the time T, |p|^2 is M / T times the integral of the squared rates.
+            # For rates in the form of an arc, the integral of the squared accelerations is 10 / T^2 times
+            # that integral.
             squares = (
                 0.1 * self.spline.size * self.problem.duration * self.spline.squared_acceleration[1:, 1:]
             )
@@ -84,18 +85,19 @@ class Model:
 
     @property
     def time(self) -> float:
-        """The time scale: 1 for a motion of 8 s."""
+        """The duration divided by `REFERENCE_TIME`."""
         return self.problem.duration / REFERENCE_TIME
 
 
 class Candidates(NamedTuple):
     """A stack of S candidate motions of one model; every array has S rows.
 
-    `p` (S, M, n) are the control points, `damping` (S,) that of a motion of 8 s, like the weights. `merit`
-    and `objective` (S,) are the weighted sum of squares, and the terms alone, without smoothing. `gradient`
-    (S, Mn) and `hessian` (S, Mn, Mn) are half of those of the merit, Gauss-Newton, zero if not required. The
-    shares (S,) are the largest error at the deadline over the tolerance, and in the last tenth over the
-    reach, and the largest residual over the limit's margin, for all limits and for those that block. A
+    `p` (S, M, n) are the control points, and `damping` (S,) the factors on `Model.damping`. `merit` (S,) is
+    the weighted sum of squares of all residuals, `objective` (S,) that of the terms without smoothing.
+    `gradient` (S, Mn) and `hessian` (S, Mn, Mn) are half of the merit's gradient and of its Gauss-Newton
+    Hessian, or zero if they were not computed. `end_share` and `late_share` (S,) are the largest errors at
+    the deadline and in the last tenth, divided by tolerance and reach. `limit_share` and `blocked_share` (S,)
+    are the largest residuals divided by the limit's margin, of all limits and of those with `Limit.blocks`. A
     finished single candidate has a `plan`.
     """
 
@@ -114,7 +116,7 @@ class Candidates(NamedTuple):
 
     @property
     def rows(self) -> tuple[FloatArray, ...]:
-        """The arrays in order."""
+        """The arrays in the order of the fields."""
         return self[1:-1]
 
     def take(self, index: Any) -> Candidates:
@@ -147,7 +149,7 @@ def arrival(goal: Goal, motions: Rollouts, firm: bool = False) -> Arrival:
     late, last = slice(int(motions.last_tenth[0]), None), slice(motions.last, None)
     places, place = goal.places(motions.times[late]), goal.place(motions.duration)
     missed = places.pose_error(m.frame("tip", places.on).during(late)).parts
-    asked = end.among([x.during(slice(-1, None)) for x in missed])
+    at_end = end.among([x.during(slice(-1, None)) for x in missed])
     near = tail.among([x.during(slice(0, len(motions.last_tenth))) for x in missed])
     moving = []
     if place.velocity is not None:
@@ -155,17 +157,17 @@ def arrival(goal: Goal, motions: Rollouts, firm: bool = False) -> Arrival:
     if place.angular_velocity is not None:
         moving.append((m.angular_velocity.during(last) - place.angular_velocity, goal.tolerance))
     firm = firm and not goal.exact  # in a narrow corridor the approach matters more than the end
-    ends = [deadzone(x, end.share * most, firm) for x, most in asked] + [x for x, _ in moving]
-    (displacement, reach), *turns = near  # before, only the distance matters
+    ends = [deadzone(x, end.share * most, firm) for x, most in at_end] + [x for x, _ in moving]
+    (displacement, reach), *turns = near  # before the deadline the residual is a distance, not a vector
     tails: list[Any] = [np.maximum(displacement.norm() - tail.share * reach, 0.0)]
     tails += [deadzone(x, tail.share * most) for x, most in turns]
     end_residuals, tail_residuals = ([x.at_once() for x in residuals] for residuals in (ends, tails))
-    return Arrival(end_residuals, tail_residuals, _share([*asked, *moving]), _share(near))
+    return Arrival(end_residuals, tail_residuals, _share([*at_end, *moving]), _share(near))
 
 
-def _share(asked: list[tuple[Variable, float]]) -> FloatArray:
-    """Return the largest ratio of vectors to their tolerances (S,)."""
-    return reduce(np.maximum, [np.sqrt(dot(x.value, x.value)).max(axis=1) / most for x, most in asked])
+def _share(errors: list[tuple[Variable, float]]) -> FloatArray:
+    """Return the largest ratio (S,) of the length of an error to its tolerance."""
+    return reduce(np.maximum, [np.sqrt(dot(x.value, x.value)).max(axis=1) / most for x, most in errors])
 
 
 def motions_of(
@@ -175,13 +177,13 @@ def motions_of(
     smoothing: Smoothing = EXACT,
     goal: Goal | None = None,
 ) -> Rollouts:
-    """Roll out control points p (S, M, n) at the spline's instants; `goal` may be a corrected one.
+    """Roll out control points p (S, M, n) at the spline's instants; `goal` replaces that of the problem.
 
     dR/dt = R [omega]x, with omega the sum of spin @ u and the contribution of the total momentum, is
     integrated by collocation at the spline's Gauss points.
     """
     stack, rates0 = problem.stack, problem.joint_rates
-    # Joints first, also in memory.
+    # The first axis is that of the joints, also in memory.
     joints, rates, accelerations = (
         p.transpose(2, 0, 1) @ mapping.free.T + mapping.given(rates0).T[:, None]
         for mapping in (spline.travel, spline.rates, spline.accelerations)
@@ -226,15 +228,15 @@ def linearise(
 ) -> Candidates:
     """Linearise the residuals of motions with control points p (S, M, n).
 
-    The default damping is that of stages after the first. Derivatives are computed only for motions with a
-    merit below `below`, (S,) or one value.
+    `damping` is (S,) or one value; the default is for stages after the first. Derivatives are computed only
+    for motions with a merit below `below`, (S,) or one value.
     """
     problem, goal, count = model.problem, model.goal, len(p)
     length = problem.stack.length
     smoothing = Smoothing(weights.fade_speed, weights.fade_distance * length)
     motions = motions_of(problem, model.spline, p, smoothing, goal)
-    over_time, limits_time, seen = motions.weights, motions.limit_weights, Variables(motions)
-    merit, objective, lack, blocked = np.zeros((4, count))
+    over_time, limits_time, variables = motions.weights, motions.limit_weights, Variables(motions)
+    merit, objective, excess, blocked = np.zeros((4, count))
     weighted: list[Weighted] = []
 
     def add(residual: Variable, factor: float, times: FloatArray) -> FloatArray:
@@ -244,31 +246,32 @@ def linearise(
         return square
 
     for term in problem.terms:
-        ease = weights.tie_break if term.smooths else 1.0
-        squares = [add(residual, ease, over_time) for residual in residuals_of(term, seen)]
+        factor = weights.tie_break if term.smooths else 1.0
+        squares = [add(residual, factor, over_time) for residual in residuals_of(term, variables)]
         smoothed = term.measures_cost and smoothing != EXACT
-        objective += evaluate(term, "cost", seen) if smoothed else sum(squares, np.zeros(count))
+        objective += evaluate(term, "cost", variables) if smoothed else sum(squares, np.zeros(count))
     at_goal = arrival(goal, motions, weights.firm)
     end = weights.end * time_scale(motions) / length**2
-    for ones, factor in ((at_goal.end, end), (at_goal.tail, 0.1 * end)):
-        for residual in ones:
+    for residuals, factor in ((at_goal.end, end), (at_goal.tail, 0.1 * end)):
+        for residual in residuals:
             add(residual, factor, over_time)
     for limit in problem.limits:
-        for residual in residuals_of(limit, seen.with_margin(problem.extra_margins.get(limit.name, 0.0))):
+        extra_margin = problem.extra_margins.get(limit.name, 0.0)
+        for residual in residuals_of(limit, variables.with_margin(extra_margin)):
             add(residual, weights.limits, limits_time)
             largest = _largest(residual, limit.margin)
-            np.maximum.at(lack, *largest)
+            np.maximum.at(excess, *largest)
             if limit.blocks:
                 np.maximum.at(blocked, *largest)
     good = np.flatnonzero(merit < below)
     gradient, hessian = gradients_and_hessians(model.spline, motions, good, weighted)
-    shares = at_goal.end_share, at_goal.late_share, lack, blocked
+    shares = at_goal.end_share, at_goal.late_share, excess, blocked
     dampings = np.broadcast_to(damping, count).astype(np.float64)
     return Candidates(model, p.copy(), dampings, merit, objective, gradient, hessian, *shares)
 
 
 def _largest(residual: Variable, margin: float) -> tuple[Indices, FloatArray]:
-    """Return motions, and the largest residual of each as a share of the margin."""
+    """Return indices of motions, and their largest residuals as shares of the margin."""
     motion, _ = residual.where or (None, None)
     value = np.abs(residual.value).reshape(-1, *residual.shape[-2:]).max(axis=0) / max(margin, 1e-12)
     return (np.arange(len(value)), value.max(axis=1)) if motion is None else (motion, value[0])
@@ -282,7 +285,7 @@ class Weighted(NamedTuple):
 
     @classmethod
     def of(cls, residual: Variable, factor: float, over_time: FloatArray) -> Weighted:
-        """Return the residual with a weight, times the quadrature weights if the square is integrated."""
+        """Return the residual with the weight `factor`, times quadrature weights if it is integrated."""
         if not residual.over_time:
             return cls(residual, np.full(residual.shape[-1], factor))
         return cls(residual, factor * (over_time if residual.where is None else over_time[residual.where[1]]))
@@ -291,9 +294,9 @@ class Weighted(NamedTuple):
 def gradients_and_hessians(
     spline: RateSpline, motions: Rollouts, chosen: Indices, residuals: list[Weighted]
 ) -> tuple[FloatArray, FloatArray]:
-    """Return gradients (S, Mn) and Hessians (S, Mn, Mn) of half the weighted squares of selected motions.
+    """Return gradients (S, Mn) and Hessians (S, Mn, Mn) of half the weighted sum of squares.
 
-    The control points come first, the joints last.
+    They are zero for motions whose index is not in `chosen`. In the axis Mn joints vary fastest.
     """
     count, size = motions.count, spline.size * motions.stack.n
     gradient, hessian = np.zeros((count, size)), np.zeros((count, size, size))
@@ -317,11 +320,11 @@ def gradients_and_hessians(
 
 
 _SHORTER = 0.3  # share of a step that is tried if the full step fails
-_LACK = 0.5  # residual, as a share of a limit's margin, at which a motion has converged
+_SATISFIED = 0.5  # residual, as a share of a limit's margin, up to which a limit counts as satisfied
 
 
 def descend(motions: Candidates, weights: Weights, iterations: int) -> Candidates:
-    """Iterate all motions in parallel, in place, and return them; those that stall drop out."""
+    """Iterate all motions in parallel, in place, and return them; a motion that stalls is not continued."""
     model, live, now = motions.model, np.arange(len(motions.p)), motions
     for left in reversed(range(iterations)):
         damped = now.hessian + now.damping[:, None, None] * model.damping
@@ -331,7 +334,7 @@ def descend(motions: Candidates, weights: Weights, iterations: int) -> Candidate
         expected = -np.einsum("si,si->s", flat, 2.0 * now.gradient + (now.hessian @ flat[..., None])[..., 0])
         # The last iteration needs no derivatives, because the weights change or the descent ends.
         new = linearise(model, now.p + steps, weights, below=now.merit if left else -np.inf)
-        # A shorter step often succeeds if the model lacks curvature, such as that of a limit that becomes
+        # A shorter step often succeeds if the model lacks curvature, for example because a limit becomes
         # active.
         poor = np.flatnonzero(new.merit >= now.merit)
         if poor.size:
@@ -341,7 +344,7 @@ def descend(motions: Candidates, weights: Weights, iterations: int) -> Candidate
         better = gain > 0.0
         ratio = gain / np.maximum(expected, 1e-15)
         factor = np.where(~better, 6.0, np.where(ratio > 0.7, 0.2, np.where(ratio > 0.3, 0.5, 2.0)))
-        # Motions with a gain of less than a thousandth, or a failed step at this damping, drop out.
+        # Motions with a gain of less than a thousandth, or with a failed step at a damping above 1e3, stop.
         little = gain < 1e-3 * (new.merit + 1e-4 * model.time)
         new.put(~better, now.take(~better))
         now = new._replace(damping=np.maximum(now.damping * factor, 1e-6))
@@ -359,15 +362,15 @@ def _weights(end: float, fade_speed: float, fade_distance: float, tie_break: flo
     return Weights(end, max(1e3, 0.1 * end), tie_break, fade_speed, fade_distance)
 
 
-# The weight of the end grows tenfold from stage to stage, because a stiff end from the start would keep
-# motions in the wrong homotopy class. The smoothing is reduced meanwhile.
+# The weight of the end increases tenfold from stage to stage, because a stiff end from the beginning would
+# keep motions in the wrong homotopy class. The smoothing decreases.
 LAST_WEIGHTS = _weights(1e5, 0.0, 0.0, 1.0)._replace(firm=True)
-# Iterations of the selected motions, on the coarse spline and then on the fine one.
+# Iterations and weights of the stages of `refine`, the first on the coarse spline, the others on the fine.
 _LATER = (2, _weights(1e3, 0.03, 0.01)), (2, _weights(1e4, 0.03, 0.002)), (4, LAST_WEIGHTS)
 
 
 def coarse_stage(model: Model, p: FloatArray) -> Candidates:
-    """Iterate a few times from starts (S, M, n), and a few more times with the best motions."""
+    """Iterate a few times from control points (S, M, n), and a few more times with the best motions."""
     first, then = _weights(1e2, 0.3, 0.03), _weights(1e2, 0.1, 0.03)
     motions = distinct_best(linearise(model, p, first, 0.3), len(p))
     motions = distinct_best(descend(motions, first, 3), 6)
@@ -377,8 +380,8 @@ def coarse_stage(model: Model, p: FloatArray) -> Candidates:
 def refine(pool: Candidates, fine: Model, keep: tuple[int, int, int], repeats: int = 1) -> Candidates:
     """Refine a pool of early motions to a few on the fine spline, the best first.
 
-    `keep` has the numbers of motions on the coarse spline, on the fine one, and to convergence, with
-    `repeats` times the iterations.
+    `keep` has the numbers of motions that are kept in the three stages: on the coarse spline, on the fine
+    spline, and to convergence. `repeats` multiplies the iterations of each stage.
     """
     model, motions = pool.model, pool
     for k, (most, (iterations, weights)) in enumerate(zip(keep, _LATER, strict=True)):
@@ -392,16 +395,16 @@ def refine(pool: Candidates, fine: Model, keep: tuple[int, int, int], repeats: i
 def distinct_best(motions: Candidates, keep: int) -> Candidates:
     """Return the `keep` best motions, without those within 0.05 rad or m of a better one in all joints.
 
-    Motions are ranked by the smoothed merit, the true objective, and the square of the largest clearance
-    violation, in margins beyond the first. A short motion through a body has a small merit, and a descent
-    does not recover from it.
+    Motions are ranked by the sum of the smoothed merit, 0.3 times the exact objective, and the square of the
+    largest clearance violation beyond one margin, in margins. The last is included because a short motion
+    through a body has a small merit, and a descent does not recover from the collision.
     """
     chosen: list[int] = []
-    places = motions.model.spline.travel.free @ motions.p
+    travels = motions.model.spline.travel.free @ motions.p
     excess = np.maximum(motions.blocked_share - 1.0, 0.0)
-    worth = motions.merit + 0.3 * motions.objective + excess**2
-    for i in np.argsort(worth, kind="stable"):
-        if all(np.max(np.abs(places[i] - places[j])) > 0.05 for j in chosen):
+    ranking = motions.merit + 0.3 * motions.objective + excess**2
+    for i in np.argsort(ranking, kind="stable"):
+        if all(np.max(np.abs(travels[i] - travels[j])) > 0.05 for j in chosen):
             chosen.append(int(i))
         if len(chosen) == keep:
             break
@@ -409,10 +412,11 @@ def distinct_best(motions: Candidates, keep: int) -> Candidates:
 
 
 def tighten(motion: Candidates, iterations: int = 4) -> Candidates:
-    """Increase the weights of goal and limits, up to five times, if the terms dominate them."""
+    """Increase the weights of goal and limits, up to five times, until the motion satisfies both."""
     weights = LAST_WEIGHTS
     for _ in range(5):
-        if motion.limit_share[0] <= _LACK and motion.end_share[0] <= 0.8 and motion.late_share[0] <= 0.975:
+        satisfied = motion.limit_share[0] <= _SATISFIED
+        if satisfied and motion.end_share[0] <= 0.8 and motion.late_share[0] <= 0.975:
             break
         weights = weights.stiffer()
         motion = descend(linearise(motion.model, motion.p, weights, motion.damping), weights, iterations)
@@ -420,9 +424,9 @@ def tighten(motion: Candidates, iterations: int = 4) -> Candidates:
 
 
 def prefer_limits(motion: Candidates) -> Candidates:
-    """Prefer missing the goal to violating a limit, if both cannot be met."""
+    """Reduce the weight of the goal until the motion satisfies the limits, if it cannot satisfy both."""
     for softer in (1e-1, 1e-2, 1e-3, 1e-4):
-        if motion.limit_share[0] <= _LACK:
+        if motion.limit_share[0] <= _SATISFIED:
             break
         weights = LAST_WEIGHTS._replace(end=softer * LAST_WEIGHTS.end, limits=10.0 * LAST_WEIGHTS.limits)
         motion = descend(linearise(motion.model, motion.p, weights), weights, 15)
@@ -436,10 +440,10 @@ def arrival_error(goal: Goal, plan: Trajectory) -> float:
 
 
 def corrected_goal(problem: Problem, goal: Goal, plan: Trajectory) -> Goal | None:
-    """Return the next corrected goal after `goal` led to this plan; None if the plan arrives.
+    """Return the next goal of a descent, if the descent to `goal` led to this plan; None if the plan arrives.
 
-    It is displaced from the last one by the error of the finished motion. Its reach is reduced if that motion
-    ends at the goal but is too far from it in the last tenth.
+    The goal is displaced by the error of the finished motion. Its reach is reduced if the motion ends at the
+    problem's goal but is too far from it in the last tenth.
     """
     within = arrival_error(problem.goal, plan) <= problem.goal.tolerance
     if plan.reached and within:
@@ -452,7 +456,7 @@ def corrected_goal(problem: Problem, goal: Goal, plan: Trajectory) -> Goal | Non
         float(plan.position_error[last].max()) / problem.goal.reach,
         float(plan.orientation_error[last].max()) / problem.goal.orientation_reach,
     )
-    # The share of the reaches in the last tenth for a corrected motion.
+    # The factor on the reaches in the last tenth.
     nearer = 0.95 / late if late > 1.0 and within else 1.0
     reaches = {"reach": nearer * goal.reach, "orientation_reach": nearer * goal.orientation_reach}
     return Changed(goal, lambda place: place.moved(displacement, turn), **reaches)

@@ -1,7 +1,7 @@
 """Inverse kinematics with a reacting base: joint goals whose straight joint-space moves end at the target.
 
-A joint goal whose straight move ends at the target gives an initial guess that arrives. Goals from postures
-spread over the joints' range, or near the start, give different homotopy classes.
+The straight move to such a joint goal is an initial guess that arrives. Joint goals from postures spread over
+the joints' range, and near the start, lead to motions of different homotopy classes.
 """
 
 from __future__ import annotations
@@ -23,13 +23,13 @@ from ffsms_pin.system import RobotLimits
 from ffsms_pin.system.batch.arm import ArmValues
 from ffsms_pin.system.batch.stacks import apply, cross, dot, exp3, log3, products
 
-# [rad/s] Rates at the last node, small enough for rest, large enough for a direction.
+# [rad/s] Joint rates at the last node: small enough for rest, large enough for a direction of motion.
 AT_REST = 8e-4
 
 
 def at_rest(problem: Problem) -> FloatArray:
     """Return the rates (n,) up to which the joints count as at rest at the deadline."""
-    return np.minimum(AT_REST, 2e-3 * problem.sms.limits.velocity)  # the second for slow arms
+    return np.minimum(AT_REST, 2e-3 * problem.sms.limits.velocity)  # the second bound is for slow arms
 
 
 def braking(problem: Problem, spline: RateSpline) -> FloatArray:
@@ -39,11 +39,11 @@ def braking(problem: Problem, spline: RateSpline) -> FloatArray:
     return np.asarray(np.sign(rates) * np.maximum(slower, 0.0))
 
 
-_DAMPING = 1e-3  # damping of least squares with J*, for near-singular goals, in squares of the arm's length
+_DAMPING = 1e-3  # [arm lengths squared] damping of least squares with J*, for near-singular goals
 
 
 class JointGoals(NamedTuple):
-    """The joint goals (K, n) of straight moves, and the errors of their ends (K,) [m, rad]."""
+    """Joint goals (K, n), and the pose errors (K,) [m, rad] at the ends of straight moves to them."""
 
     joints: FloatArray
     distance: FloatArray
@@ -58,7 +58,10 @@ class JointGoals(NamedTuple):
 
 
 class _GoalFromStart(NamedTuple):
-    """The place of a frame, relative to the initial attitude and the final centre of mass, or to the base."""
+    """The desired place of a frame at the end of a joint-space move.
+
+    It is relative to the base, or to the base's initial axes at the system's final centre of mass.
+    """
 
     place: Place
     frame: RobotFrame
@@ -66,7 +69,10 @@ class _GoalFromStart(NamedTuple):
     def pose_error(
         self, arm: ArmValues, R: FloatArray, path_turning: FloatArray | None = None
     ) -> tuple[FloatArray, FloatArray]:
-        """Return pose errors of `straight_ends` (3 to 6, K), and slopes by the joints (3 to 6, n, K)."""
+        """Return pose errors (3 to 6, K) at the ends of moves, and their slopes by joints (3 to 6, n, K).
+
+        For the arguments see the results of `straight_ends`.
+        """
         position, rotation, linear, angular = self.frame.of_arm(arm)
         if not self.place.moves_with_base:
             linear = apply(R, arm.root + cross(arm.spin, position[:, None]) + linear)
@@ -81,31 +87,31 @@ class _GoalFromStart(NamedTuple):
 
 
 def _goals_from_start(problem: Problem) -> list[_GoalFromStart]:
-    """Return the problem's goal and the desired ends of limits."""
+    """Return the places of the problem's goal and of `Limit.ends`, see `_GoalFromStart`."""
     turn = problem.rotation0
     origin = problem.com0 + problem.duration * problem.drift
-    wanted = [FrameEnd(RobotFrame.of(problem.stack), problem.place)]
-    wanted += [end for limit in problem.limits for end in limit.ends]
+    ends = [FrameEnd(RobotFrame.of(problem.stack), problem.place)]
+    ends += [end for limit in problem.limits for end in limit.ends]
     return [
         _GoalFromStart(place if place.moves_with_base else place.transformed(-turn.T @ origin, turn.T), frame)
-        for frame, place in wanted
+        for frame, place in ends
     ]
 
 
 def joint_goals(problem: Problem, joints: FloatArray) -> JointGoals:
-    """Find joint goals whose straight moves end near the goal, by Newton's method from postures (K, n).
+    """Compute joint goals whose straight moves end near the goal, by Newton's method from postures (K, n).
 
-    It ends early if half of the moves end at the goal. J* gives the motion of the end on the already rotated
-    base. If the base rotates far, `straight_ends` adds its change of rotation by a changed goal. With an
-    angular momentum the moves are rolled out in time (`_tumbling_straight_ends`).
+    The iteration ends early if half of the moves end at the goal. Its slopes are those of J* at the end of
+    the move. If the base rotates far, they include the change of the base's rotation along the move
+    (`straight_ends`). With an angular momentum the moves are rolled out in time (`_tumbling_straight_ends`).
     """
-    arm, wanted, start, iterations = problem.stack, _goals_from_start(problem), problem.joints0, 20
+    arm, places, start, iterations = problem.stack, _goals_from_start(problem), problem.joints0, 20
     low, high = joint_range(problem)
     inset = np.where(problem.free, 0.0025 * (high - low), 0.0)
-    much = 0.5  # [rad or m] the largest step of a joint, and base rotations that require exact slopes
+    large = 0.5  # [rad or m] the largest step of a joint, and a base rotation that requires exact slopes
     goals = np.where(problem.free, joints, start)
-    # With a limit on the attitude, prefer arriving moves with little base rotation. The rest of a motion is
-    # an exception, because its base has rotated before.
+    # With a limit on the attitude, moves with little base rotation are preferred. In re-planning they are
+    # not, because the base has rotated before.
     steady = problem.base_start is None and any(limit.holds_attitude for limit in problem.limits)
     exact = False
     path_turning: FloatArray | None
@@ -114,8 +120,8 @@ def joint_goals(problem: Problem, joints: FloatArray) -> JointGoals:
             end, R, path_turning = _tumbling_straight_ends(problem, goals)
         else:
             end, R, path_turning = straight_ends(problem, goals, exact)
-        exact = exact or (k == 0 and float(np.median(np.linalg.norm(log3(R), axis=0))) > much)
-        missed = [goal.pose_error(end, R, path_turning) for goal in wanted]
+        exact = exact or (k == 0 and float(np.median(np.linalg.norm(log3(R), axis=0))) > large)
+        missed = [place.pose_error(end, R, path_turning) for place in places]
         error, columns = (np.concatenate(parts) for parts in zip(*missed, strict=True))
         distance = np.sqrt(dot(error, error))
         if steady:
@@ -125,32 +131,33 @@ def joint_goals(problem: Problem, joints: FloatArray) -> JointGoals:
         if k == iterations - 1 or (k >= 5 and np.median(distance) < 1e-3 * arm.length):
             break
         J = columns.transpose(2, 0, 1) * problem.free
-        # Closer to the target than a tenth of the arm's length, the damping is reduced, so that nearly
-        # singular ends converge fast, too.
+        # Within a tenth of the arm's length of the target the damping is reduced, so that moves to nearly
+        # singular postures converge fast, too.
         near = np.clip(np.sqrt(dot(error, error)) / (0.1 * arm.length), 1e-4, 1.0)
         step = least_squares(J, error.T, _DAMPING * (arm.length * near)[:, None, None] ** 2)
-        step *= np.minimum(1.0, much / np.maximum(np.abs(step).max(axis=1), 1e-9))[:, None]
+        step *= np.minimum(1.0, large / np.maximum(np.abs(step).max(axis=1), 1e-9))[:, None]
         goals = np.clip(goals + step, low + inset, high - inset)
     return JointGoals(goals, distance)
 
 
-def least_squares(J: FloatArray, wanted: FloatArray, damping: float | FloatArray) -> FloatArray:
-    """Return the least joint displacements u (K, n) with J u near `wanted`, (m,) or (K, m)."""
+def least_squares(J: FloatArray, values: FloatArray, damping: float | FloatArray) -> FloatArray:
+    """Return the least joint displacements u (K, n) with J u near `values`, (m,) or (K, m)."""
     rows, Jt = J.shape[1], np.swapaxes(J, 1, 2)
-    wanted = np.broadcast_to(wanted[..., None], (len(J), rows, 1))
-    return np.asarray((Jt @ np.linalg.solve(J @ Jt + damping * np.eye(rows), wanted))[..., 0])
+    values = np.broadcast_to(values[..., None], (len(J), rows, 1))
+    return np.asarray((Jt @ np.linalg.solve(J @ Jt + damping * np.eye(rows), values))[..., 0])
 
 
 def straight_ends(
     problem: Problem, goals: FloatArray, exact: bool = False
 ) -> tuple[ArmValues, FloatArray, FloatArray | None]:
-    """Return the ends of straight moves to joint goals (K, n) without momentum: arm and base rotation.
+    """Return the ends of straight moves to joint goals (K, n) without momentum.
 
-    With `exact` they include (3, n, K), the additional base rotation by a change of a joint's goal beyond
-    that of the joint's rate at the end, in axes of the start, because another goal changes the whole move.
+    They are the arm and the base's rotation from the start (3, 3, K). With `exact` the third result (3, n, K)
+    is the slope of that rotation by the joint goals, minus its slope by the joints at the end of the move. It
+    is not zero, because another goal changes the whole move. It is in base axes at the start.
     """
     stack, start = problem.stack, problem.joints0
-    # A few instants give the base rotation to 1e-4 rad if it is small.
+    # A few instants are sufficient for a small base rotation with an error of 1e-4 rad.
     s, weights = gauss(12 if exact else 4)
     displacement = (goals - start).T[..., None]
     values = stack.evaluate(start[:, None, None] + displacement * np.append(s, 1.0))
@@ -167,14 +174,18 @@ def straight_ends(
 
 
 def _tumbling_straight_ends(problem: Problem, goals: FloatArray) -> tuple[ArmValues, FloatArray, FloatArray]:
-    """Return the exact result of `straight_ends` with the momentum and the time law of `straight_moves`."""
+    """Return the exact results of `straight_ends` for a robot with angular momentum.
+
+    The moves have the time law of `straight_moves`.
+    """
     spline = rate_spline(problem.steps, problem.dt, COARSE, not problem.place.rests)
     profile, brake = straight_profile(spline), braking(problem, spline)
     share, speed = spline.travel.free @ profile, spline.rates.free @ profile
     travel_left = (goals - problem.joints0 - spline.position_points.of(brake, problem.joint_rates)[-1]).T[
         ..., None
     ]
-    travel, rates = (one.of(brake, problem.joint_rates).T[:, None] for one in (spline.travel, spline.rates))
+    maps = (spline.travel, spline.rates)
+    travel, rates = (mapping.of(brake, problem.joint_rates).T[:, None] for mapping in maps)
     joints = problem.joints0[:, None, None] + travel + share * travel_left
     arm, R, turning = tumbling_ends(problem, spline, joints, rates + speed * travel_left, share, speed)
     return arm, R, turning - apply(R, arm.spin)
@@ -185,7 +196,7 @@ def halton(first: int, count: int, dimensions: int) -> FloatArray:
 
     Reference: J. H. Halton, "On the efficiency of certain quasi-random sequences of points", 1960.
     """
-    # The nth prime is below n (log n + log log n), for n above five.
+    # The nth prime is below n (log n + log log n) for n > 5.
     numbers = range(2, 13 + int(dimensions * 2.0 * np.log(dimensions + 1.0)))
     primes = [number for number in numbers if all(number % p for p in range(2, number))]
     out = np.zeros((count, dimensions))
@@ -200,8 +211,8 @@ def halton(first: int, count: int, dimensions: int) -> FloatArray:
 def spread_postures(problem: Problem, first: int, count: int, radius: float = np.inf) -> FloatArray:
     """Return joint positions (count, n), evenly spread within a radius of the start [rad or m].
 
-    `first` is the number of postures drawn before. Joints that move no frame with a goal, such as those of an
-    idle arm, keep their positions.
+    `first` is the number of postures drawn before. Joints that move no frame with a goal, for example those
+    of a second arm, keep their positions.
     """
     low, high = joint_range(problem)
     start = problem.joints0
@@ -213,7 +224,7 @@ def spread_postures(problem: Problem, first: int, count: int, radius: float = np
 
 
 def joint_range(problem: Problem) -> tuple[FloatArray, FloatArray]:
-    """Return the range of joint goals: the joint limits, or half a revolution to each side without limits."""
+    """Return the range of joint goals: the position limits, or pi to each side of the start without them."""
     limits, start = problem.sms.limits, problem.joints0
     low = np.where(np.isfinite(limits.lower), limits.lower, start - np.pi)
     high = np.where(np.isfinite(limits.upper), limits.upper, start + np.pi)
@@ -226,12 +237,13 @@ def straight_time(problem: Problem, goals: FloatArray) -> FloatArray:
 
 
 def least_time(limits: RobotLimits, displacement: FloatArray, begin: Any = 0.0, end: Any = 0.0) -> FloatArray:
-    """Return the least time [s] for joint displacements (..., n) under the joint limits, between given rates.
+    """Return the least time [s] for joint displacements (..., n) under limits of rates and accelerations.
 
-    Each joint is a double integrator with a bang-bang law, up to a peak rate and down, in either sense.
+    `begin` and `end` are the joint rates at both ends. Each joint is a double integrator with a bang-bang
+    law: it accelerates to a peak rate, keeps it if that is the rate limit, and decelerates.
     """
     a = np.minimum(limits.acceleration, 1e12)
-    # The displacement during a linear change from initial to final rate; the rest determines the sense.
+    # The displacement while the rate changes from `begin` to `end`; the rest of it determines the sense.
     ramp = 0.5 * (begin + end) * np.abs(end - begin) / a
     sense = np.where(displacement >= ramp, 1.0, -1.0)
     displacement, begin, end = sense * displacement, sense * begin, sense * end
@@ -243,16 +255,16 @@ def least_time(limits: RobotLimits, displacement: FloatArray, begin: Any = 0.0, 
 
 
 def straight_profile(spline: RateSpline) -> FloatArray:
-    """Return the control points (M,) of a move of length one from rest to rest, of least acceleration."""
+    """Return the control points (M,) of a joint's move by 1 from rest to rest with least acceleration."""
     end = spline.position_points.free[-1]
     system = np.block([[spline.squared_acceleration, end[:, None]], [end[None], np.zeros((1, 1))]])
     return np.asarray(np.linalg.solve(system, np.append(np.zeros(spline.size), 1.0))[:-1])
 
 
 def straight_moves(problem: Problem, spline: RateSpline, goals: FloatArray) -> FloatArray:
-    """Return control points (K, M, n) of straight joint-space moves of least acceleration.
+    """Return control points (K, M, n) of straight moves of least acceleration to joint goals (K, n).
 
-    A joint without enough time moves as far as its rate and acceleration limits allow.
+    If the duration is too short for a joint, it moves as far as its rate and acceleration limits allow.
     """
     profile, limits = straight_profile(spline), problem.sms.limits
     # A moving arm first brakes, and then covers the remaining displacement.
@@ -267,7 +279,7 @@ def straight_moves(problem: Problem, spline: RateSpline, goals: FloatArray) -> F
 
 
 def moves_to(problem: Problem, spline: RateSpline, goals: FloatArray) -> FloatArray:
-    """Return control points (K, M, n) of moves to joint goals (K, n): straight, or along the approach."""
+    """Return control points (K, M, n) of moves to joint goals (K, n), straight or along `Goal.approach`."""
     approach = problem.goal.approach(problem.duration)
     if not approach or not len(goals):
         return straight_moves(problem, spline, goals)
@@ -275,7 +287,7 @@ def moves_to(problem: Problem, spline: RateSpline, goals: FloatArray) -> FloatAr
 
     end, arm = problem.place, problem.stack.evaluate(goals.T)
     velocity, spin = np.split(end.twist, 2)
-    # The base attitude with the tip at the goal.
+    # The base's attitude if the end effector is at the goal.
     joints, base = goals, end.base_attitude(arm.tip_rotation)
     J = pose_error_at(problem, end, problem.duration, joints, base)[1]
     damping = _DAMPING * problem.stack.length**2
@@ -292,35 +304,41 @@ def moves_to(problem: Problem, spline: RateSpline, goals: FloatArray) -> FloatAr
     rates.append(at_goal)
 
     instants = (np.arange(60) + 0.5) * problem.duration / 60
-    wanted = CubicHermiteSpline(times, places, rates)(instants, 1)
-    return spline.nearest(instants, np.swapaxes(wanted, 0, 1), problem.joint_rates)
+    desired = CubicHermiteSpline(times, places, rates)(instants, 1)
+    return spline.nearest(instants, np.swapaxes(desired, 0, 1), problem.joint_rates)
 
 
 def pose_error_at(
     problem: Problem, place: Place, t: float, joints: FloatArray, base: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return pose errors (K, 6) of postures (K, n) on bases (3, 3, K) at t [s], and slopes (K, 6, n)."""
+    """Return the pose errors (K, 6) of postures (K, n) relative to a place, and slopes (K, 6, n) by joints.
+
+    The bases have the attitudes `base` (3, 3, K). The system's centre of mass is that at time `t` [s].
+    """
     centre = problem.com0 + t * problem.drift
-    wanted = _GoalFromStart(place.transformed(-centre, np.eye(3)), RobotFrame.of(problem.stack))
-    error, columns = wanted.pose_error(problem.stack.evaluate(joints.T), base)
+    desired = _GoalFromStart(place.transformed(-centre, np.eye(3)), RobotFrame.of(problem.stack))
+    error, columns = desired.pose_error(problem.stack.evaluate(joints.T), base)
     return error.T, columns.transpose(2, 0, 1) * problem.free
 
 
 def _back(
     problem: Problem, joints: FloatArray, base: FloatArray, t: float, place: Place
 ) -> tuple[FloatArray, FloatArray]:
-    """Solve for postures with the end effector at a place by Newton's method, the base reacting."""
+    """Return postures (K, n) with the end effector at a place at t [s], and base attitudes (3, 3, K).
+
+    Newton's method moves from the given postures, with a reacting base.
+    """
     low, high = problem.sms.limits.lower, problem.sms.limits.upper
     damping, stuck = _DAMPING * problem.stack.length**2, np.zeros(joints.shape, dtype=bool)
     for _ in range(6):
         missed, J = pose_error_at(problem, place, t, joints, base)
-        # A radian has a small weight, because an arm stretched out at the goal may have to rotate to retreat.
+        # Rotation has a small weight, because an arm stretched out at the goal may have to rotate to retreat.
         weights = np.repeat([1.0, 0.1 * problem.stack.length], [3, missed.shape[1] - 3])
         step = least_squares(weights[:, None] * J * ~stuck[:, None], weights * missed, damping)
         step *= np.minimum(1.0, 0.2 / np.maximum(np.abs(step).max(axis=1), 1e-9))[:, None]
-        wanted = joints + step
-        stuck = (wanted < low) | (wanted > high)
-        step = np.clip(wanted, low, high) - joints
+        moved = joints + step
+        stuck = (moved < low) | (moved > high)
+        step = np.clip(moved, low, high) - joints
         spin = problem.stack.evaluate(joints.T).spin
         base = np.einsum("xyk,yzk->xzk", base, exp3(apply_rates(spin, step.T)))
         joints = joints + step
@@ -331,7 +349,7 @@ _reach_ranges: WeakKeyDictionary[Problem, tuple[float, float]] = WeakKeyDictiona
 
 
 def within_workspace(problem: Problem) -> bool:
-    """Return whether the target's distance from the system's centre of mass is within the reachable range."""
+    """Return whether the target's distance is within the reachable range, see `workspace_distances`."""
     distance, least, most = workspace_distances(problem)
     return bool(least - problem.goal.tolerance <= distance <= most + problem.goal.tolerance)
 
@@ -339,7 +357,7 @@ def within_workspace(problem: Problem) -> bool:
 def workspace_distances(problem: Problem) -> tuple[float, float, float]:
     """Return the target's distance from the centre of mass at the deadline, and the reachable range [m].
 
-    A goal on the base counts as within.
+    For a goal on the base, whose distance is unknown, the middle of the range is returned.
     """
     place, (least, most) = problem.place, reach_range(problem)
     displacement = place.position - problem.com0 - problem.duration * problem.drift
@@ -349,7 +367,7 @@ def workspace_distances(problem: Problem) -> tuple[float, float, float]:
 def reach_range(problem: Problem) -> tuple[float, float]:
     """Return the least and greatest distance [m] of the end effector from the centre of mass.
 
-    It is computed once for each problem, over the joint range, and cached with the problem.
+    The range is that of all postures in `joint_range`. It is computed once for each problem.
     """
     reach = _reach_ranges.get(problem)
     if reach is None:
@@ -358,7 +376,7 @@ def reach_range(problem: Problem) -> tuple[float, float]:
 
 
 def _searched_reach_range(problem: Problem) -> tuple[float, float]:
-    """Search for the range by gradient steps from postures spread over the joint range."""
+    """Compute the result of `reach_range` by gradient steps from postures spread over the joint range."""
     low, high = joint_range(problem)
     stack, seeds = problem.stack, spread_postures(problem, 0, 64)
     extremes = []

@@ -1,9 +1,9 @@
 """Motions along a path: a rollout by resolved rates, then a descent of redundant motion.
 
-A rollout follows the path node by node, with the base reacting. The joint rates give the end effector the
-velocity of the path plus a feedback of its error. Redundant motion follows a preferred motion. The descent of
-the whole motion (`gauss_newton`) computes a preferred motion from terms and limits. Another rollout then
-corrects the end effector, because a spline follows the path only approximately.
+A rollout follows the path node by node, with a reacting base. The end effector has the velocity of the path
+plus a feedback of the error. Redundant motion follows a preferred motion. A descent of the whole motion
+(`gauss_newton`) computes a preferred motion from terms and limits. Because its spline follows the path only
+approximately, another rollout then corrects the end effector.
 
 Reference: Y. Umetani, K. Yoshida, "Resolved motion rate control of space manipulators with generalized
 Jacobian matrix", IEEE Transactions on Robotics and Automation 5 (1989).
@@ -43,9 +43,9 @@ if TYPE_CHECKING:
     from ffsms_pin.opt.search.search import SearchOptions
 
 _GAIN = 5.0  # [1/s] feedback gain of errors
-_LEVER = 0.3  # [m] lever at which an angular velocity is weighted as a velocity
+_LEVER = 0.3  # [m] lever by which angular velocities are multiplied to compare them with velocities
 _DAMPING = 1e-7  # weight of squared joint rates relative to squared velocities, near a singular posture
-_RETURN = 2.0  # [1/s] gain of redundant motion towards the preferred one
+_RETURN = 2.0  # [1/s] gain by which redundant motion returns to the preferred motion
 
 
 class PathNodes(NamedTuple):
@@ -60,7 +60,7 @@ class PathNodes(NamedTuple):
 
     @classmethod
     def of(cls, path: Path, times: FloatArray) -> PathNodes:
-        """Return a path at times (N + 1,) of the motion [s]."""
+        """Evaluate a path at times (N + 1,) of the motion [s]."""
         place, velocities, spins = path.motion(times)
         rotations = (
             None if place.rotation is None else np.ascontiguousarray(np.moveaxis(place.rotation, -1, 0))
@@ -82,35 +82,38 @@ def feedback_gain(dt: float, gain: float = _GAIN) -> float:
 
 
 class Task(NamedTuple):
-    """A desired end-effector velocity at one instant, J rates = velocity, angular parts times a lever."""
+    """A desired end-effector velocity at one instant: J u = velocity for the joint rates u.
+
+    Angular rows are multiplied by a lever of 0.3 m.
+    """
 
     J: FloatArray  # (m, n)
-    velocity: FloatArray  # (m,)
+    velocity: FloatArray  # (m,) [m/s]
 
 
 def path_task(
     problem: Problem, nodes: PathNodes, k: int, q: FloatArray, joints: FloatArray, gain: float
 ) -> Task:
-    """Return the task at a path's node k in a configuration q (nq,): velocity plus gain times error."""
+    """Return the task at node k in a configuration q (nq,): the path's velocity plus gain times error."""
     columns, _, more = kernel.step_state(problem.stack.tree, q[:7], joints, problem.momentum)
     tip, drift, rotation = more[:3], more[12:18], more[18:27].reshape(3, 3)
     J, position, velocity = columns[1], nodes.positions[k], nodes.velocities[k]
     spin = None if nodes.spins is None else nodes.spins[k]
-    wanted = None if nodes.rotations is None else nodes.rotations[k]
+    desired = None if nodes.rotations is None else nodes.rotations[k]
     if nodes.on_base:  # the path moves with the base
         J, drift = columns[2], np.zeros(6)
         base = pin.Quaternion(q[3:7]).toRotationMatrix()
         position, velocity = q[:3] + base @ position, base @ velocity
         spin = None if spin is None else base @ spin
-        wanted = None if wanted is None else base @ wanted
+        desired = None if desired is None else base @ desired
     linear = velocity - drift[:3] + gain * (position - tip)
-    if wanted is None or spin is None:
+    if desired is None or spin is None:
         return Task(J[:3], linear)
     turning = J[3:]
     if nodes.free_axis is None:
-        angular = spin - drift[3:] + gain * pin.log3(wanted @ rotation.T)
+        angular = spin - drift[3:] + gain * pin.log3(desired @ rotation.T)
     else:
-        axis, now = wanted @ nodes.free_axis, rotation @ nodes.free_axis
+        axis, now = desired @ nodes.free_axis, rotation @ nodes.free_axis
         across = np.eye(3) - np.outer(now, now)
         angular = across @ (spin - drift[3:]) + gain * _alignment(now, axis)
         turning = across @ turning
@@ -118,7 +121,7 @@ def path_task(
 
 
 def _alignment(now: FloatArray, axis: FloatArray) -> FloatArray:
-    """Return the rotation vector (3,) from one unit vector to another."""
+    """Return the rotation vector (3,) from the unit vector `now` to the unit vector `axis`."""
     across = np.cross(now, axis)
     sine = float(np.linalg.norm(across))
     return np.asarray(across * (np.arctan2(sine, float(now @ axis)) / max(sine, 1e-12)))
@@ -127,9 +130,9 @@ def _alignment(now: FloatArray, axis: FloatArray) -> FloatArray:
 def resolved(
     task: Task, prefer: FloatArray, bounds: tuple[FloatArray, FloatArray], weight: FloatArray | None = None
 ) -> FloatArray:
-    """Return joint rates (n,) for a task within bounds, with redundant motion nearest to preferred rates.
+    """Return joint rates (n,) for a task within bounds; redundant motion is nearest to the rates `prefer`.
 
-    `weight` (n, n) is the metric; default: the identity.
+    `weight` (n, n) is the metric of this distance; default: the identity.
     """
     J, least, greatest = task.J, *bounds
     W = np.eye(len(prefer)) if weight is None else weight
@@ -170,7 +173,7 @@ def march_along(
     """Return joint rates (N + 1, n) at the nodes along a path, within the joint limits if `bounded`.
 
     The rates at the first node are `begin` (n,), by default those of the problem. Without a preference the
-    rates are the least ones along the path, with a pull of joints away from their position limits.
+    rates are the least along the path, except that joints near their position limits return from them.
     """
     sms, dt, steps, n = problem.sms, problem.dt, problem.steps, problem.sms.n
     bounded = bounded and any(limit.joint_bounds is not None for limit in problem.limits)
@@ -186,10 +189,10 @@ def march_along(
         there = joints + dt * (rates[k] + 0.5 * dt * slope)
         task = path_task(problem, nodes, k + 1, ahead, there, gain)
         lower, upper = rate_bounds(joints, rates[k], sms.limits, dt) if bounded else unbounded
-        wanted = middle.rates(there) if prefer is None else prefer.at(k + 1, there)
+        preferred = middle.rates(there) if prefer is None else prefer.at(k + 1, there)
         if fixed.any():
-            wanted = np.where(fixed, 0.0, wanted)
-        rates[k + 1] = resolved(task, wanted, (lower, upper), weight)
+            preferred = np.where(fixed, 0.0, preferred)
+        rates[k + 1] = resolved(task, preferred, (lower, upper), weight)
         if fixed.any():
             rates[k + 1][fixed] = 0.0
         slope = (rates[k + 1] - rates[k]) / dt
@@ -199,12 +202,12 @@ def march_along(
 
 
 def _locked_weight(problem: Problem) -> FloatArray | None:
-    """Return the metric (n, n) of `resolved` that locks joints; None: no joint is locked."""
+    """Return the metric (n, n) of `resolved` that locks joints; None if no joint is locked."""
     return None if problem.free.all() else np.diag(np.where(problem.free, 1.0, 1e12))
 
 
 class _Middle(NamedTuple):
-    """The preferred rates towards the middle of the joints' ranges, for joints with position limits."""
+    """Preferred rates from the ends of the joints' ranges towards the middle, for position limits."""
 
     middle: FloatArray  # (n,)
     half: FloatArray  # (n,) half of the range; infinite without limits
@@ -217,14 +220,14 @@ class _Middle(NamedTuple):
         return cls(middle, np.where(ends, 0.5 * (upper - lower), np.inf))
 
     def rates(self, joints: FloatArray) -> FloatArray:
-        """Return the preferred rates (n,), back to 70 % of the half range from beyond it."""
+        """Return the preferred rates (n,), which lead joints back within 70 % of their half ranges."""
         off = joints - self.middle
         over = np.maximum(np.abs(off) - 0.7 * self.half, 0.0)
         return np.asarray(-np.sign(off) * over)
 
 
-_GRID = Grid(16, 3, 3)  # spline of the change of redundant motion
-_STEPS, _STEP = 500, 0.05  # least number of steps in a descent, and the longest step [s]
+_GRID = Grid(16, 3, 3)  # grid of the spline that changes redundant motion
+_STEPS, _STEP = 500, 0.05  # the number of steps in a descent is at least 500, and each is at most 0.05 s
 _ROUNDS = 3  # rounds of a descent and a rollout
 _ITERATIONS = 4  # iterations of a descent
 
@@ -236,7 +239,7 @@ class Followed(NamedTuple):
     plan: Trajectory
 
     def worth(self) -> tuple[bool, float]:
-        """Return the sort key of a motion: violated limits, then their excess [m, rad] or the cost."""
+        """Return the sort key of the motion: True and the sum of violations, or False and the cost."""
         broken = sum(self.plan.broken.values())
         return (True, broken) if broken > 0.0 else (False, sum(self.plan.shares.values()))
 
@@ -244,10 +247,10 @@ class Followed(NamedTuple):
 def follow_path(
     problem: Problem, options: SearchOptions | None = None, progress: Callable[[float], None] | None = None
 ) -> Trajectory:
-    """Plan a motion along the path of a problem by a rollout, improved by descents if the arm is redundant.
+    """Plan a motion along the path of a problem by a rollout, and for redundant arms by descents.
 
-    The option `time_limit` ends the descents, and `without=["descent"]` omits them; other options are for
-    searches, and are refused.
+    The option `time_limit` ends the descents, and `without=["descent"]` omits them. Other options raise
+    `InvalidValue`, because they are for searches.
     """
     path = problem.goal
     assert isinstance(path, Path)
@@ -272,7 +275,7 @@ def _check_options(options: SearchOptions) -> None:
 def plan_along(
     problem: Problem, options: SearchOptions | None = None, progress: Callable[[float], None] | None = None
 ) -> Trajectory:
-    """Return the plan along a path with times, from any start."""
+    """Plan along a path whose time law is fixed, by a rollout and descents of redundant motion."""
     nodes = PathNodes.of(problem.goal, problem.nodes)
     descends = is_redundant(problem, nodes) and not (options is not None and "descent" in options.without)
     prefer = redundant_motion(problem, options, progress) if descends else None
@@ -295,9 +298,9 @@ def rest_note(path: Path) -> str:
 def redundant_motion(
     problem: Problem, options: SearchOptions | None, progress: Callable[[float], None] | None
 ) -> Preference | None:
-    """Return a joint motion with a better merit than the least rates; None if none is found.
+    """Return a joint motion with a better merit than the rollout of least rates; None if none is found.
 
-    The descent of a long motion has larger time steps, because a rollout in the problem's steps follows.
+    A long motion has larger time steps in the descent, because a rollout in the problem's steps follows.
     """
     begun, limit = time.perf_counter(), math.inf
     if options is not None and options.time_limit is not None:
@@ -335,8 +338,9 @@ def follow_fastest(
 ) -> Trajectory:
     """Plan the motion of least time along a geometric path, within the duration of the problem.
 
-    The joint path does not depend on the speed, so a rollout at constant speed gives it. `fastest_law` then
-    gives the time of each point, under the joint limits and the speed bounds of other limits.
+    The joint path does not depend on the speed, so it is computed by a rollout at constant speed. Then
+    `fastest_law` computes the time of each point, under the joint limits and the speed bounds of other
+    limits.
     """
     path = problem.goal
     assert isinstance(path, Path)
@@ -346,7 +350,7 @@ def follow_fastest(
         return plan_along(problem, options, progress)
     shares, joints, slopes, motion = joint_path
     bounds = [bound for limit in problem.limits if (bound := limit.speed_bound(motion)) is not None]
-    bounds = [bound._replace(slope=bound.slope[:, ::2]) for bound in bounds]  # without the middles
+    bounds = [bound._replace(slope=bound.slope[:, ::2]) for bound in bounds]  # without midpoints
     best: Trajectory | None = None
     for margin in _MARGINS:
         law = fastest_law(limit_rows(problem, shares, joints, slopes, margin, bounds))
@@ -355,7 +359,7 @@ def follow_fastest(
         duration = path.approach_time + float(law.times[-1])
         if duration > problem.duration * (1.0 + 1e-9):
             plan = plan_along(problem, options, progress)
-            note = f"the fastest time law along the path found takes {duration:.2f} s"
+            note = f"the fastest time law that was found for the path takes {duration:.2f} s"
             return noted(plan, plan.note, note, shortest_duration=duration)
         steps = max(round(duration / problem.dt), 1)
         timed = replace(path, law=law)
@@ -368,16 +372,16 @@ def follow_fastest(
 
 
 class JointPath(NamedTuple):
-    """The joint path of a task-space path, and its motion at unit speed, the whole path in 1 s."""
+    """The joint path of an end-effector path, and the motion along the whole path in 1 s at unit speed."""
 
-    shares: FloatArray  # (G,) of the path
+    shares: FloatArray  # (G,) shares of the path's length
     joints: FloatArray  # (G, n)
     slopes: FloatArray  # (G, n) derivatives of the joints by the share
     motion: Rollouts
 
 
 def _joint_path(problem: Problem, path: Path) -> JointPath | None:
-    """Return the joint path; None if the path cannot be followed even without rate limits."""
+    """Return the joint path; None if the path cannot be followed even without limits on joint rates."""
     start = problem
     if path.approach_time > 0.0:  # the joint path begins in the final posture of the approach
         rest = np.zeros(2)
@@ -408,7 +412,7 @@ def is_redundant(problem: Problem, nodes: PathNodes) -> bool:
 
 
 def check_begin(problem: Problem, path: Path) -> None:
-    """Raise `InvalidValue` unless a motion begins on its path, or has time for an approach."""
+    """Raise `InvalidValue` if a motion neither begins on its path nor has time for an approach."""
     place = path.place(0.0)
     pose = problem.sms.at(problem.q0).end_effector_pose
     distance, angle = place.error(pose, problem.q0)
@@ -417,7 +421,7 @@ def check_begin(problem: Problem, path: Path) -> None:
     by = f"{1e3 * distance:.3g} mm" + (f" and {np.degrees(angle):.3g} deg" if path.turned else "")
     remedy = (
         f"must leave time to move to the path, which begins {by} from the end effector; "
-        f"give opt.Path(..., approach_time={max(2.0, np.ceil(10.0 * distance)):g}), or another start"
+        f"set opt.Path(..., approach_time={max(2.0, np.ceil(10.0 * distance)):g}), or another start"
     )
     raise InvalidValue("approach_time", path.approach_time, f"{remedy} [s]")
 
@@ -437,13 +441,13 @@ def improved(problem: Problem, rates: FloatArray) -> Preference | None:
 
 
 def preference(problem: Problem, rates: FloatArray) -> Preference:
-    """Return the preferred motion of rates (N + 1, n) at the nodes of a problem."""
+    """Return the preference for joint rates (N + 1, n) at the nodes of a problem."""
     travel = np.cumsum(0.5 * problem.dt * (rates[1:] + rates[:-1]), axis=0)
     return Preference(rates, problem.joints0 + np.vstack([np.zeros(problem.sms.n), travel]))
 
 
 def explain_path(problem: Problem, nodes: PathNodes, plan: Trajectory) -> Trajectory:
-    """Return a failed plan along a path with a note of the reason and a sufficient duration."""
+    """Return a failed plan along a path with a note of the reasons, and a sufficient duration if known."""
     path = problem.goal
     assert isinstance(path, Path)
     reasons, shortest = list[str](), 0.0
@@ -456,8 +460,8 @@ def explain_path(problem: Problem, nodes: PathNodes, plan: Trajectory) -> Trajec
         reasons.append(_binding(problem, plan))
     if leaves and begins_fast:
         reasons.append(
-            f"the path begins with {1e3 * _begin_speed(problem, nodes):.3g} mm/s and the end effector with "
-            "another velocity; give opt.Path(..., approach_time=2.0), or a curve that begins at rest"
+            f"the path's velocity differs by {1e3 * _begin_speed(problem, nodes):.3g} mm/s from that of the "
+            "end effector at the start; set opt.Path(..., approach_time=2.0), or a curve that begins at rest"
         )
     elif not out_of_reach:
         shortest = _sufficient_duration(problem, nodes)
@@ -468,7 +472,7 @@ def explain_path(problem: Problem, nodes: PathNodes, plan: Trajectory) -> Trajec
 
 
 def _out_of_reach(problem: Problem, nodes: PathNodes) -> str:
-    """Return a message for the first point of a path out of the workspace; empty if there is none."""
+    """Return a message for the first point of a path that is out of the workspace; empty without any."""
     if nodes.on_base:
         return ""
     least, most = reach_range(problem)
@@ -486,7 +490,7 @@ def _out_of_reach(problem: Problem, nodes: PathNodes) -> str:
 
 
 def _share_of_path(problem: Problem, t: float) -> str:
-    """Return a text of the share of a path at a time [s]."""
+    """Describe the share of the path's time that has passed at a time of the motion [s]."""
     approach = problem.goal.approach_time
     if t < approach:
         return "during the approach"
@@ -501,7 +505,7 @@ def _used(problem: Problem, plan: Trajectory) -> FloatArray:
 
 
 def _binding(problem: Problem, plan: Trajectory) -> str:
-    """Return a message of the point where a plan leaves its path, and of the active joint limit."""
+    """Return a message of the point at which a plan leaves its path, and of joint limits active there."""
     k = int(np.argmax(_used(problem, plan) > 1.0))
     t = plan.t[k]
     where = f"at {t:.3g} s, {_share_of_path(problem, t)}"
@@ -515,21 +519,21 @@ def _binding(problem: Problem, plan: Trajectory) -> str:
 
 
 def _begin_speed(problem: Problem, nodes: PathNodes) -> float:
-    """Return the velocity difference [m/s] between path and end effector at the path's start."""
+    """Return the difference [m/s] between the velocities of path and end effector at the start."""
     task = path_task(problem, nodes, 0, problem.q0, problem.joints0, 0.0)
     return float(np.linalg.norm((task.velocity - task.J @ problem.joint_rates)[:3]))
 
 
-_SLOWEST = 20.0  # largest factor on a duration; a slower path passes near a singular posture
+_SLOWEST = 20.0  # largest factor on a duration; a larger one indicates a singular posture near the path
 _TRIALS = 3  # number of trials to shorten a sufficient duration
-_SPARE = 1.02  # factor on the least duration by the scaling of rates and accelerations
+_SPARE = 1.02  # additional factor on the least duration that follows from scaling rates and accelerations
 
 
 def _sufficient_duration(problem: Problem, nodes: PathNodes) -> float:
     """Return a duration [s] in which the path is followed within all limits; zero if none is known.
 
-    Without momentum the joint path of a path in inertial or base axes does not depend on the speed. Rates
-    scale with the speed, accelerations and torques with its square.
+    Without momentum the joint path of a path in inertial or base axes does not depend on the speed. Joint
+    rates scale with the speed, accelerations and torques with the square of the speed.
     """
     path = problem.goal
     if problem.momentum is not None or problem.joint_rates.any() or not isinstance(path.frame, str):
@@ -540,7 +544,7 @@ def _sufficient_duration(problem: Problem, nodes: PathNodes) -> float:
         return 0.0
     if not _follows_slowed(problem, scale):
         return 0.0
-    failed, enough = 1.0, scale  # a rollout needs more time than the scaling gives
+    failed, enough = 1.0, scale
     for _ in range(_TRIALS):
         middle = math.sqrt(failed * enough)
         if _follows_slowed(problem, middle):
@@ -561,7 +565,11 @@ def _follows_slowed(problem: Problem, scale: float) -> bool:
 
 
 def slowing(problem: Problem, rates: FloatArray) -> float:
-    """Return the factor on the duration of joint rates (N + 1, n) for rates, accelerations and torques."""
+    """Return the factor on the duration with which a motion satisfies the joints' limits.
+
+    The motion has joint rates (N + 1, n) at the nodes. The limits are those of rates, accelerations and
+    torques.
+    """
     limits = problem.sms.limits
     velocity = float((np.abs(rates) / limits.velocity).max())
     acceleration = float((np.abs(np.diff(rates, axis=0) / problem.dt) / limits.acceleration).max())

@@ -1,4 +1,4 @@
-"""Motions along a path by single steps, under the rows of all limits."""
+"""Motions along a path by single steps, with the rows of all limits."""
 
 from __future__ import annotations
 
@@ -22,20 +22,21 @@ from ffsms_pin.opt.step.stepwise import REFERENCE_WEIGHTS
 from ffsms_pin.opt.trajectory import Trajectory, measure
 from ffsms_pin.robot.base_motion import advance
 
-_IDENTITY = 0.1  # added to a weight matrix; else the arm drifts to its limits in its null space
+_IDENTITY = 0.1  # share of the identity in a weight matrix, against a drift to the limits in the null space
 
 
 def plan_path_stepwise(problem: Problem, method: str, progress: Progress | None = None) -> Trajectory:
     """Plan along a path step by step, by a method of `plan`.
 
-    The path determines the direction, so "step" and "resolved-rate" are the same; the others weight redundant
-    motion by `REFERENCES`. A step takes the nearest joint rates within all limits.
+    The path determines the direction, so "step" and "resolved-rate" are the same; the other methods weight
+    redundant motion by `REFERENCES`. Each step has the joint rates within all limits that are nearest to
+    those without limits.
     """
     path = problem.goal
     assert isinstance(path, Path)
     check_begin(problem, path)
     sms, dt, steps = problem.sms, problem.dt, problem.steps
-    nodes, price = PathNodes.of(path, problem.nodes), REFERENCES[method]
+    nodes, penalty = PathNodes.of(path, problem.nodes), REFERENCES[method]
     limits = step_limits(problem.limits, problem.mode)
     stepper = Stepper.of(problem, "resolved-rate", REFERENCE_WEIGHTS, limits=limits, terms=())
     stepper.reset(deadline=problem.duration)
@@ -48,15 +49,15 @@ def plan_path_stepwise(problem: Problem, method: str, progress: Progress | None 
         ahead, _ = advance(sms, q, rates[k], slope, dt, problem.momentum, problem.mode)
         task = path_task(problem, nodes, k + 1, ahead, sms.layout.positions(ahead), feedback_gain(dt))
         weight: FloatArray | None = None
-        if price is not None:
+        if penalty is not None:
             total = problem.wheel_total
             state = StepState(
                 sms, ahead, rates[k], dt, left, problem.momentum, mode=problem.mode, wheel_total=total
             )
-            weight = np.asarray(share + price(state))
-        wanted = resolved(task, still, (-unbounded, unbounded), weight)
+            weight = np.asarray(share + penalty(state))
+        desired = resolved(task, still, (-unbounded, unbounded), weight)
         place = path.place((k + 1) * dt).at(q).position
-        step = stepper.advance(q, rates[k], place, left, prefer=wanted)
+        step = stepper.advance(q, rates[k], place, left, prefer=desired)
         braked += not step.solved
         rates[k + 1] = step.joint_rates
         slope = (rates[k + 1] - rates[k]) / dt

@@ -1,7 +1,7 @@
-"""The search for one problem: its state, its strategies in order, and `solve` and `shortest`.
+"""The search for the plan of a problem: its state, its strategies in order, and `solve` and `shortest`.
 
-Each strategy is a few lines on the same solver, and checks whether it is needed. `benchmarks/strategies.py`
-has a row for the loss without each strategy; a strategy without a loss is removed.
+Each strategy uses the same solver, and checks whether it is needed. `benchmarks/strategies.py` measures the
+loss without each strategy; a strategy without a loss is removed.
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ from ffsms_pin.threads import one_blas_thread
 
 @dataclass(frozen=True)
 class SearchOptions:
-    """The options of the search; other constants, tuned on the packaged robots, are next to their use.
+    """The options of the search; other constants are tuned on the packaged robots, and are not options.
 
     Attributes
     ----------
@@ -73,10 +73,10 @@ class SearchOptions:
         Time after which the best plan so far is returned [s]; it is checked between motions. The plan then
         depends on the speed of the computer. Default: no limit.
     cost_tolerance : float
-        The motion of least effort is chosen among those whose cost is at most this much above the least [s,
-        for any duration].
+        The plan is the motion of least effort among the motions whose cost exceeds the least cost by at most
+        this value [s], for any duration.
     without : sequence of str
-        Names of strategies in `opt.search.search.STRATEGIES` that are omitted, to measure their benefit.
+        The names of omitted strategies, to measure their benefit; see `opt.search.search.STRATEGIES`.
     """
 
     time_limit: Annotated[Positive | None, Unit("s", "none")] = None
@@ -95,14 +95,14 @@ class SearchOptions:
 
 
 class Strategy(NamedTuple):
-    """A strategy to find initial guesses or motions, with its name for `SearchOptions.without`."""
+    """A strategy for initial guesses or motions, with its name for `SearchOptions.without`."""
 
     name: str
     run: Callable[[Search], None]
 
 
 class Search:
-    """The search for one problem: its motions, their ranking, and the data for a diagnosis; see `solve`."""
+    """The search for the plan of a problem: motions, their ranking, and data for the diagnosis of failure."""
 
     def __init__(
         self,
@@ -111,22 +111,20 @@ class Search:
         progress: Callable[[float], None] | None = None,
     ) -> None:
         self.problem, self.options = problem, options or SearchOptions()
-        # The search evaluates long motions with fewer steps.
+        # A motion of more than 2000 steps is evaluated in 1000 steps during the search.
         self._judged = replace(problem, dt=problem.duration / 1000) if problem.steps > 2000 else problem
         self._report = progress or (lambda share: None)
         self.coarse = Model.make(problem, self.options.coarse)
         self.fine = Model.make(problem, self.options.fine)
         self.goals = JointGoals(np.empty((0, problem.sms.n)), np.empty(0))
-        self.drawn = 0  # number of postures drawn for these goals
-        # Initial control points (K, M, n) on the coarse spline, and earlier ones after a few iterations.
-        self.starts: FloatArray = np.empty(0)
-        self.pool: Candidates | None = None
-        # Finished motions: all, and those from the last initial guesses.
-        self.found: list[Candidates] = []
-        self.fresh: list[Candidates] = []
-        # True if no cheaper motion is needed, and true if no motion is expected to arrive.
-        self.settled = self.hopeless = False
-        # True if the cost matters; otherwise the first plan that meets a client is sufficient.
+        self.drawn = 0  # number of postures drawn for the joint goals
+        self.starts: FloatArray = np.empty(0)  # initial control points (K, M, n) on the coarse spline
+        self.pool: Candidates | None = None  # motions from all starts after a few iterations
+        self.found: list[Candidates] = []  # all finished motions
+        self.fresh: list[Candidates] = []  # the finished motions from the last starts
+        self.settled = False  # True if no cheaper motion is needed
+        self.hopeless = False  # True if no motion is expected to arrive
+        # False if the first plan that meets a client is sufficient at any cost.
         self.costed = not problem.goal.exact or bool(problem.cost_terms)
         self._started = time.perf_counter()
 
@@ -146,13 +144,13 @@ class Search:
         return sum(plan.shares[term.name] for term in self.problem.cost_terms or self.problem.terms)
 
     def misses(self, plan: Trajectory) -> tuple[bool, bool, float]:
-        """Return whether a plan fails, whether it arrives imperfectly, and its error."""
+        """Return whether a plan fails, whether it arrives imperfectly, and its error [m, rad, m/s, rad/s]."""
         error = arrival_error(self.problem.goal, plan)
         if not plan.reached:
             return True, bool(plan.broken), error  # prefer missing the goal to violating a limit
         rates = plan.joint_rates
         moving = self.problem.place.rests and float(np.abs(rates[-1]).max()) > 1e-3  # [rad/s]
-        # A motion with more than eight sign changes per joint chatters, those by rounding excluded.
+        # A motion chatters if its rates have more than eight sign changes per joint, without rounding errors.
         chatters = int(np.sum(rates[1:-1] * rates[2:] < -1e-8)) > 8 * self.problem.sms.n
         return False, error > self.problem.goal.tolerance or moving or chatters, error
 
@@ -161,32 +159,33 @@ class Search:
         return self.misses(plan)[:2] == (False, False)
 
     def best(self, candidates: Sequence[Candidates] | None = None) -> Candidates:
-        """Return the motion of least effort among those (default: all) that arrive at nearly the least cost.
+        """Return the best of the candidates (default: all finished motions).
 
-        Effort is the share of the tie-breakers (`Term.tie_breaker`). If no motion arrives, it is the one with
-        the least error.
+        It is the motion of least effort among those that arrive with nearly the least cost
+        (`SearchOptions.cost_tolerance`). Effort is the cost of the tie-breakers (`Term.tie_breaker`). If no
+        motion arrives, it is the motion with the least error.
         """
         candidates = self.found if candidates is None else candidates
         arrived = [candidate for candidate in candidates if self.arrives(candidate.plan)]
         if not arrived:
             return min(candidates, key=lambda candidate: self.misses(candidate.plan))
 
-        def share(one: Candidates, tie_breakers: bool) -> float:
+        def share(candidate: Candidates, tie_breakers: bool) -> float:
             terms = (term for term in self.problem.terms if term.tie_breaker == tie_breakers)
-            return sum(one.plan.shares[term.name] for term in terms)
+            return sum(candidate.plan.shares[term.name] for term in terms)
 
         most = min(share(candidate, False) for candidate in arrived) + self.options.cost_tolerance
         alike = [candidate for candidate in arrived if share(candidate, False) <= most]
         return min(alike, key=lambda candidate: share(candidate, True))
 
     def add_joint_goals(self, joints: FloatArray) -> JointGoals:
-        """Return the joint goals found from postures (K, n), and store them."""
+        """Compute joint goals from postures (K, n), store them, and return them."""
         goals = joint_goals(self.problem, joints)
         self.goals = JointGoals(*(np.concatenate(pair) for pair in zip(self.goals, goals, strict=True)))
         return goals
 
     def polish(self, motion: Candidates) -> None:
-        """Converge a motion and keep its plan; repeat if the finished motion misses or violates a limit."""
+        """Converge a motion and keep its plan; repeat if the plan misses the goal or violates a limit."""
         problem = self.problem
         for _ in range(4):
             motion = tighten(motion)
@@ -194,17 +193,17 @@ class Search:
             goal, broken = corrected_goal(problem, model.goal, finished.plan), finished.plan.broken
             if (goal is None and not broken) or motion.end_share[0] > 1.0 or motion.late_share[0] > 1.0:
                 break
-            aim = model.problem
+            stricter = model.problem
             if broken:
-                spare = 1e-4 * problem.stack.length
-                more = {name: aim.extra_margins.get(name, 0.0) + (by + spare) for name, by in broken.items()}
-                aim = replace(aim, extra_margins={**aim.extra_margins, **more})
-            model = replace(model, problem=aim, goal=goal or model.goal)
+                spare, margins = 1e-4 * problem.stack.length, stricter.extra_margins
+                more = {name: margins.get(name, 0.0) + (by + spare) for name, by in broken.items()}
+                stricter = replace(stricter, extra_margins={**margins, **more})
+            model = replace(model, problem=stricter, goal=goal or model.goal)
             motion = linearise(model, motion.p, LAST_WEIGHTS, motion.damping)
         self.fresh.append(finished)
 
     def polish_each(self, motions: Candidates) -> None:
-        """Polish motions in order until the time limit, the first in any case."""
+        """Polish motions in order until the time limit, at least the first one."""
         for i in range(len(motions.p)):
             if i == 0 or not self.out_of_time():
                 self.polish(motions.take([i]))
@@ -229,17 +228,16 @@ class Search:
         """Return whether a robot with angular momentum has no plan that reaches a fixed goal."""
         problem = self.problem
         still = not problem.goal.moves and problem.place.rests and not problem.place.moves_with_base
-        return (
-            problem.tumbles and still and bool(self.found) and not any(one.plan.reached for one in self.found)
-        )
+        reached = any(candidate.plan.reached for candidate in self.found)
+        return problem.tumbles and still and bool(self.found) and not reached
 
     def out_of_time(self) -> bool:
-        """Return whether there is a plan and no time for another."""
+        """Return whether there is a plan and the time limit has passed."""
         limit = self.options.time_limit
         return limit is not None and bool(self.found) and time.perf_counter() - self._started > limit
 
     def _best_in_full(self) -> Candidates:
-        """Return the best motion, evaluated in all steps; polish it again if it no longer arrives."""
+        """Return the best motion, evaluated in all steps; polish it again if it then does not arrive."""
         while len((best := self.best()).plan.t) <= self.problem.steps:
             full = _measured(self.problem, best)
             self.found = [full if candidate is best else candidate for candidate in self.found]
@@ -250,21 +248,21 @@ class Search:
 
 
 def _measured(problem: Problem, motion: Candidates) -> Candidates:
-    """Return a candidate with its finished motion in a problem's steps."""
+    """Return a candidate with its finished motion in the steps of a problem."""
     rates = motion.model.spline.rates_at(problem.nodes).of(motion.p[0], problem.joint_rates)
     rates[0] = problem.joint_rates
     return motion._replace(plan=measure(problem, rates))
 
 
-_REHEARSAL = 100  # steps of a coarse rollout that decides on one in all steps
-CHEAP = 0.01  # [s] the cost of a motion of 8 s up to which no cheaper motion is searched for
+_REHEARSAL = 100  # steps of a coarse rollout, which decides whether to compute a rollout in all steps
+CHEAP = 0.01  # [s] if a motion of 8 s has at most this cost, the search for cheaper motions ends
 
 
 def cheap_cost(search: Search) -> float:
-    """Return the cost [s] up to which a plan is cheap enough; infinity for any cost.
+    """Return the cost [s] up to which a plan is cheap enough; infinity if its cost does not matter.
 
-    C~ exceeds max(0, cos(theta_a)) by up to log 2 / kappa, costs grow with durations beyond 8 s, and motions
-    around obstacles cost more.
+    It is larger for a small kappa, because C~ exceeds max(0, cos(theta_a)) by up to log 2 / kappa, for
+    durations above 8 s, and for motions around obstacles.
     """
     problem = search.problem
     if not search.costed:
@@ -275,7 +273,7 @@ def cheap_cost(search: Search) -> float:
 
 
 def straight_if_near(search: Search) -> None:
-    """Plan the straight move if the start is within the reach of const8, without a detour of lower cost."""
+    """Plan the straight move if the start is within the goal's reach, and no detour of lower cost."""
     goal = search.problem.goal
     if starts_within(search.problem, goal.reach, goal.orientation_reach):
         search.add_joint_goals(search.problem.joints0[None])
@@ -286,10 +284,11 @@ def straight_if_near(search: Search) -> None:
 
 
 def straight_starts(search: Search, near: int, far: int, enough: float = 0.0, insist: bool = True) -> None:
-    """Add straight moves to joint goals found from postures near the start, and from the whole joint range.
+    """Add straight moves to joint goals, from postures near the start and in the whole joint range.
 
-    It returns at once if there is a plan with at most `enough` times the cheap cost, and without `insist`
-    also if no motion and no straight move has reached the goal.
+    `near` and `far` are the numbers of these postures. The strategy is skipped if a plan has at most `enough`
+    times the cost of `cheap_cost`. Without `insist` it is also skipped if neither a motion nor a straight
+    move has reached the goal.
     """
     problem, first = search.problem, not search.drawn
     done = not first and search.arrived(enough * cheap_cost(search))
@@ -303,18 +302,21 @@ def straight_starts(search: Search, near: int, far: int, enough: float = 0.0, in
     ]
     search.drawn += max(near, far)
     goals = search.add_joint_goals(np.vstack([problem.joints0, *postures] if first else postures))
-    # Moves that end further away are tried only if less than half of the group ends nearer.
+    # All moves that end within 0.05 arm lengths of the goal are tried, and at least the nearer half.
     half = (len(goals.distance) - 1) // 2
     reach = max(0.05 * problem.stack.length, float(np.sort(goals.distance)[half]))
     joints = goals.joints[goals.distance <= reach]
     search.hopeless = first and _is_hopeless(search)
-    if search.hopeless:  # the fastest moves come nearest
+    if search.hopeless:  # in too short a time, the fastest moves end nearest to the goal
         joints = joints[np.argsort(straight_time(problem, joints))[:2]]
     search.starts = moves_to(problem, search.coarse.spline, joints)
 
 
 def descend_from_starts(search: Search, keep: tuple[int, int, int], repeats: int) -> None:
-    """Iterate a few times from every start, add the motions to the pool, refine its best; see `refine`."""
+    """Iterate a few times from every start, add the motions to the pool, and refine the best of the pool.
+
+    For `keep` and `repeats` see `refine`.
+    """
     search.fresh, model = [], search.coarse
     if not len(search.starts):
         return
@@ -327,7 +329,7 @@ def descend_from_starts(search: Search, keep: tuple[int, int, int], repeats: int
 
 
 def within_limits(search: Search) -> None:
-    """Correct the motion with the least error to satisfy the limits if none arrives."""
+    """If no motion arrives, correct the motion with the least error to satisfy the limits."""
     if not search.fresh or search.arrived():
         return
     nearest = search.best(search.fresh)
@@ -380,9 +382,9 @@ def straight_moves_that_end_there(search: Search, most: int = 6) -> None:
 
 
 def reaches(problem: Problem, options: SearchOptions | None, joints: FloatArray) -> bool:
-    """Return whether straight moves to joint goals near these (K, n), or a search, solve a problem.
+    """Return whether straight moves to joint goals near `joints` (K, n) solve a problem.
 
-    A quick search is made if there are no joint goals.
+    If there are no joint goals, return whether a quick search solves the problem.
     """
     search = Search(problem, options)
     if not len(joints):
@@ -393,7 +395,7 @@ def reaches(problem: Problem, options: SearchOptions | None, joints: FloatArray)
 
 
 def moving_end(search: Search) -> None:
-    """Let the joints of a tumbling robot move at the deadline, if they cannot stop at the goal.
+    """Plan a tumbling robot's motion with moving joints at the deadline, if they cannot stop at the goal.
 
     An end effector at rest in inertial axes requires moving joints, because the base rotates.
     """
@@ -409,7 +411,7 @@ def moving_end(search: Search) -> None:
 
 
 def at_the_deadline_alone(search: Search) -> None:
-    """Aim at the goal at the deadline alone, if a tumbling robot cannot stay there in the last tenth."""
+    """Plan to be at the goal at the deadline only, if a tumbling robot cannot be there in the last tenth."""
     if not search.fails_while_tumbling():
         return
     goal, rates = search.problem.goal, search.best().plan.joint_rates
@@ -426,7 +428,7 @@ def at_the_deadline_alone(search: Search) -> None:
 
 
 def straight_line(search: Search) -> None:
-    """Roll out single steps straight to the target, as "resolved-rate" does, if no plan arrives."""
+    """Roll out single steps straight to the target by "resolved-rate", if no plan reaches it."""
     problem = search.problem
     if any(candidate.plan.reached for candidate in search.found) or not _can_march(problem):
         return
@@ -440,7 +442,7 @@ def straight_line(search: Search) -> None:
 
 
 def _descent(keep: tuple[int, int, int], repeats: int) -> tuple[Strategy, Strategy]:
-    """Return a descent from the starts, and the strategy for motions that violate a limit."""
+    """Return the strategies for a descent from the starts, and for motions that violate a limit."""
     return Strategy("descent", partial(descend_from_starts, keep=keep, repeats=repeats)), _WITHIN
 
 
@@ -475,7 +477,7 @@ QUICK = (
 
 
 def starts_within(problem: Problem, reach: float, orientation_reach: float) -> bool:
-    """Return whether an arm with a fixed goal starts within these distances of it [m, rad]."""
+    """Return whether the arm starts at rest within `reach` [m] and `orientation_reach` [rad] of its goal."""
     if problem.momentum is not None or problem.goal.moves or problem.joint_rates.any():
         return False
     start = problem.sms.at(problem.q0).end_effector_pose
@@ -497,8 +499,8 @@ def _can_march(problem: Problem) -> bool:
 
 def _travels_far(search: Search, plan: Trajectory) -> bool:
     """Return whether the joint travel of a plan is three times that of the shortest straight move."""
-    ways = np.abs(search.goals.arrived(search.problem) - search.problem.joints0).sum(axis=1)
-    return plan.joint_travel > 3.0 * float(ways.min(initial=np.inf))
+    travels = np.abs(search.goals.arrived(search.problem) - search.problem.joints0).sum(axis=1)
+    return plan.joint_travel > 3.0 * float(travels.min(initial=np.inf))
 
 
 @numerical_errors("the plan")
@@ -508,13 +510,17 @@ def solve(
     options: SearchOptions | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> Trajectory:
-    """Plan the whole motion at once.
+    """Plan a motion by optimisation of the whole motion (docs/planner.md).
 
-    The plan is the motion of least effort among those that arrive within a tolerance of the least cost
-    (docs/planner.md). A numerical failure gives a plan with a `note`.
+    The plan is the motion of least effort among those that arrive with nearly the least cost
+    (`SearchOptions.cost_tolerance`). After a numerical failure the plan has a `note`.
 
     Parameters
     ----------
+    problem : Problem
+        The problem.
+    options : SearchOptions, optional
+        The options of the search.
     progress : callable, optional
         A function that is called with the completed share of the work, 0 to 1.
 
@@ -557,22 +563,26 @@ def solve(
 
 @numerical_errors("the search for the shortest plan")
 def shortest(problem: Problem, tolerance: float = 0.05, options: SearchOptions | None = None) -> Trajectory:
-    """Return the plan of least duration that the search finds, by bisection from that of the problem.
+    """Return the plan of least duration, by bisection that begins with the duration of the problem.
+
+    The duration is an upper bound of the least one, because a search may miss a plan.
 
     Parameters
     ----------
+    problem : Problem
+        The problem.
     tolerance : float
-        The relative difference, below 1, between the sufficient duration and one for which no plan was found.
-        The result is an upper bound of the least duration, because a search may miss a plan.
+        The bisection ends if the duration of the plan exceeds a duration without plan by at most this share,
+        below 1.
     options : SearchOptions, optional
-        The options of every trial.
+        The options of every search.
 
     Returns
     -------
     Trajectory
-        `shortest_duration` is its duration [s]; `note` has the note of that plan, the duration in which none
-        was found, and the least time under the joint limits. If the problem and the proposal of its diagnosis
-        both fail, it is the failed plan.
+        The plan; `shortest_duration` is its duration [s]. Its `note` has the longest duration for which no
+        plan was found, and the least time under the joint limits. If neither the duration of the problem nor
+        the one that its diagnosis proposes is sufficient, the failed plan is returned.
     """
     instance("problem", problem, Problem)
     if isinstance(problem.goal, Path):
@@ -600,21 +610,21 @@ def shortest(problem: Problem, tolerance: float = 0.05, options: SearchOptions |
     displacement = best.joint_positions[-1] - best.joint_positions[0]
     bound = least_time(problem.sms.limits, displacement, best.joint_rates[0], best.joint_rates[-1])
     note = (
-        f"the shortest motion found; none was found in {failed:.3g} s, and to the posture in which it ends "
-        f"the joints' rates and accelerations alone take {bound:.3g} s"
+        f"the shortest motion found; none was found in {failed:.3g} s; to its last posture the limits of "
+        f"joint rates and accelerations alone take {bound:.3g} s"
     )
     return noted(best, best.note, note, shortest_duration=best.duration)
 
 
 def _momentum_note(problem: Problem) -> str:
-    """Return a message if the problem's momentum is not the one that its goal needs."""
-    asked = problem.asked_momentum
-    if asked is None:
+    """Return a message if the problem's momentum is not the one that its goal requires."""
+    required = problem.required_momentum
+    if required is None:
         return ""
     momentum = np.zeros(6) if problem.momentum is None else problem.momentum
-    linear, angular = np.linalg.norm((momentum - asked).reshape(2, 3), axis=1)
-    if np.allclose([linear, angular], 0.0, atol=1e-6 * float(np.abs(asked).max()) + 1e-9):
-        return ""  # up to rounding
+    linear, angular = np.linalg.norm((momentum - required).reshape(2, 3), axis=1)
+    if np.allclose([linear, angular], 0.0, atol=1e-6 * float(np.abs(required).max()) + 1e-9):
+        return ""  # rounding
     return (
         f"the momentum before the capture differs by {linear:.3g} kg m/s and {angular:.3g} kg m^2/s from the "
         "one that leaves both at rest, and both bodies keep this difference"

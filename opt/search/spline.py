@@ -1,8 +1,8 @@
 """The joint rates of a motion as one quadratic B-spline per joint.
 
-Its acceleration is a linear spline and its position a cubic one. A spline lies within the range of its
-control points, so rows on these keep the limits at every instant. The first control point is the joint's
-initial rate; the last one is zero, or free if the goal has a velocity.
+The acceleration is then a linear spline and the position a cubic one. A spline lies within the range of its
+control points, so bounds on control points ensure the limits at every instant. The first control point is the
+joint's initial rate. The last one is zero, or free if the goal has a velocity.
 
 Reference: C. de Boor, "A Practical Guide to Splines", 2001, ch. IX to XI.
 """
@@ -21,10 +21,10 @@ from ffsms_pin.opt.rollouts import ARRIVAL_SHARE
 
 
 class Grid(NamedTuple):
-    """The resolution of a spline: intervals before and after 0.9 T, and Gauss points in each.
+    """The resolution of a spline: the intervals before and after 0.9 T, and Gauss points in each interval.
 
-    Each late interval has half the length of the previous one, because the remaining distance decreases
-    in the same way.
+    Each late interval has half the length of the one before, because the remaining distance decreases in a
+    similar way.
     """
 
     intervals: int
@@ -32,41 +32,45 @@ class Grid(NamedTuple):
     gauss: int
 
 
-# Splines of ten control points per joint, enough for a zigzag of three strokes, and of seventeen.
+# Splines of 10 and of 17 control points per joint; 10 are enough for a motion that reverses twice.
 COARSE, FINE = Grid(6, 3, 2), Grid(12, 5, 3)
 
 
 class Map(NamedTuple):
-    """The values (k,) = free @ p + fixed * (rate at the start), for each joint's free control points p (M,).
+    """A linear map from a joint's free control points p (M,) to values (k,).
 
-    For a change of another motion (`RateSpline.around`) `fixed` (k, n) are that motion's values.
+    The values are free @ p + fixed * rate, with free (k, M), fixed (k,) and the joint's rate at the start.
+    For a change of another motion (`RateSpline.around`), `fixed` (k, n) are the values of that motion, and
+    are added.
     """
 
     free: FloatArray
     fixed: FloatArray
 
     def given(self, rates0: FloatArray) -> FloatArray:
-        """Return the values (k, n) for control points of zero and joint rates (n,) at the start."""
+        """Return the values (k, n) for zero control points and joint rates (n,) at the start."""
         return self.fixed[:, None] * rates0 if self.fixed.ndim == 1 else self.fixed
 
     def of(self, p: FloatArray, rates0: FloatArray) -> FloatArray:
-        """Return the values (..., k, n) of control points (..., M, n) with joint rates (n,) at the start."""
+        """Return the values (..., k, n) for control points (..., M, n) and joint rates (n,) at the start."""
         return np.asarray(self.free @ p + self.given(rates0))
 
 
 @dataclass(frozen=True, eq=False)
 class RateSpline:
-    """The knots, instants (Q + 2,), and the linear maps from control points.
+    """The knots and instants of a spline, and linear maps from its control points.
 
-    `rates`, `travel` and `accelerations` map to the joint rates, their integral and their derivative at Q
-    quadrature points, then at 0.9 T and T, the `times`. `weights` (Q + 2,) are the quadrature weights of
-    integrals over time; the last step counts at T if it is in the last tenth. In `limit_weights`, for limits,
-    0.9 T and T each have the weight of the whole time. `last_tenth` are the indices of 0.9 T and of later
-    points. `quadrature` has the weights for the kernel: over m intervals from their start to their g points
-    (m, g, g), over whole intervals (m, g), and the interval that begins at 0.9 T. The `..._points` map to the
-    control points of accelerations, positions (from the start) and rates. p^T `squared_acceleration` p is the
-    integral of the squared acceleration of a motion from rest. `sites` (M,) are the times of the free control
-    points, `at_sites` the rates there.
+    `times` (Q + 2,) are Q quadrature points, then 0.9 T and T. `rates`, `travel` and `accelerations` map to
+    the joint rates, their integrals and their derivatives at these times. `weights` (Q + 2,) are the
+    quadrature weights of integrals over time, with the weight of the last step at T. In `limit_weights`, for
+    limits, 0.9 T and T each have the weight of the whole time. `last_tenth` are the indices of times from
+    0.9 T on. `quadrature` has the weights for the kernel: from the start of each of m intervals to its g
+    points (m, g, g), over whole intervals (m, g), and the index of the interval that begins at 0.9 T.
+    `acceleration_points`, `position_points` and `rate_points` map to the control points of accelerations,
+    displacements from the start, and rates. p^T `squared_acceleration` p is the integral of the squared
+    acceleration of a motion from rest. `sites` (M,) are the times of the free control points, and `at_sites`
+    maps to the rates there. `free_end` is true if the rates at the end are free, and `changes` if the spline
+    is the change of another motion (`around`).
     """
 
     knots: FloatArray
@@ -94,15 +98,15 @@ class RateSpline:
 
     @cached_property
     def maps(self) -> FloatArray:
-        """The maps from the control points to travel, rates and accelerations (3, Q + 2, M)."""
+        """The matrices from control points to travel, rates and accelerations (3, Q + 2, M)."""
         return np.stack([self.travel.free, self.rates.free, self.accelerations.free])
 
     def around(self, dt: float, rates: FloatArray) -> RateSpline:
-        """Return the spline of a change of rates (N + 1, n) at nodes `dt` [s] apart, linear between.
+        """Return the spline that changes a motion with rates (N + 1, n) at nodes `dt` [s] apart.
 
-        A change begins with zero rate and acceleration; zero control points are no change. The result also
-        has the motion's least and greatest rates, accelerations and positions (2, k, n) on the support of
-        each control point, which the rows of the limits use.
+        The rates of the motion are linear between nodes. A change begins with zero rate and acceleration, and
+        is zero if all control points are zero. In the maps to control points, `fixed` (2, k, n) has the
+        motion's least and greatest values on the support of each control point, for rows of limits.
         """
         slopes = np.diff(rates, axis=0) / dt
         places = np.vstack([np.zeros_like(rates[:1]), np.cumsum(0.5 * dt * (rates[1:] + rates[:-1]), axis=0)])
@@ -141,19 +145,19 @@ class RateSpline:
         return _cut(_basis(self.knots, 2, times), self.free_end)
 
     def through(self, rates: FloatArray, rates0: FloatArray) -> FloatArray:
-        """Return control points (..., M, n) of joint rates (..., M, n) at the sites, from rates0 (n,)."""
-        wanted = rates - self.at_sites.fixed[:, None] * rates0
-        return np.asarray(np.linalg.solve(self.at_sites.free, wanted))
+        """Return control points (..., M, n) for joint rates (..., M, n) at the sites; (n,) at the start."""
+        change = rates - self.at_sites.fixed[:, None] * rates0
+        return np.asarray(np.linalg.solve(self.at_sites.free, change))
 
     def nearest(self, times: FloatArray, rates: FloatArray, rates0: FloatArray) -> FloatArray:
-        """Return control points (..., M, n) whose joint rates are nearest to (..., k, n) at times (k,)."""
+        """Return control points (..., M, n) whose rates at times (k,) are nearest to `rates` (..., k, n)."""
         maps = self.rates_at(times)
         return np.asarray(np.linalg.pinv(maps.free) @ (rates - maps.fixed[:, None] * rates0))
 
 
 @lru_cache(maxsize=64)
 def gauss(points: int) -> tuple[FloatArray, FloatArray]:
-    """Return Gauss points and weights of the interval from 0 to 1."""
+    """Return the Gauss points and weights for the interval from 0 to 1."""
     x, w = np.polynomial.legendre.leggauss(points)
     return frozen(0.5 * (x + 1.0)), frozen(0.5 * w)
 
@@ -172,9 +176,9 @@ def rate_spline(steps: int, dt: float, grid: Grid, free_end: bool = False) -> Ra
     rest = rest[rest <= duration - 0.5 * dt]  # the deadline lies in the last interval
     borders = np.concatenate([main, rest, [end]])
     knots = np.concatenate([[0.0] * 2, borders, [end] * 2])
-    # The directions change fastest at the start of the motion, so the cost is sampled more densely there.
+    # The direction of motion changes fastest at the start, so the cost is sampled more densely there.
     stops = np.concatenate([[0.0, 0.06 * main[1], 0.25 * main[1]], borders[1:-1], [duration]])
-    last_step = duration - dt if steps > 10 else duration  # motions of a few steps are smooth
+    last_step = duration - dt if steps > 10 else duration  # short motions have no separate last step
     if np.abs(stops - last_step).min() > 0.1 * dt:
         stops = np.sort(np.append(stops, last_step))
 
@@ -218,29 +222,29 @@ def rate_spline(steps: int, dt: float, grid: Grid, free_end: bool = False) -> Ra
 
 
 def _weights(whole: FloatArray, early: NDArray[np.bool_]) -> FloatArray:
-    """Return the weights (Q + 2,) of integrals over time, with that of the last step at the deadline.
+    """Return the weights (Q + 2,) of integrals over time, with the weight of the last step at the deadline.
 
     The paper's sum has the value at the end of each step. In the last step the direction to the goal rotates
-    so fast that a quadrature would give another cost, with a difference that grows with the step.
+    so fast that the integral differs from the sum, and the difference grows with the length of the step.
     """
     over, soon = whole.ravel(), early[:-2]
     return np.append(np.where(soon, over, 0.0), [0.0, over[~soon].sum()])
 
 
 def embedded(coarse: RateSpline, fine: RateSpline, p: FloatArray, rates0: FloatArray) -> FloatArray:
-    """Return control points (..., M, n) of the fine spline that agrees with the coarse one at its sites."""
+    """Return control points (..., M, n) of the fine spline that equals the coarse one at the fine sites."""
     return fine.through(coarse.rates_at(fine.sites).of(p, rates0), rates0)
 
 
 def _cut(columns: FloatArray, free_end: bool) -> Map:
-    """Return a map of all control points, split into the first one and the free ones."""
+    """Return the map for a matrix (k, count) of all control points, split into fixed and free ones."""
     return Map(np.ascontiguousarray(columns[:, 1 : None if free_end else -1]), columns[:, 0])
 
 
 def _basis(knots: FloatArray, degree: int, times: FloatArray) -> FloatArray:
     """Return the values (k, count) of all B-splines of a degree at times (k,), by the recursion of de Boor.
 
-    `scipy.interpolate.BSpline` gives the same, and takes a fifth of a second to import.
+    `scipy.interpolate.BSpline` returns the same values, but its import takes 0.2 s.
     """
     last = len(knots) - degree - 2  # the last interval that is not empty
     interval = np.clip(np.searchsorted(knots, times, side="right") - 1, degree, last)

@@ -1,9 +1,9 @@
 """The fastest time law along a joint path: forward and backward passes over a grid of the path's share.
 
-With s the share of the path, the joints at q(s) have rates q' ds/dt and accelerations q' u + q'' x, where x
-is the square of ds/dt and u = d^2 s/dt^2. Without momentum the joint torques of a free-floating robot are
-linear in u and x too. So each limit is a row a u + b x <= c, and a backward pass finds the largest x from
-which the end can still be reached, then a forward pass takes the largest u.
+At the share s of the path, the joints q(s) have rates q' ds/dt and accelerations q' u + q'' x, where x is the
+square of ds/dt, u = d^2 s/dt^2, and q', q'' are derivatives by s. Without momentum the joint torques of a
+free-floating robot are linear in u and x, too. So each limit is a row a u + b x <= c. A backward pass
+computes the largest x from which the end can be reached. A forward pass then uses the largest u.
 
 Reference: H. Pham, Q.-C. Pham, "A new approach to time-optimal path parameterization based on reachability
 analysis", IEEE Transactions on Robotics 34 (2018).
@@ -23,11 +23,11 @@ from ffsms_pin.opt.limits.limit import SpeedBound
 from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.rollouts import forces
 
-_LEAST = 1e-12  # coefficients of u below this count as zero
+_LEAST = 1e-12  # a smaller coefficient of u counts as zero
 
 
 class LimitRows(NamedTuple):
-    """The rows a u + b x <= c of the limits at G points of a path; 0 <= x <= `largest` by the joint rates."""
+    """The rows a u + b x <= c of the limits at G points of a path, and the bounds 0 <= x <= `largest`."""
 
     shares: FloatArray  # (G,) of the path
     a: FloatArray  # (G, m)
@@ -44,10 +44,10 @@ def limit_rows(
     margin: float,
     bounds: Sequence[SpeedBound] = (),
 ) -> LimitRows:
-    """Return the limits of a problem's joints along a path q(s), and other bounds, with a margin.
+    """Return the rows of a problem's joint limits along a joint path q(s), and those of other bounds.
 
-    Joints (G, n), their slopes dq/ds (G, n) and the bounds are at shares (G,) of the path; `margin` is the
-    safety margin as a share of each limit. Joints without an acceleration or torque limit add no rows.
+    Joint positions (G, n), their slopes dq/ds (G, n) and the bounds are at shares (G,) of the path. `margin`
+    is the safety margin as a share of each limit. Joints without an acceleration or torque limit add no rows.
     """
     limits, use = problem.sms.limits, 1.0 - margin
     bends = np.gradient(slopes, shares, axis=0, edge_order=2)
@@ -64,8 +64,8 @@ def limit_rows(
     fastest = use * limits.velocity[:, None] / np.maximum(np.abs(d), 1e-12)
     most = fastest.min(axis=0)
     for bound in bounds:
-        room = use * bound.most[:, None] - np.sign(bound.slope) * bound.at_rest[:, None]
-        most = np.minimum(most, (room / np.maximum(np.abs(bound.slope), 1e-12)).min(axis=0))
+        slack = use * bound.most[:, None] - np.sign(bound.slope) * bound.at_rest[:, None]
+        most = np.minimum(most, (slack / np.maximum(np.abs(bound.slope), 1e-12)).min(axis=0))
         finite = np.isfinite(bound.most_change)
         slope = bound.slope[finite]
         change = np.gradient(slope, shares, axis=1, edge_order=2)
@@ -76,13 +76,13 @@ def limit_rows(
 
 
 def fastest_law(rows: LimitRows) -> TimeLaw | None:
-    """Return the law of least time from rest to rest under limits; None if the path cannot be followed."""
+    """Return the time law of least time from rest to rest; None if the limits cannot be satisfied."""
     count = len(rows.shares)
     steps = np.diff(rows.shares)
     reachable = np.zeros(count)  # the largest x from which the end can be reached at rest
     for i in range(count - 2, -1, -1):
         A, B, C = _stretch(rows, i, steps[i])
-        # At the end of the stretch 0 <= x + 2 step u <= the largest reachable x there.
+        # At the end of the stretch 0 <= x + 2 step u <= reachable[i + 1].
         A = np.append(A, [2.0 * steps[i], -2.0 * steps[i]])
         B = np.append(B, [1.0, -1.0])
         C = np.append(C, [reachable[i + 1], 0.0])
@@ -105,7 +105,7 @@ def fastest_law(rows: LimitRows) -> TimeLaw | None:
 
 
 def _stretch(rows: LimitRows, i: int, step: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return the rows of a stretch of the path with constant u, at its start and at its end."""
+    """Return the rows at both ends of stretch i, with constant u, in u and the x at the stretch's start."""
     ahead = rows.a[i + 1] + 2.0 * step * rows.b[i + 1]  # x at the end is x + 2 step u
     return (
         np.concatenate([rows.a[i], ahead]),
@@ -115,7 +115,7 @@ def _stretch(rows: LimitRows, i: int, step: float) -> tuple[FloatArray, FloatArr
 
 
 def _largest_x(a: FloatArray, b: FloatArray, c: FloatArray, most: float) -> float | None:
-    """Return the largest x in [0, most] with some u such that a u + b x <= c; None if there is none.
+    """Return the largest x in [0, most] for which a u exists with a u + b x <= c; None if there is none.
 
     Rows with a > 0 are upper bounds (c - b x) / a of u, those with a < 0 lower bounds. Some u is feasible if
     each lower bound is at most each upper bound, which gives rows in x only.
@@ -126,11 +126,11 @@ def _largest_x(a: FloatArray, b: FloatArray, c: FloatArray, most: float) -> floa
     level_down, slope_down = c[down] / a[down], -b[down] / a[down]
     # level_down + slope_down x <= level_up + slope_up x
     slope = np.concatenate([(slope_down[:, None] - slope_up).ravel(), b[none]])
-    room = np.concatenate([(level_up - level_down[:, None]).ravel(), c[none]])
+    level = np.concatenate([(level_up - level_down[:, None]).ravel(), c[none]])
     rising, falling = slope > 1e-12, slope < -1e-12
-    high = min(float(np.min(room[rising] / slope[rising], initial=np.inf)), most)
-    low = max(float(np.max(room[falling] / slope[falling], initial=-np.inf)), 0.0)
-    if (room[~rising & ~falling] < -1e-9).any() or low > high + 1e-9:
+    high = min(float(np.min(level[rising] / slope[rising], initial=np.inf)), most)
+    low = max(float(np.max(level[falling] / slope[falling], initial=-np.inf)), 0.0)
+    if (level[~rising & ~falling] < -1e-9).any() or low > high + 1e-9:
         return None
     return max(high, 0.0)
 
@@ -139,5 +139,5 @@ def check_timing(problem: Problem) -> None:
     """Raise `InvalidValue` if the joint path of a path depends on the speed."""
     path = problem.goal
     if problem.momentum is not None or problem.joint_rates.any():
-        remedy = "is for robots without momentum that start at rest: else the joint path depends on the speed"
+        remedy = 'is for robots without momentum that start at rest; give timing="given" for other robots'
         raise InvalidValue("timing", path.timing, remedy)

@@ -1,10 +1,11 @@
 """Final poses of joint motions of a tumbling robot, and their slopes by a change of the whole motion.
 
-The base's attitude R follows R' = R [omega]x, with omega the sum of the contributions of the joint rates and
-the total angular momentum L. A change of the joint motion rotates the whole robot by an additional theta,
-inertial axes: theta' = c + A theta, with c the direct change of omega by the joints, and A theta = R J R^T (L
-x theta), with J the inverse inertia, because the momentum in base axes depends on the base's attitude. Both
-equations are integrated by collocation at the Gauss points of a spline; the second one is linear.
+The base's attitude R satisfies R' = R [omega]x, where omega is the sum of the contributions of the joint
+rates and of the total angular momentum L. A change of the joint motion rotates the whole robot by an
+additional rotation vector theta, inertial axes. It satisfies theta' = c + A theta. The vector c is the direct
+change of omega by the joints. A theta = R J R^T (L x theta), with the inverse inertia J, is the change of
+omega because the momentum in base axes depends on the base's attitude. Both equations are integrated by
+collocation at the Gauss points of a spline; the second equation is linear.
 """
 
 from __future__ import annotations
@@ -29,15 +30,15 @@ def tumbling_ends(
     share: FloatArray,
     speed: FloatArray,
 ) -> tuple[ArmValues, FloatArray, FloatArray]:
-    """Return the final states of motions of a tumbling robot: the arm, and the base's rotation.
+    """Return the final states of K motions of a tumbling robot.
 
-    With the rotation (3, 3, K) comes the final rotation of the whole robot by changes of joint goals (3, n,
-    K), axes of the base at the start.
+    They are the arm, the base's rotation (3, 3, K), and the derivatives (3, n, K) of the whole robot's final
+    rotation vector by the joint goals. Axes are those of the base at the start.
 
     Parameters
     ----------
     joints, rates : ndarray, shape (n, K, Q)
-        Joints and rates of K motions at the instants of the spline.
+        Joint positions and rates of the motions at the instants of the spline.
     share, speed : ndarray, shape (Q,)
         Derivatives of joints and rates at these instants by the joint goal.
     """
@@ -69,7 +70,7 @@ def _linear_end(spline: RateSpline, forcing: FloatArray, matrix: FloatArray) -> 
         return np.asarray(points.transpose(3, 2, 4, 0, 1))
 
     c, A = by_interval(forcing), by_interval(matrix)
-    # Theta at the points of an interval, by theta at its start and by the forcing.
+    # theta at the Gauss points of an interval, from theta at the interval's start and from the forcing.
     system = np.eye(3 * gauss) - np.einsum("ibe,ikexy->ikbxey", to_points, A).reshape(
         intervals, count, 3 * gauss, 3 * gauss
     )

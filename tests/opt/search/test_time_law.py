@@ -132,7 +132,7 @@ def test_too_little_time(planar: Any, q0: Any) -> None:
     path = opt.Path(circle(planar.at(q0).end_effector_pose), parameter=(0.0, 1.0), timing="fastest")
     plan = opt.plan(planar, q0, path, duration=2.0)
     assert not plan.reached
-    assert "the fastest time law along the path found takes" in plan.note
+    assert "the fastest time law that was found for the path takes" in plan.note
     assert opt.plan(planar, q0, path, duration=plan.shortest_duration).reached
 
 
