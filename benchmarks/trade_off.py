@@ -25,7 +25,8 @@ BASE = (0.0, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 100.0)  # weights of opt.Base
 EFFORT = (1e-4, 1e-3, 1e-2, 1e-1, 1.0)  # weights of opt.Effort, without the base's
 NUMBERS = ("cost", "turn", "travel")
 FAMILIES = ("base", "effort")
-LABELLED = {"base": BASE[3:], "effort": (1e-2, 1.0)}  # weights that the figure writes beside their points
+# Weights that the figure writes beside their points; the labels of other weights would overlap.
+LABELLED = {"base": BASE[5:], "effort": (1e-2, 1.0)}
 OTHERS = {"step": 'method="step"', "resolved-rate": 'method="resolved-rate"'}
 
 
@@ -71,9 +72,9 @@ def draw(results: dict[str, dict[str, dict[str, float]]], path: Path) -> None:
                 _families(ax, found, key)
                 ax.set_title(name if row == 0 else "", fontsize=9.0)
             axes[0, column].set_yscale("log")
-            axes[1, column].set_xlabel("base turn, ratio to resolved-rate [-]")
+            axes[1, column].set_xlabel("base turn / that of resolved-rate")
         axes[0, 0].set_ylabel("cost integral [s]")
-        axes[1, 0].set_ylabel("joint travel, ratio to resolved-rate [-]")
+        axes[1, 0].set_ylabel("joint travel / that of resolved-rate")
         handles, labels = axes[0, 0].get_legend_handles_labels()
         figure.legend(handles, labels, loc="outside upper center", ncols=2)
         figure.savefig(path, dpi=110, metadata={"Software": None})
@@ -83,13 +84,12 @@ def _families(ax: Any, found: dict[str, dict[str, float]], key: str) -> None:
     for i, family in enumerate(FAMILIES):
         settings = [name for name in found if name.split()[0] == family]
         x, y = ([found[name][k] for name in settings] for k in ("turn", key))
-        ax.plot(x, y, marker="o", markersize=4.0, label=f"opt.plan, {family}= varied", **line(i))
-        middle, colour = float(np.mean(x)), line(i)["color"]
+        ax.plot(x, y, marker="o", markersize=4.0, label=f"opt.plan({family}=...)", **line(i))
         for name, at, height in zip(settings, x, y, strict=True):
             weight = float(name.split()[1])
-            if weight not in LABELLED[family]:  # the others crowd near these, or near the default
+            if key != "travel" or weight not in LABELLED[family]:
                 continue
-            side = 1 if family == "base" or at > middle else -1
+            side = -1 if weight == EFFORT[-1] and family == "effort" else 1
             aside = (5 * side, 4 if family == "base" else -3)
             ax.annotate(
                 f"{weight:g}",
@@ -98,7 +98,7 @@ def _families(ax: Any, found: dict[str, dict[str, float]], key: str) -> None:
                 textcoords="offset points",
                 ha="left" if side > 0 else "right",
                 fontsize=7.0,
-                color=colour,
+                color=line(i)["color"],
             )
     for (name, label), marker in zip(OTHERS.items(), "sD", strict=True):
         at = found[name]

@@ -1,4 +1,4 @@
-"""Keep the base within an attitude limit while the arm moves: what the limit costs in joint travel."""
+"""Limit the attitude of the base during a motion, and show the joint travel for three limits."""
 
 import numpy as np
 
@@ -12,7 +12,7 @@ for limit in (None, 1.0, 0.5):  # [deg]
     base_limits = None if limit is None else opt.BaseLimits(attitude=np.radians(limit))
     plan = opt.plan(sms, q0, target, duration=8.0, base_limits=base_limits)
     turn = np.degrees(plan.base_rotation.max())
-    words = "no limit" if limit is None else f"{limit:.1f} deg"
-    print(f"{words}: base turned by {turn:.2f} deg, joints travelled {plan.joint_travel:.2f} rad")
+    name = "no limit" if limit is None else f"{limit:.1f} deg"
+    print(f"{name}: base turned by {turn:.2f} deg, joint travel {plan.joint_travel:.2f} rad")
     assert plan.reached
     assert limit is None or turn <= limit + 1e-9

@@ -1,6 +1,6 @@
-"""Compute kinematics and coupling of 20,000 postures at once, for three masses of the base.
+"""Compute kinematics and coupling of 20,000 postures in one call, for three masses of the base.
 
-The generalised Jacobian J* depends on masses: a lighter base takes more of the joints' motion from the tool.
+J* depends on the masses: with a lighter base the same joint rates move the tool less.
 """
 
 import time
@@ -21,7 +21,7 @@ for factor in (10.0, 1.0, 0.3):
     medians.append(np.median(floating / fixed))
     mass = sms.model.inertias[1].mass
     print(f"base of {mass:3.0f} kg: the tool moves {medians[-1]:.0%} as far as on a fixed base,", end=" ")
-    print(f"median entropy {np.median(batch.entropy):.2f} ({took:.0f} us a posture)")
-    state = sms.at(sms.configuration(joints[0]))  # one state gives the same
+    print(f"median entropy {np.median(batch.entropy):.2f} ({took:.0f} us per posture)")
+    state = sms.at(sms.configuration(joints[0]))  # a single state has the same J*
     assert np.allclose(batch.J_star[0], state.J_star, atol=1e-12)
 assert 1.0 > medians[0] > medians[1] > medians[2]

@@ -1,6 +1,6 @@
-"""Follow a plan on random satellites, planned once and re-planned: a campaign of closed-loop runs.
+"""Run a campaign: simulate a motion with random masses, planned once and re-planned.
 
-Run: python examples/campaign.py   (into the folder campaign; run again, it goes on where it was)
+Run: python examples/campaign.py   (results are in the folder campaign; another call resumes there)
 """
 
 from pathlib import Path
@@ -25,7 +25,7 @@ dt = 0.05
 law = "computed-torque"
 dt = 0.01
 
-[campaign.draw]  # masses that the planner does not know: factors of those of the model
+[campaign.draw]  # factors on the model's masses, unknown to the planner
 plant.arm_mass = { uniform = [0.7, 1.3] }
 plant.base_mass = { uniform = [0.9, 1.1] }
 """
@@ -43,4 +43,4 @@ for method, of_method in numbers.items():
     print(f"{method}: {share}, final error {error:.2g} mm (median)")
 
 errors = [of_method["percentiles"]["final_error_m"][50] for of_method in numbers.values()]
-assert errors[1] < 0.5 * errors[0]  # re-planning is nearer to the target
+assert errors[1] < 0.5 * errors[0]  # re-planning ends nearer to the target

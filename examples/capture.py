@@ -1,4 +1,4 @@
-"""Capture a tumbling client: seen by a camera, re-planned on the way, held by a compliant grip, braked."""
+"""Capture a tumbling client, with a camera, re-planning, a compliant grip and braking."""
 
 import numpy as np
 import pinocchio as pin
@@ -12,7 +12,7 @@ client = ffsms.Client(
     pose=pin.SE3(np.eye(3), np.array([1.4, 0.3, 0.1])),
     twist=[0.0, 0.0, 0.0, 0.01, 0.04, -0.02],  # inertial axes [m/s; rad/s]
 )
-grasp = pin.SE3(np.eye(3), np.array([0.0, 0.0, -0.3]))  # in the client's axes
+grasp = pin.SE3(np.eye(3), np.array([0.0, 0.0, -0.3]))  # in the client's body axes
 
 sms = ffsms.load("satellite_panda")
 q0 = sms.configuration([0.0, -0.5, 0.0, -2.0, 0.0, 1.5, 0.8])
@@ -30,10 +30,10 @@ flight = capture.fly(
 for time, name, reason in flight.states:
     print(f"{time:6.2f} s  {name:9} {reason}")
 end = float(flight.tracking.t[-1]) - flight.captured.contact_at
-said, found = flight.prediction.rate(end), flight.captured.found_rate
-print(f"{flight.outcome}; the base turns at {np.degrees(np.linalg.norm(found)):.3f} deg/s,")
-print(f"predicted {np.degrees(np.linalg.norm(said)):.3f}; total momentum kept to {flight.momentum_error:.1e}")
+predicted, true = flight.prediction.rate(end), flight.captured.found_rate
+print(f"{flight.outcome}; the base rotates at {np.degrees(np.linalg.norm(true)):.3f} deg/s,")
+print(f"predicted {np.degrees(np.linalg.norm(predicted)):.3f}; momentum error {flight.momentum_error:.1e}")
 ffsms.view(flight).to_html("capture.html")
 assert flight.latched
-assert np.linalg.norm(found - said) < 1e-3
+assert np.linalg.norm(true - predicted) < 1e-3
 assert flight.momentum_error < 1e-6

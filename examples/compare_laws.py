@@ -1,6 +1,6 @@
-"""Follow one plan under the packaged joint laws and one of your own, on a plant that is not the model.
+"""Compare the packaged joint laws and a law of your own on a plant that differs from the model.
 
-The own law is passivity-based sliding mode on the reduced system; docs/simulate.md has its proof.
+Your own law is passivity-based sliding mode on the reduced system; docs/simulate.md has its stability proof.
 
 Run: python examples/compare_laws.py
 """
@@ -30,9 +30,9 @@ class PassivitySlidingMode:
 
 sms = ffsms.load("planar_3r")
 plan = opt.plan(sms, sms.configuration(np.radians([1, 1, 1])), [1.0, 0.15, 0.0], duration=6.0)
-plant = perturb(sms, arm_mass=1.2)  # the arm is a fifth heavier than the laws think
+plant = perturb(sms, arm_mass=1.2)  # the arm is 20 % heavier than the model of the laws
 q0 = plan.q[0].copy()
-q0[7:] += 0.02  # and starts 20 mrad off
+q0[7:] += 0.02  # initial joint errors of 20 mrad
 
 laws = {
     "sliding mode, the paper's gains": control.SlidingModeController(sms),
@@ -41,7 +41,7 @@ laws = {
     "PD": control.PD(sms),
     "own: passivity-based": PassivitySlidingMode(sms),
 }
-print("law                              joint error, end [mrad]  effort [N²m²s]  chatter [N²m²/s]")
+print("law                             final joint error [mrad]  effort [N²m²s]  chatter [N²m²/s]")
 errors = {}
 for name, law in laws.items():
     track = ffsms.simulate(sms, plan, law, dt=2e-3, q0=q0, plant=plant)
@@ -49,5 +49,5 @@ for name, law in laws.items():
     print(f"{name:32} {errors[name]:23.3g} {track.effort:15.3g} {track.chatter:17.3g}")
 
 soft, stiff, *_, own = errors.values()
-assert own < 1.0 < soft, "the push of the own law removes the error, the paper's gains leave it"
+assert own < 1.0 < soft, "the law of your own removes the error, the paper's gains do not"
 assert stiff < 1.0

@@ -1,4 +1,4 @@
-"""Follow the coupling along a motion: singular values and entropy of C_bm, and cos(theta_a).
+"""Print the coupling along a motion: singular values and entropy of C_bm, and cos(theta_a).
 
 The default planner prefers joint rates along which the base assists the tool: where cos(theta_a) is positive,
 the paper's cost is nearly zero. A straight motion to the same target does not take this into account.
@@ -16,7 +16,7 @@ plans = {
     "straight": opt.plan(sms, q0, [0.45, 0.65, 0.0], duration=12.0, method="resolved-rate"),
 }
 for name, plan in plans.items():
-    print(f"{name}: cost {plan.cost_integral:.4f} s, joints travelled {plan.joint_travel:.2f} rad")
+    print(f"{name}: cost {plan.cost_integral:.4f} s, joint travel {plan.joint_travel:.2f} rad")
     print("    t [s]  sigma_1  sigma_2  entropy  cos(theta_a)")
     for k in range(0, len(plan.cost), len(plan.cost) // 6):
         coupling = sms.at(plan.q[k]).coupling

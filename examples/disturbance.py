@@ -1,4 +1,4 @@
-"""Push the base during the motion: what the momentum does to a plan made once, and to a re-planned one."""
+"""Push the base during the motion, which is planned once or re-planned."""
 
 import numpy as np
 
@@ -17,8 +17,8 @@ for name, reference in (("planned once", opt.solve(problem)), ("re-planned", opt
     conditions = ffsms.Conditions(disturbances=push)
     track = ffsms.simulate(sms, reference, controller, dt=1e-2, q0=q0, conditions=conditions)
     off[name] = 1e3 * track.position_error[-1]
-    print(f"{name}: {off[name]:.2f} mm off")
+    print(f"{name}: {off[name]:.2f} mm position error")
 impulse = track.momentum[-1, :3]
-print(f"the push of 1 s left a momentum of {impulse[0]:.3f} N s")
+print(f"momentum after the push of 1 s: {impulse[0]:.3f} N s")
 assert np.allclose(impulse, [0.5, 0.0, 0.0], atol=1e-3)
 assert off["re-planned"] < 2.0 < off["planned once"]

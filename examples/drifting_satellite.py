@@ -1,4 +1,4 @@
-"""Plan for a satellite that drifts and turns slowly: with its momentum known, and with it ignored."""
+"""Plan for a satellite that drifts and tumbles, with known momentum and with ignored momentum."""
 
 import numpy as np
 
@@ -15,9 +15,9 @@ for name, known in (("ignored", None), ("known", momentum)):
     conditions = ffsms.Conditions(momentum=momentum)
     track = ffsms.simulate(sms, plan, ffsms.SlidingModeController(sms), dt=2e-3, conditions=conditions)
     off[name] = 1e3 * track.position_error[-1]
-    print(f"momentum {name}: {off[name]:.2f} mm off")
+    print(f"momentum {name}: {off[name]:.2f} mm position error")
     assert plan.reached
 drift = np.abs(track.momentum - momentum).max()
-print(f"momentum kept to {drift:.0e}")
+print(f"largest change of the momentum: {drift:.0e}")
 assert off["known"] < 2.0 < off["ignored"]
 assert drift < 1e-9

@@ -1,4 +1,4 @@
-"""Reach for a bolt with a tool that may turn about it: a free axis saves joint travel."""
+"""Reach a bolt with a tool that may rotate about it: a free axis reduces the joint travel."""
 
 import numpy as np
 import pinocchio as pin
@@ -13,7 +13,7 @@ bolt = here * pin.SE3(pin.rpy.rpyToMatrix(0.2, 0.0, 3.0), np.array([0.05, 0.1, 0
 goals = {
     "the whole pose": opt.Pose(bolt),
     "free about the bolt's axis": opt.Pose(bolt, free_axis=[0.0, 0.0, 1.0]),
-    "the position alone": opt.Position(bolt.translation),
+    "the position only": opt.Position(bolt.translation),
 }
 travel = []
 for name, goal in goals.items():
@@ -22,7 +22,7 @@ for name, goal in goals.items():
     tilt = np.degrees(np.arccos(np.clip(end.rotation[:, 2] @ bolt.rotation[:, 2], -1.0, 1.0)))
     turn = np.degrees(np.linalg.norm(pin.log3(bolt.rotation.T @ end.rotation)))
     travel.append(plan.joint_travel)
-    print(f"{name}: axis {tilt:.2f} deg off, turned by {turn:.0f} deg, joints travelled {travel[-1]:.2f} rad")
+    print(f"{name}: axis error {tilt:.2f} deg, rotation {turn:.0f} deg, joint travel {travel[-1]:.2f} rad")
     assert plan.reached
-    assert tilt < 0.2 or name == "the position alone"
+    assert tilt < 0.2 or name == "the position only"
 assert travel[0] > travel[1] > travel[2]

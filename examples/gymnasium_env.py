@@ -1,9 +1,9 @@
 """Make an environment for reinforcement learning. Needs Gymnasium: pip install gymnasium.
 
-The arm reaches for a random position while the base reacts. An action is a share of each joint's rate limit:
-the reference rates approach it within the limits of acceleration and position, a control law tracks them with
-joint torques, and the forward dynamics of the floating robot answer. A policy that uses the generalised
-Jacobian J* solves it.
+The arm has to reach a random position while the base reacts. An action has the desired rate of each joint as
+a share of its limit. The reference rates approach this rate within the limits of acceleration and position,
+and a control law tracks them in the forward dynamics of the floating robot. A policy with the generalised
+Jacobian J* solves the task.
 """
 
 import gymnasium as gym
@@ -16,29 +16,29 @@ from ffsms_pin.simulation.integrators import rk4_step
 
 
 class ReachEnv(gym.Env):
-    """An episode ends within 2 cm of the target, and is cut off after 20 s."""
+    """An environment whose episodes end within 2 cm of the target, or after 20 s."""
 
     def __init__(self, sms, dt=0.05, substeps=10):
         self.sms, self.dt, self.substeps = sms, dt, substeps
         self.controller, self.data = ComputedTorque(sms), sms.model.createData()
         self.action_space = gym.spaces.Box(-1.0, 1.0, (sms.n,), np.float32)
-        # Sine and cosine of the joints, shares of their rate limits, way to the target, twist of the base.
+        # Sines and cosines of the joints, rates over limits, displacement to the target, base twist.
         high = np.repeat([1.0, 2.0, 5.0, 2.0], [2 * sms.n, sms.n, 3, 6]).astype(np.float32)
         self.observation_space = gym.spaces.Box(-high, high)
 
     def observe(self):
         """Return the observation and the distance to the target [m]."""
         state, joints = self.sms.at(self.q, self.v), self.sms.joint_positions(self.q)
-        way = state.base_pose.rotation.T @ (self.target - state.end_effector_pose.translation)
+        displacement = state.base_pose.rotation.T @ (self.target - state.end_effector_pose.translation)
         rates = self.v[6:] / self.sms.limits.velocity
         observation = np.concatenate(
-            [np.sin(joints), np.cos(joints), rates, way, self.v[:6]], dtype=np.float32
+            [np.sin(joints), np.cos(joints), rates, displacement, self.v[:6]], dtype=np.float32
         )
         bounds = self.observation_space
-        return np.clip(observation, bounds.low, bounds.high), float(np.linalg.norm(way))
+        return np.clip(observation, bounds.low, bounds.high), float(np.linalg.norm(displacement))
 
     def reset(self, *, seed=None, options=None):
-        """Start at rest; the target is where random joint positions bring the tool."""
+        """Start at rest; the target is the tool position at random joint positions."""
         super().reset(seed=seed)
         self.t, self.q, self.v = 0.0, self.sms.home(), np.zeros(self.sms.nv)
         self.q_d, self.qd_d = self.sms.joint_positions(self.q), np.zeros(self.sms.n)
@@ -48,7 +48,7 @@ class ReachEnv(gym.Env):
         return observation, {"distance": self.distance}
 
     def step(self, action):
-        """Follow an action for `dt`; the reward is the way gained [m], and 1 for the arrival."""
+        """Follow an action for `dt`; the reward is the decrease of the distance [m], and 1 on arrival."""
         limits, h = self.sms.limits, self.dt / self.substeps
         a = limits.acceleration
         for _ in range(self.substeps):
@@ -59,7 +59,7 @@ class ReachEnv(gym.Env):
             tau = self.controller.torque(self.q, self.v, self.q_d, self.qd_d, change / h)
             force = np.concatenate(
                 [np.zeros(6), np.clip(tau, -limits.torque, limits.torque)]
-            )  # none on the base
+            )  # no force on the base
             self.q, self.v, _ = rk4_step(self.sms.model, self.data, self.q, self.v, force, h)
             self.q_d = self.q_d + h * (self.qd_d + 0.5 * change)
             self.qd_d = self.qd_d + change
@@ -78,11 +78,11 @@ if __name__ == "__main__":
         _, info = env.reset(seed=seed)
         start, total, arrived, over = info["distance"], 0.0, False, False
         while not (arrived or over):
-            way = env.target - sms.at(env.q).end_effector_pose.translation
-            rates = 2.0 * np.linalg.pinv(sms.at(env.q).J_star[:3], rcond=0.05) @ way
+            displacement = env.target - sms.at(env.q).end_effector_pose.translation
+            rates = 2.0 * np.linalg.pinv(sms.at(env.q).J_star[:3], rcond=0.05) @ displacement
             action = np.clip(rates / sms.limits.velocity, -1.0, 1.0).astype(np.float32)
             _, reward, arrived, over, _ = env.step(action)
             total += reward
-        print(f"{start:.2f} m away: arrived {arrived} in {env.t:.1f} s, reward {total:.2f}")
+        print(f"distance {start:.2f} m: arrived {arrived} in {env.t:.1f} s, reward {total:.2f}")
         assert arrived
-        assert np.abs(sms.at(env.q, env.v).momentum).max() < 1e-10  # nothing acts on the base
+        assert np.abs(sms.at(env.q, env.v).momentum).max() < 1e-10  # no external force

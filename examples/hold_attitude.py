@@ -1,4 +1,4 @@
-"""Hold the attitude by reaction wheels while the arm moves, and see how much momentum they take."""
+"""Hold the attitude by reaction wheels during a motion, and show the momentum of the wheels."""
 
 import numpy as np
 
@@ -21,7 +21,7 @@ print(f"held: base turned by {np.degrees(held.base_rotation.max()):.1f} deg in t
 turned = 2.0 * np.arccos(np.clip(np.abs(track.q[:, 3:7] @ track.q[0, 3:7]), 0.0, 1.0))
 print(f"      by {np.degrees(turned.max()):.4f} deg in the simulation")
 predicted, flown = np.abs(held.wheel_momentum).max(), np.abs(track.wheel_momentum).max()
-print(f"wheels take at most {1e3 * predicted:.1f} mN m s (predicted), {1e3 * flown:.1f} mN m s (simulated)")
+print(f"wheel momentum up to {1e3 * predicted:.1f} mN m s (predicted), {1e3 * flown:.1f} mN m s (simulated)")
 assert floating.reached
 assert held.reached
 assert track.position_error[-1] < 2e-3

@@ -1,7 +1,7 @@
-"""Identify the base of a satellite from a motion that teaches, and plan with what is found.
+"""Identify the base of a satellite from an exciting motion, and plan with the estimate.
 
-The base is lighter than believed, and its centre of mass is elsewhere. The joints follow the plan in both
-flights; the end effector arrives where the base is known.
+The true base is lighter than the prior model, and its centre of mass is displaced. The joints follow both
+plans, but the end effector arrives only with the identified model.
 """
 
 import numpy as np
@@ -19,9 +19,9 @@ found = identification.identify(sms, tracking, unknown=["base"])
 print(found)
 
 off = {}
-for name, model in (("believed", sms), ("identified", sms.with_inertias(found))):
+for name, model in (("prior model", sms), ("identified model", sms.with_inertias(found))):
     plan = opt.plan(model, q0, target, duration=12.0)
     track = ffsms.simulate(model, plan, control.ComputedTorque(model), dt=5e-3, plant=plant)
     off[name] = 1e3 * track.position_error[-1]
-    print(f"{name}: {off[name]:.2f} mm off")
-assert off["identified"] < 1.0 < off["believed"]
+    print(f"{name}: {off[name]:.2f} mm position error")
+assert off["identified model"] < 1.0 < off["prior model"]

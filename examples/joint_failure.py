@@ -1,4 +1,4 @@
-"""Lock a joint during the motion: a plan made once misses, re-planning arrives with the other joints."""
+"""Lock a joint during the motion: planned once it misses; re-planning arrives with the other joints."""
 
 import numpy as np
 
@@ -17,6 +17,6 @@ for name, reference in (("planned once", opt.solve(problem)), ("re-planned", opt
     conditions = ffsms.Conditions(events=fault)
     track = ffsms.simulate(sms, reference, controller, dt=1e-2, q0=q0, conditions=conditions)
     off[name] = 1e3 * track.position_error[-1]
-    print(f"{fault} at {fault.time:g} s, {name}: {off[name]:.2f} mm off")
+    print(f"{fault} at {fault.time:g} s, {name}: {off[name]:.2f} mm position error")
 assert off["re-planned"] < 2.0
 assert off["planned once"] > 10.0

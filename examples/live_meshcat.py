@@ -1,7 +1,7 @@
-"""Watch a simulation while it runs: a supervisor draws the plant in Meshcat's own viewer.
+"""Show a running simulation: a supervisor draws the plant in Meshcat's own viewer.
 
 Run: python examples/live_meshcat.py --open (pip install meshcat). Without --open, no browser is opened and
-the run is not slowed to true time.
+the simulation runs at full speed.
 """
 
 import asyncio
@@ -34,7 +34,7 @@ def serve(address: Queue) -> None:
 
 
 class Live(ffsms.simulation.Supervisor):
-    """A supervisor that draws the plant's state and decides nothing."""
+    """A supervisor that draws the plant's state and triggers no events."""
 
     def __init__(self, sms: ffsms.SpaceManipulator, viewer: MeshcatVisualizer) -> None:
         self.model, self.viewer, self.started, self.drawn = sms, viewer, time.monotonic(), []
@@ -59,4 +59,4 @@ track = ffsms.simulate(sms, plan, ffsms.SlidingModeController(sms), supervisor=l
 assert plan.reached
 assert track.position_error[-1] < 2e-3
 assert live.drawn[-1] > plan.duration - 2 * PERIOD
-print(f"drawn {len(live.drawn)} times, {1e3 * track.position_error[-1]:.2f} mm off at the end")
+print(f"drawn {len(live.drawn)} times, {1e3 * track.position_error[-1]:.2f} mm final position error")

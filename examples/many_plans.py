@@ -1,4 +1,4 @@
-"""Plan many motions and simulate them, in two processes at once.
+"""Plan and simulate many motions in two processes.
 
 Run: python examples/many_plans.py
 """
@@ -10,7 +10,7 @@ from ffsms_pin import opt
 
 
 def main() -> None:
-    """Plan to random targets, and follow each plan on a plant that is not the model."""
+    """Plan to random targets, and simulate each plan on a plant with other masses."""
     sms = ffsms.load("planar_3r")
     q0 = sms.configuration([0.4, 0.7, -0.5])
     rng = np.random.default_rng(1)
@@ -23,7 +23,7 @@ def main() -> None:
     runs = ffsms.simulate_many(sms, plans, law, 0.01, plant=plants, jobs=2)
 
     for plan, run in zip(plans, runs, strict=True):
-        print(f"{plan}: {1e3 * run.position_error[-1]:.1f} mm off on another plant")
+        print(f"{plan}: {1e3 * run.position_error[-1]:.1f} mm position error on another plant")
     assert all(plan.reached for plan in plans)
     assert all(run.position_error[-1] < 0.03 for run in runs)
 

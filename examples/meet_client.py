@@ -1,4 +1,4 @@
-"""Meet a tumbling client: the tool arrives at the grasp point with the velocity of that point."""
+"""Meet a tumbling client: the tool arrives at the grasp point without relative velocity."""
 
 import numpy as np
 import pinocchio as pin
@@ -12,7 +12,7 @@ client = ffsms.Client(
     pose=pin.SE3(np.eye(3), np.array([1.4, 0.3, 0.1])),
     twist=[0.0, 0.0, 0.0, 0.01, 0.04, -0.02],  # inertial axes [m/s; rad/s]
 )
-grasp = pin.SE3(np.eye(3), np.array([0.0, 0.0, -0.3]))  # in the client's axes
+grasp = pin.SE3(np.eye(3), np.array([0.0, 0.0, -0.3]))  # in the client's body axes
 
 sms = ffsms.load("satellite_panda")
 q0 = sms.configuration([0.0, -0.5, 0.0, -2.0, 0.0, 1.5, 0.8])
@@ -23,8 +23,8 @@ point = body.act(grasp.translation)
 off = np.linalg.norm(plan.end_effector[-1] - point)
 speed = np.linalg.norm(twist[:3] + np.cross(twist[3:], point - body.translation))
 contact = np.linalg.norm(plan.contact_velocity[:3])
-print(f"after {plan.duration:g} s the tool is {1e3 * off:.3f} mm off the grasp point, which moves at")
-print(f"{1e3 * speed:.1f} mm/s; the tool moves against it at {1e3 * contact:.3f} mm/s")
+print(f"after {plan.duration:g} s the tool is {1e3 * off:.3f} mm from the grasp point, which moves at")
+print(f"{1e3 * speed:.1f} mm/s; relative velocity of the tool {1e3 * contact:.3f} mm/s")
 ffsms.view(sms, plan, client=client, grasp=grasp).to_html("meet_client.html")
 assert plan.reached
 assert off < 2e-3

@@ -1,4 +1,4 @@
-"""Mount an arm of example-robot-data on satellites of three masses, and see how strongly it turns them.
+"""Mount an arm of example-robot-data on satellites of three masses, and show how strongly it rotates them.
 
 The arms need the extra [robots].
 """
@@ -13,6 +13,6 @@ for mass, size in ((50.0, 0.6), (200.0, 1.0), (2000.0, 2.0)):
     sms = ffsms.mount("xarm7", base, velocity=0.3)
     state = sms.at(sms.home())
     turns.append(np.degrees(np.linalg.norm(state.C_bm[3:], 2)))
-    print(f"base of {mass:4.0f} kg: one radian of the joints turns it by up to {turns[-1]:5.2f} deg")
+    print(f"base of {mass:4.0f} kg: one radian of joint motion rotates it by up to {turns[-1]:5.2f} deg")
 print(f"{sms.n} joints: {', '.join(sms.joint_names)}; tool frame '{sms.end_effector}'")
 assert turns[0] > turns[1] > turns[2] > 0.0

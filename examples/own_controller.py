@@ -11,7 +11,7 @@ from ffsms_pin import opt
 
 
 class ComputedTorque:
-    """Joint errors decay like those of a critically damped oscillator."""
+    """A law under which joint errors decay like those of a critically damped oscillator."""
 
     def __init__(self, sms, frequency=5.0):
         self.sms, self.k, self.d = sms, frequency**2, 2.0 * frequency
@@ -24,7 +24,7 @@ class ComputedTorque:
 
 
 class PD(ComputedTorque):
-    """The same gains, constant and without feedforward."""
+    """A law with the same gains, constant and without feedforward."""
 
     def __init__(self, sms, frequency=5.0):
         super().__init__(sms, frequency)
@@ -41,6 +41,6 @@ worst = {}
 for law in (ComputedTorque(sms), PD(sms), ffsms.SlidingModeController(sms)):
     track = ffsms.simulate(sms, plan, law, dt=2e-3)
     worst[type(law)] = np.degrees(np.abs(track.joint_error).max())
-    print(f"{type(law).__name__}: joints at most {worst[type(law)]:.1e} deg off the plan")
+    print(f"{type(law).__name__}: largest joint error {worst[type(law)]:.1e} deg")
 assert worst[ComputedTorque] < 0.01
 assert worst[ComputedTorque] < 0.01 * worst[PD]

@@ -1,6 +1,6 @@
 """Add a limit of your own: the tool stays on one side of a plane.
 
-One formula is enough; `opt.check` compares its derivatives with differences.
+A limit is one formula; `opt.check` compares its derivatives with finite differences.
 """
 
 from dataclasses import dataclass
@@ -13,14 +13,14 @@ from ffsms_pin import opt
 
 @dataclass(frozen=True)
 class Above(opt.Inequality):
-    """The end effector stays on one side of a plane: normal . position >= height."""
+    """A lower bound on the height of the end effector over a plane: normal . position >= height."""
 
     normal: tuple[float, float, float]  # of length 1, inertial axes
     height: float = 0.0  # [m]
     name = "above"
 
     def slack(self, m):
-        """Return what is left of the limit, which must not be negative [m]."""
+        """Return the slack [m], which must not be negative."""
         return m.tip.dot(self.normal) - self.height
 
 
@@ -30,7 +30,7 @@ goal = [0.45, 0.75, 0.0]
 above = Above(normal=(-0.456, -0.890, 0.0), height=-0.885)
 limits = [opt.JointLimits(), opt.Clearance()]
 problem = opt.Problem(sms, q0, goal, duration=8.0, limits=[*limits, above])
-print(f"largest error of its derivatives: {opt.check(above, problem):.0e}")
+print(f"largest relative error of the derivatives: {opt.check(above, problem):.0e}")
 plans = {
     "without": opt.solve(opt.Problem(sms, q0, goal, duration=8.0, limits=limits)),
     "with": opt.solve(problem),

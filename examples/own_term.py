@@ -1,6 +1,6 @@
-"""Add a cost of your own: a camera on the tool keeps looking at a point.
+"""Add a cost of your own: a camera on the tool points at a fixed point.
 
-One formula is enough; its derivatives follow, and `opt.check` compares them with differences.
+A term is one formula; `opt.check` compares its derivatives with finite differences.
 """
 
 from dataclasses import dataclass
@@ -13,7 +13,7 @@ from ffsms_pin import opt
 
 @dataclass(frozen=True)
 class Gaze(opt.Term):
-    """The way from the tool to a point, across the camera's axis; the axis is in end-effector axes."""
+    """The pointing error of a camera, times the distance; the camera axis is in end-effector axes."""
 
     at: tuple[float, float, float]  # inertial axes [m]
     axis: tuple[float, float, float] = (1.0, 0.0, 0.0)
@@ -22,15 +22,15 @@ class Gaze(opt.Term):
 
     def residual(self, m):
         """Return the residual, whose square is integrated over the motion."""
-        way = self.at - m.tip
-        return self.weight**0.5 * (way - way.norm() * m.frame("tip").axis(self.axis))
+        w = self.at - m.tip
+        return self.weight**0.5 * (w - w.norm() * m.frame("tip").axis(self.axis))
 
 
 def angle_off(sms, plan, point):
     """Return the largest angle from the camera's axis to the point in the second half of the motion [deg]."""
     poses = [sms.at(q).end_effector_pose for q in plan.q[len(plan.q) // 2 :]]
-    ways = [pose.actInv(point) for pose in poses]
-    return np.degrees(max(np.arccos(way[0] / np.linalg.norm(way)) for way in ways))
+    points = [pose.actInv(point) for pose in poses]  # in end-effector axes
+    return np.degrees(max(np.arccos(p[0] / np.linalg.norm(p)) for p in points))
 
 
 sms = ffsms.load("planar_3r")
@@ -39,10 +39,10 @@ goal, point = [0.45, 0.75, 0.0], np.array([1.0, 1.2, 0.0])
 problem = opt.Problem(sms, q0, goal, duration=8.0)
 gaze = Gaze(at=tuple(point), weight=1.0)
 looking = opt.Problem(sms, q0, goal, duration=8.0, terms=[opt.Coupling(), opt.Smooth(), opt.Effort(), gaze])
-print(f"largest error of its derivatives: {opt.check(gaze, looking):.0e}")
-plans = [opt.solve(one) for one in (problem, looking)]
+print(f"largest relative error of the derivatives: {opt.check(gaze, looking):.0e}")
+plans = [opt.solve(each) for each in (problem, looking)]
 for name, plan in zip(("without", "with"), plans, strict=True):
-    print(f"{name} the term: at most {angle_off(sms, plan, point):.0f} deg off the point in the second half")
+    print(f"{name} the term: pointing error up to {angle_off(sms, plan, point):.0f} deg in the second half")
 print(f"shares of the cost: { {name: round(share, 4) for name, share in plan.shares.items()} }")
 assert all(plan.reached for plan in plans)
 assert angle_off(sms, plans[1], point) < 0.8 * angle_off(sms, plans[0], point)

@@ -1,4 +1,4 @@
-"""Plan the paper's Case 2 by the paper's step, and by the default, which plans the whole motion at once."""
+"""Plan the paper's Case 2 by the paper's step, and by the default, which optimises the whole motion."""
 
 import numpy as np
 
@@ -12,7 +12,7 @@ for name, method in (("the paper's step", "paper"), ("the whole motion", "horizo
     plan = opt.plan(sms, q0, [0.45, 0.65, 0.0], duration=12.0, kappa=10.0, method=method)
     cost[method] = plan.cost_integral
     turn = np.degrees(plan.base_rotation.max())
-    print(f"{name}: {1e3 * plan.position_error[-1]:.2f} mm off, cost {plan.cost_integral:.4f} s,")
-    print(f"    base turned by {turn:.1f} deg, joints travelled {plan.joint_travel:.2f} rad")
+    print(f"{name}: {1e3 * plan.position_error[-1]:.2f} mm position error, cost {plan.cost_integral:.4f} s,")
+    print(f"    base turned by {turn:.1f} deg, joint travel {plan.joint_travel:.2f} rad")
     assert plan.reached
 assert cost["horizon"] < 0.01 * cost["paper"]

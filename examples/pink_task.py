@@ -1,8 +1,8 @@
 """Solve inverse kinematics of a floating arm with Pink's tasks. Needs Pink: pip install pin-pink.
 
-Nothing acts on the base, so it reacts to the joints. With the conservation of momentum as a constraint of
-Pink's QP, the Jacobian of every task acts like the generalised Jacobian J*; without it Pink would move the
-base at will.
+No external force acts on the base, so it reacts to the joints. With the conservation of momentum as a
+constraint of Pink's QP, the Jacobian of every task acts like the generalised Jacobian J*. Without this
+constraint Pink would move the base freely.
 """
 
 import numpy as np
@@ -20,7 +20,7 @@ class MomentumTask(Task):
     """The constraint that the total momentum is zero: base velocity - (its reaction to the joints) = 0."""
 
     def compute_error(self, configuration):
-        """Return zero: no momentum moves the base by itself."""
+        """Return zero, because the total momentum is zero."""
         return np.zeros(6)
 
     def compute_jacobian(self, configuration):
@@ -33,7 +33,7 @@ class MomentumTask(Task):
         return "MomentumTask()"
 
 
-model = sms.model.copy()  # with the limits of the arm, and none for the base
+model = sms.model.copy()  # with limits of the arm and without limits of the base
 model.velocityLimit = np.concatenate([np.full(6, np.inf), sms.limits.velocity])
 model.lowerPositionLimit[:7], model.upperPositionLimit[:7] = -1e20, 1e20  # Pink's "no limit"
 configuration = pink.Configuration(model, model.createData(), q)
@@ -50,11 +50,11 @@ for k in range(151):
     state = sms.at(configuration.q)
     error = np.linalg.norm(state.end_effector_pose.translation - target.translation)
     if k % 30 == 0:
-        print(f"{k * dt:.1f} s: {1e3 * error:7.3f} mm off")
+        print(f"{k * dt:.1f} s: {1e3 * error:7.3f} mm position error")
     v = pink.solve_ik(configuration, [tool, posture], dt, "proxqp", constraints=[momentum], eps_abs=1e-10)
     J = pin.getFrameJacobian(model, configuration.data, sms.frame_id, pin.LOCAL_WORLD_ALIGNED)
-    assert np.allclose(J @ v, state.J_star @ v[6:], atol=1e-6)  # the frame moves by J*
-    # Hold the joint rates; the base follows the momentum equation, by the midpoint rule.
+    assert np.allclose(J @ v, state.J_star @ v[6:], atol=1e-6)  # the frame's velocity is that of J*
+    # Integrate constant joint rates and the momentum equation by the midpoint rule.
     middle = pin.integrate(model, configuration.q, 0.5 * dt * sms.velocity(configuration.q, v[6:]))
     configuration.update(pin.integrate(model, configuration.q, dt * sms.velocity(middle, v[6:])))
 

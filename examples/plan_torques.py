@@ -14,7 +14,7 @@ largest = np.abs(plan.tau).max(axis=0)
 for i, name in enumerate(sms.joint_names):
     print(f"{name}: at most {largest[i]:.3g} N m of {sms.limits.torque[i]:g} N m")
 
-# Nothing acts on the base: with these torques it moves as planned, and so do the joints.
+# Without forces on the base, these torques cause the planned accelerations of base and joints.
 data = sms.model.createData()
 for k, acceleration in enumerate(plan.joint_accelerations):
     found = pin.aba(sms.model, data, plan.q[k], plan.v[k], np.concatenate([np.zeros(6), plan.tau[k]]))

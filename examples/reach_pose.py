@@ -23,7 +23,7 @@ for name, joints in starts.items():
     off, turn = track.position_error[-1], np.degrees(plan.base_rotation.max())
     end = sms.at(track.q[-1]).end_effector_pose
     angle = np.degrees(np.linalg.norm(pin.log3(target.rotation.T @ end.rotation)))
-    print(f"{name}: base turned by {turn:.1f} deg, {1e3 * off:.2f} mm and {angle:.3f} deg off")
+    print(f"{name}: base turned by {turn:.1f} deg, errors {1e3 * off:.2f} mm and {angle:.3f} deg")
     assert plan.reached
     assert off < 2e-3
     assert angle < 0.1

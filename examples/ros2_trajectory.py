@@ -19,9 +19,7 @@ print("ros2 topic pub --once /joint_trajectory_controller/joint_trajectory \\")
 print('    trajectory_msgs/msg/JointTrajectory "$(cat plan.yaml)"')
 
 export.to_csv(sms, plan, "plan.csv")
-again = export.read_csv(
-    sms, "plan.csv"
-)  # joint motions of other planners, MoveIt for instance, come in this way
-print(f"{len(plan.t)} rows; read again, q differs by {np.abs(again.q - plan.q).max():.0e}")
+again = export.read_csv(sms, "plan.csv")  # also for joint motions of other planners, such as MoveIt
+print(f"{len(plan.t)} rows; largest difference after reading: {np.abs(again.q - plan.q).max():.0e}")
 assert again.reached
 assert np.allclose(again.q, plan.q, atol=1e-12)

@@ -1,4 +1,4 @@
-"""Bring the tools of two arms on one satellite to goals of their own at the same time."""
+"""Plan a motion of two arms on one satellite, with a goal for each tool."""
 
 import numpy as np
 import pinocchio as pin

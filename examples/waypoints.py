@@ -1,4 +1,4 @@
-"""Pass waypoints on the way to a target: in any time, or at a given time."""
+"""Pass a waypoint before the target, at any time or at a given time."""
 
 import numpy as np
 
@@ -16,7 +16,7 @@ plans = {
 for name, plan in plans.items():
     distance = 1e3 * np.linalg.norm(plan.end_effector - waypoint, axis=1)
     k = int(distance.argmin())
-    print(f"{name}: {distance[k]:6.1f} mm from it at {plan.t[k]:.2f} s, cost {plan.cost_integral:.4f} s")
+    print(f"{name}: nearest {distance[k]:6.1f} mm at {plan.t[k]:.2f} s, cost {plan.cost_integral:.4f} s")
     assert plan.reached
     assert name == "no waypoint" or distance[k] < 10.0  # the tolerance of a waypoint
 assert abs(plan.t[k] - 4.0) < 0.2

@@ -1,7 +1,7 @@
-"""Fly a satellite whose masses differ from the model: planned once, and re-planned on the way.
+"""Simulate a satellite whose masses differ from the model, planned once and re-planned.
 
-The joints follow their reference in both cases, but the base turns otherwise than predicted, and takes the
-tool along. Re-planning starts from the measured state.
+The joints follow their reference in both cases, but the base does not move as predicted. If the motion is
+planned once, the tool misses its target. Re-planning starts from the measured state.
 """
 
 import numpy as np
@@ -20,5 +20,5 @@ for name, reference in (("planned once", opt.solve(problem)), ("re-planned", opt
     track = ffsms.simulate(sms, reference, controller, dt=5e-3, q0=q0, plant=plant)
     off[name] = 1e3 * track.position_error[-1]
     joints = np.degrees(np.abs(track.joint_error).max())
-    print(f"{name}: tool {off[name]:.2f} mm off, joints at most {joints:.2f} deg")
+    print(f"{name}: position error {off[name]:.2f} mm, joint errors up to {joints:.2f} deg")
 assert off["re-planned"] < 2.0 < off["planned once"]
