@@ -30,6 +30,7 @@ from ffsms_pin.opt.limits.torque_limits import TorqueLimits
 from ffsms_pin.opt.limits.wheel_limits import WheelLimits
 from ffsms_pin.opt.plans import METHODS, plan, plan_many
 from ffsms_pin.opt.problem import Problem
+from ffsms_pin.opt.replan.learning import Learner
 from ffsms_pin.opt.replan.options import ReplanOptions
 from ffsms_pin.opt.replan.replanning import Replanning
 from ffsms_pin.opt.replan.step_planner import StepPlanner
@@ -56,6 +57,7 @@ __all__ = [
     "Goal",
     "Inequality",
     "JointLimits",
+    "Learner",
     "Limit",
     "Meet",
     "Moving",

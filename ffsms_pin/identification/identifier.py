@@ -15,6 +15,7 @@ from ffsms_pin.errors import FfsmsError, InvalidValue
 from ffsms_pin.identification.bodies import known_bodies, unknown_bodies
 from ffsms_pin.identification.noise import NoiseModel
 from ffsms_pin.identification.result import Identification, Solution, identification_of
+from ffsms_pin.opt.replan.learning import Learner
 from ffsms_pin.options import Bodies, Positive, Texts, Unit
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.simulation import Sensors
@@ -35,7 +36,7 @@ _SIGNIFICANT = 4.0  # standard deviations of noise that the information of a dir
 _ENOUGH = 30  # excess of equations over unknowns from which on the residuals scale the noise
 
 
-class Identifier:
+class Identifier(Learner):
     """A recursive estimator of inertial parameters from measured configurations and velocities.
 
     Without external forces the total momentum about a fixed point is constant, and it is linear in the
@@ -79,6 +80,8 @@ class Identifier:
     samples : int
         The number of samples.
     """
+
+    unfiltered = True
 
     def __init__(
         self,

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Protocol, runtime_checkable
+from abc import ABC, abstractmethod
+from typing import Protocol
 
 import numpy as np
 import pinocchio as pin
@@ -18,26 +19,45 @@ _PRIOR = 0.2  # prior standard deviation of the factors
 _LEAST, _MOST = 0.5, 2.0  # bounds beyond which factors are not explained by masses
 
 
-@runtime_checkable
-class Learner(Protocol):
+class Learner(ABC):
     """An estimator of inertial parameters for re-planning.
 
     Examples are `identification.Identifier` and `ScaleFactors`, the default.
+
+    Attributes
+    ----------
+    unfiltered : bool
+        True if `update` must receive the measurements of the sensors, and False for those of the estimator.
     """
 
+    unfiltered: bool = False
+
+    @abstractmethod
     def update(
         self, t: float, q: FloatArray, v: FloatArray, wheel_momentum: FloatArray | None = None
     ) -> bool | None:
         """Add a measured state at t [s]; return True if the robot has changed, for example by a capture."""
-        ...
 
+    @abstractmethod
     def pushed(self) -> None:
         """Estimate a new constant total momentum from the next state on."""
-        ...
 
+    @abstractmethod
     def learnt(self, last: SpaceManipulator) -> SpaceManipulator:
         """Return the estimated robot, or `last` if the change is small or the estimate too uncertain."""
-        ...
+
+    @property
+    def shown(self) -> tuple[FloatArray, FloatArray] | None:
+        """The information of the motion about scale factors (see `ScaleFactors`), or None without any."""
+        return None
+
+    def observe_robot(self, robot: SpaceManipulator) -> None:
+        """Process the controller's estimate of the robot."""
+        return
+
+    def expect_noise(self) -> None:
+        """Process that the measurements are noisy."""
+        return
 
 
 class ModelledLaw(Protocol):
@@ -46,7 +66,7 @@ class ModelledLaw(Protocol):
     sms: SpaceManipulator
 
 
-class ScaleFactors:
+class ScaleFactors(Learner):
     """The default `Learner`: factors (n + 1,) on the arm's masses and inertias, and on the base's inertia.
 
     The total momentum of a floating system is constant and linear in the factors, so each sample gives six
@@ -84,8 +104,8 @@ class ScaleFactors:
         self._G, self._g = np.eye(count) / _PRIOR**2, np.zeros(count)
         self._begin_momentum()
 
-    def begin(self, robot: SpaceManipulator) -> None:
-        """Restart with the factors of another robot with the same joints and base."""
+    def observe_robot(self, robot: SpaceManipulator) -> None:
+        """Restart with the factors of the controller's estimate."""
         self._sms = self.known = robot
         self.factors = np.ones(robot.n + 1)
         self._forget()
@@ -127,6 +147,10 @@ class ScaleFactors:
         self._sum_A, self._sum_c, self._samples = self._sum_A + A, self._sum_c + c, self._samples + 1
         return jumped
 
+    def expect_noise(self) -> None:
+        """Estimate the constant momentum, too, and keep the factors within their bounds."""
+        self.noisy = True
+
     def _momenta(self, q: FloatArray, v: FloatArray) -> FloatArray:
         """Return the constant rows of the momenta of base mass, arm bodies and base inertia."""
         model, data = self._sms.model, self._data
@@ -157,8 +181,9 @@ class ScaleFactors:
         shares = self._sum_A.T / (self._samples + 1)
         return self._G - shares @ self._sum_A, self._g + shares @ self._sum_c
 
+    @property
     def shown(self) -> tuple[FloatArray, FloatArray]:
-        """Return the information G of the motion about x, the factors less one, and G x.
+        """The information G of the motion about x, the factors less one, and G x.
 
         The shapes are (n + 1, n + 1) and (n + 1,).
         """
@@ -187,7 +212,7 @@ def learner_of(problem: Problem, learn: Learner | None) -> Learner:
     if learn is None:
         return ScaleFactors(problem.sms, problem.mode)
     if not isinstance(learn, Learner):
-        text = "must be an identification.Identifier, or have its methods update, pushed and learnt"
+        text = "must be an identification.Identifier or another opt.Learner"
         raise InvalidValue("learn", learn, text)
     if problem.mode not in _CONSERVING:
         text = f"must be left out in mode '{problem.mode}': thrusters change the momentum that it learns from"

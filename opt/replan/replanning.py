@@ -15,7 +15,7 @@ from ffsms_pin.opt.goals.goal import Goal
 from ffsms_pin.opt.goals.path import Path
 from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.replan.correctable import Correctable
-from ffsms_pin.opt.replan.learning import Learner, ModelledLaw, ScaleFactors
+from ffsms_pin.opt.replan.learning import Learner, ModelledLaw
 from ffsms_pin.opt.replan.options import ReplanOptions
 from ffsms_pin.opt.replan.path_tracking import PathTracker, check_options
 from ffsms_pin.opt.replan.rest import JointPlan, RestPlanner
@@ -155,9 +155,8 @@ class Replanning(Observer):
 
     @property
     def shown(self) -> tuple[FloatArray, FloatArray] | None:
-        """The information of the motion about scale factors, see `ScaleFactors.shown`."""
-        learner = self._planner.learner
-        return learner.shown() if isinstance(learner, ScaleFactors) else None
+        """The information of the motion about scale factors, see `Learner.shown`."""
+        return self._planner.learner.shown
 
     @property
     def computing_time(self) -> float:
@@ -256,7 +255,7 @@ class Replanning(Observer):
 
     def observe_sensors(self, t: float, q: FloatArray, v: FloatArray) -> None:
         """Store the unfiltered measured state, for a learner that models the sensors' noise."""
-        if self.learn is not None:
+        if self._planner.learner.unfiltered:
             self._measured = q, v
 
     def observe_wheels(self, momentum: ArrayLike) -> None:
@@ -282,16 +281,14 @@ class Replanning(Observer):
         """Set the standard deviation [m] of the sensors' error of the end-effector position."""
         self._noise = distance
         self._planner.noisy = True
-        if isinstance(self._planner.learner, ScaleFactors):
-            self._planner.learner.noisy = True
+        self._planner.learner.expect_noise()
 
     def observe_robot(self, robot: SpaceManipulator) -> None:
         """Use the robot estimated by the controller from the next re-plan on.
 
         If `learn` has an estimate, that is used instead.
         """
-        if isinstance(self._planner.learner, ScaleFactors):
-            self._planner.learner.begin(robot)
+        self._planner.learner.observe_robot(robot)
 
     def joint_failed(self, joint: int, locked: bool) -> None:
         """Plan without a failed joint (index from 0), which is locked or limp.
