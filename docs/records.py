@@ -13,9 +13,11 @@ from __future__ import annotations
 
 import ast
 import hashlib
+import io
 import re
 import subprocess
 import sys
+import tokenize
 from datetime import date
 from pathlib import Path
 from typing import NamedTuple
@@ -80,7 +82,7 @@ def run(name: str, command: str) -> None:
 
 
 def source_of(command: str) -> str:
-    """Hash of the scripts, packages and scenario files that a command names, and of what scripts import."""
+    """Hash of the code of scripts, packages and files that a command names, and of what scripts import."""
     seen: set[Path] = set()
     todo = [path for word in command.split() if (path := ROOT / word).is_file()]
     modules = [word.replace(".", "/") for word in command.split()]  # of python -m
@@ -91,8 +93,24 @@ def source_of(command: str) -> str:
         if path not in seen:
             seen.add(path)
             todo += _imported(path) if path.suffix == ".py" else []
-    text = "".join(path.read_text("utf-8") for path in sorted(seen))
+    text = "".join(_code(path) for path in sorted(seen))
     return hashlib.sha256(text.encode()).hexdigest()[:12]
+
+
+def _code(path: Path) -> str:
+    """Return a file's text, that of Python without docstrings, comments and empty lines."""
+    text = path.read_text("utf-8")
+    if path.suffix != ".py":
+        return text
+    lines = text.splitlines()
+    for token in tokenize.generate_tokens(io.StringIO(text).readline):
+        if token.type == tokenize.COMMENT:
+            row, column = token.start
+            lines[row - 1] = lines[row - 1][:column]
+    for node in ast.walk(ast.parse(text)):
+        if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant):
+            lines[node.lineno - 1 : node.end_lineno] = [""] * (node.end_lineno - node.lineno + 1)
+    return "".join(f"{line.rstrip()}\n" for line in lines if line.strip())
 
 
 def _imported(path: Path) -> list[Path]:

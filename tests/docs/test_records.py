@@ -64,6 +64,8 @@ def test_a_command_that_changed_is_marked(tmp_path: Path, monkeypatch: pytest.Mo
     (tmp_path / "mine.md").write_text(record.text(), "utf-8")
     page = records.with_records("<!-- record: mine -->\n<!-- end -->\n")
     assert records.marked(page) == page
+    (tmp_path / "other.py").write_text('"""A thing."""\n\nthing = 1  # of a kind\n', "utf-8")
+    assert records.marked(page) == page
     (tmp_path / "other.py").write_text("thing = 2\n", "utf-8")
     assert records.CHANGED in records.marked(page)
 
