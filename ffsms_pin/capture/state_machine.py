@@ -119,6 +119,7 @@ class StateMachine(Observer, Supervisor):
         self._wanted = self._follow.sample(0.0)
         self._impact: FloatArray | None = None  # velocity after a latch, until it is measured
         self._failed: dict[str, bool] = {}  # the failed joints; True if locked, False if limp
+        self._noise: float | None = None  # [m] of the measured end-effector position, in a run with sensors
         self._momenta: deque[FloatArray] = deque(maxlen=max(1, round(_LOOK_BACK / dt)))
         self.closings: list[Closing] = []
         self.phases = [Phase(0.0, "approach", f"attempt 1 of {handling.attempts}")]
@@ -169,7 +170,8 @@ class StateMachine(Observer, Supervisor):
             self.identification.add(t, q, v, self._wheels)
 
     def expect_noise(self, distance: float) -> None:
-        """Pass the noise of the end effector's position [m] to the law and the reference."""
+        """Pass the noise of the end effector's position [m] to the laws, later ones too, and the reference."""
+        self._noise = distance
         self.law.expect_noise(distance)
         if self._replanning is not None:
             self._replanning.expect_noise(distance)
@@ -193,11 +195,19 @@ class StateMachine(Observer, Supervisor):
         self._wanted = self._follow.sample(t - self._begin)
         return self._wanted
 
+    @property
+    def failed_in_a_row(self) -> int:  # type: ignore[override]  # plain elsewhere
+        """The number of consecutive planning steps without a solution, while re-planning sets the motion."""
+        planner = self._replanning
+        return 0 if planner is None or self._follow is not planner else planner.failed_in_a_row
+
     def reset(self, dt: float) -> None:
         """Reset the laws for control steps of dt [s], before a run and after a latch."""
         self.law.reset(dt)
         for name, locked in self._failed.items():
             self.law.joint_failed(self._sms.joint_names.index(name), locked)
+        if self._noise is not None:
+            self.law.expect_noise(self._noise)
         if isinstance(self.base_law, Resettable):
             self.base_law.reset(dt)
 

@@ -116,6 +116,28 @@ def test_a_plan_that_was_made_before_is_flown(rigid: capture.Flight) -> None:
         capture.fly(sms, sms.configuration(np.array(START) + 0.1), goal, 6.0, plan=rigid.plan)
 
 
+def test_a_capture_stops_where_planning_fails_repeatedly(monkeypatch: pytest.MonkeyPatch) -> None:
+    sms, q0, client = _small()
+    step = opt.Replanning._stepped
+
+    def stepped(self: opt.Replanning, *values: Any) -> tuple[Any, bool]:
+        rates, solved = step(self, *values)
+        return rates, solved and self._now < 0.5
+
+    monkeypatch.setattr(opt.Replanning, "_stepped", stepped)
+    flight = capture.fly(
+        sms,
+        q0,
+        opt.Meet(client, GRASP, standoff=0.05),
+        6.0,
+        control=LAW,
+        replan=capture.Replan(dt=0.04, period=2.0),
+        procedure=capture.Procedure(after=0.1, attempts=1),
+    )
+    assert flight.tracking.stopped == "stopped at 0.88 s: 10 planning steps in a row were not solved"
+    assert "10 planning steps in a row were not solved" in flight.outcome
+
+
 def test_an_arm_that_gives_up_brakes_before_the_stops_of_its_joints() -> None:
     """The first motion out of the corridor would leave a joint at 1.3 rad/s, 0.38 rad before its stop."""
     sms = ffsms.load("satellite_panda")

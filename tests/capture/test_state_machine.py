@@ -28,7 +28,7 @@ def test_a_knock_is_left_to_the_law_for_a_second_and_up_to_three_times_the_limit
 
 def test_a_law_is_told_of_failed_joints_also_when_it_is_made_again(planar: ffsms.SpaceManipulator) -> None:
     state = planar.home(), np.zeros(planar.nv), np.zeros(3), np.zeros(3), np.ones(3)
-    mission: Any = SimpleNamespace(_sms=planar, _failed={}, _replanning=None, base_law=None)
+    mission: Any = SimpleNamespace(_sms=planar, _failed={}, _noise=None, _replanning=None, base_law=None)
     sound = ComputedTorque(planar, adaptive=False).torque(*state)
     for made in range(2):
         mission.law = ComputedTorque(planar, adaptive=False)
@@ -38,6 +38,20 @@ def test_a_law_is_told_of_failed_joints_also_when_it_is_made_again(planar: ffsms
         torque = mission.law.torque(*state)
         assert abs(sound[1]) > 1e-3
         assert torque[1] == pytest.approx(0.0, abs=1e-12)
+
+
+def test_a_law_that_is_made_again_is_told_of_the_noise(planar: ffsms.SpaceManipulator) -> None:
+    received: list[float] = []
+    mission: Any = SimpleNamespace(_failed={}, _replanning=None, base_law=None)
+    for _ in range(2):
+        law: Any = ComputedTorque(planar)
+        law.expect_noise = received.append
+        mission.law = law
+        if not received:
+            StateMachine.expect_noise(mission, 1e-3)
+        else:
+            StateMachine.reset(mission, 0.01)
+    assert received == [1e-3, 1e-3]
 
 
 @pytest.mark.parametrize(
