@@ -614,7 +614,8 @@ class Variables:
     def wheels(self) -> Variable:
         """The momenta of the wheels that hold the attitude (w, S, K), w = 0 if none do [N m s]."""
         momenta: Variable = self.wheel_total - wheel_shares(self.rollouts.wheels) @ self.arm_momentum
-        return momenta
+        measured = self.rollouts.measured_momenta
+        return momenta if measured is None else self.variable(measured, lambda: momenta.slopes)
 
     @cached_property
     def wheel_torques(self) -> Variable:

@@ -86,6 +86,7 @@ _KINDS: dict[str, tuple[Any, str]] = {
     "rows": ((Rows, type(None)), "opt.Rows or None"),
     "step_objective": ((tuple, type(None)), "a matrix and a vector, or None"),
     "violation": (Violation, "an opt.Violation"),
+    "violation_in_flight": (Violation, "an opt.Violation"),
     "share": ((int, float, np.number), "a number"),
 }
 
@@ -149,9 +150,9 @@ def objective_of(term: Any, step: StepState) -> tuple[FloatArray, FloatArray] | 
     return objective
 
 
-def violation_of(limit: Any, motion: Rollouts) -> Violation:
-    """Return the violation of a limit by a finished motion."""
-    violation: Violation = evaluate(limit, "violation", motion)
+def violation_of(limit: Any, motion: Rollouts, method: str = "violation") -> Violation:
+    """Return the violation of a limit by a finished motion, or, by "violation_in_flight", by a recording."""
+    violation: Violation = evaluate(limit, method, motion)
     return violation
 
 

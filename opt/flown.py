@@ -7,9 +7,9 @@ flown motions.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -17,14 +17,12 @@ from ffsms_pin.checks import FloatArray, frozen
 from ffsms_pin.geometry.distances import ClearanceStack, Least, least_of
 from ffsms_pin.opt.derivatives import Variables
 from ffsms_pin.opt.evaluation import violation_of
-from ffsms_pin.opt.goals.goal import Goal
-from ffsms_pin.opt.goals.path import OnPath, Path
-from ffsms_pin.opt.goals.pose_constraints import FrameGoal, Waypoint, end_errors, end_misses
-from ffsms_pin.opt.limits.base_limits import BaseLimits
+from ffsms_pin.opt.goals.path import Path
+from ffsms_pin.opt.goals.pose_constraints import FrameGoal, end_errors, end_miss, end_misses, pose_errors
 from ffsms_pin.opt.limits.clearance import Clearance
-from ffsms_pin.opt.limits.limit import prepared
+from ffsms_pin.opt.limits.limit import Limit, prepared
 from ffsms_pin.opt.problem import Problem, given
-from ffsms_pin.opt.rollouts import FixedRollouts, Rollouts, apply_rates
+from ffsms_pin.opt.rollouts import RecordedRollouts, Rollouts, apply_rates, forces
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.system.batch.stacks import apply, cross, rotations
 
@@ -99,8 +97,14 @@ class Verdict:
 
 
 def recorded(
-    problem: Problem, plant: SpaceManipulator, t: FloatArray, q: FloatArray, v: FloatArray
-) -> FixedRollouts:
+    problem: Problem,
+    plant: SpaceManipulator,
+    t: FloatArray,
+    q: FloatArray,
+    v: FloatArray,
+    tau: FloatArray | None = None,
+    wheel_momentum: FloatArray | None = None,
+) -> RecordedRollouts:
     """Return a recording as one motion at its rows, with the goal of its problem.
 
     Parameters
@@ -110,8 +114,12 @@ def recorded(
         The flown robot.
     t, q, v : ndarray, shape (K,), (K, nq) and (K, 6 + n)
         Times from the start of the problem's motion [s]; Pinocchio's configurations and velocities.
+    tau : ndarray, shape (K - 1, n), optional
+        Joint torques in the steps between the rows [N m]. Default: those that the motion requires.
+    wheel_momentum : ndarray, shape (K, w), optional
+        Momenta of the wheels [N m s]. Default: those that the motion requires, if wheels hold the attitude.
     """
-    stack = plant.arm_stack()
+    stack = plant.arm_stack(problem.mode)
     joints = np.array([plant.layout.positions(row) for row in q]).T
     rates, R, root = v[:, 6:].T, rotations(q[:, 3:7].T), q[:, :3].T
     arm = stack.evaluate(joints)
@@ -119,9 +127,10 @@ def recorded(
     turning = arm.axes * stack.moves_tip[:, None]
     tip_velocity = linear + cross(angular, arm.tip) + apply_rates(arm.arm, rates)
     com = root + apply(R, arm.com)
+    drift = angular - apply_rates(arm.spin, rates)
     variables = {
         "base_attitude": R,
-        "angular_drift": angular - apply_rates(arm.spin, rates),
+        "angular_drift": drift,
         "end_effector": root + apply(R, arm.tip),
         "attitude": np.einsum("xyk,yzk->xzk", R, arm.tip_rotation),
         "velocity": apply(R, tip_velocity),
@@ -131,7 +140,11 @@ def recorded(
     }
     steps = np.diff(t)
     weights = 0.5 * (np.append(steps, 0.0) + np.insert(steps, 0, 0.0))
-    motion = FixedRollouts(
+    accelerations = np.gradient(rates, t, axis=1) if len(t) > 1 else np.zeros_like(rates)
+    applied = forces(stack, joints, rates, accelerations, drift)
+    if tau is not None and len(tau):
+        applied[: plant.n] = np.vstack([tau, tau[-1:]]).T
+    motion = RecordedRollouts(
         stack=stack,
         times=t,
         weights=weights,
@@ -139,7 +152,8 @@ def recorded(
         last_tenth=np.flatnonzero(t >= 0.9 * t[-1] - 1e-9),
         joints=joints[:, None],
         rates=rates[:, None],
-        accelerations=np.gradient(rates, t, axis=1)[:, None] if len(t) > 1 else np.zeros_like(rates)[:, None],
+        accelerations=accelerations[:, None],
+        forces=applied[:, None],
         evaluated=arm.stacked(),
         com=com,
         drift=(com[:, -1] - com[:, 0]) / max(float(t[-1] - t[0]), 1e-9),
@@ -152,6 +166,8 @@ def recorded(
     of_problem = given(problem, problem.goal, t)
     if problem.base_start is None:  # limits of the base are relative to its pose in the first row
         of_problem |= {"base_start": motion.base_start, "rotation_start": motion.rotation_start}
+    if problem.wheels is not None and wheel_momentum is not None and wheel_momentum.size:
+        of_problem |= {"wheels": plant.wheels, "measured_momenta": wheel_momentum.T[:, None]}
     return replace(motion, **of_problem)
 
 
@@ -161,17 +177,16 @@ def judge(
     t: FloatArray,
     q: FloatArray,
     v: FloatArray,
+    tau: FloatArray | None = None,
     wheel_momentum: FloatArray | None = None,
 ) -> Verdict:
     """Judge a flown motion by the goals and limits of its problem.
 
-    The goals of the end effector and of other frames are checked at the last row, within `Goal.reach` and
-    `Goal.orientation_reach`. A goal with `Goal.exact` is checked at the deadline within its tolerance,
-    velocities included. For other goals, a required velocity at the deadline may deviate by these reaches per
-    second. A path is checked at all times within the same reaches, a waypoint at its time or at the nearest
-    point of the motion, base limits and wheel momenta at all times. A clearance is checked between rows, too;
-    an overlap is a miss, a smaller violation a breach. Joint and torque limits, the corridor of `opt.Meet`
-    and a user's own limits are not checked.
+    The goal of the end effector is checked at the last row, within `Goal.reach` and `Goal.orientation_reach`.
+    A goal with `Goal.exact` is checked at the deadline within its tolerance, velocities included. For other
+    goals, a required velocity at the deadline may deviate by these reaches per second. Every limit is checked
+    by its `Limit.violation_in_flight`. A clearance is checked between rows, too; an overlap is a miss, a
+    smaller violation a breach.
 
     Parameters
     ----------
@@ -181,35 +196,45 @@ def judge(
         The flown robot.
     t, q, v : ndarray, shape (K,), (K, nq) and (K, 6 + n)
         The recording, from the start of the problem's motion.
+    tau : ndarray, shape (K - 1, n), optional
+        Joint torques [N m].
     wheel_momentum : ndarray, shape (K, w), optional
         Momenta of the wheels [N m s].
     """
-    motion = recorded(problem, plant, t, q, v)
-    m, goal = Variables(motion), problem.goal
-    misses, breaches, frames = list[str](), list[str](), dict[str, FloatArray]()
+    motion = recorded(problem, plant, t, q, v, tau, wheel_momentum)
+    goal, misses, breaches = problem.goal, list[str](), list[str]()
     if t[-1] < problem.duration - 1e-6:
         misses.append(f"the flight ended at {t[-1]:.4g} s of {problem.duration:.4g} s")
-    errors = _errors(goal, m, "tip")
+    errors = pose_errors(goal, Variables(motion), "tip")
     if goal.exact:
         misses += _exact_misses(problem, motion, errors)
     else:
-        misses += [*_goal_misses(goal, errors[-1], "the end effector"), *_velocity_misses(problem, motion)]
-    for limit in problem.limits:
-        if isinstance(limit, FrameGoal):
-            frames[limit.frame] = frozen(_errors(limit.goal, m, limit.frame))
-            misses += _goal_misses(limit.goal, frames[limit.frame][-1], f"'{limit.frame}'")
-        elif isinstance(limit, OnPath):
-            misses += _path_misses(goal, errors, t)
-        elif isinstance(limit, (Waypoint, BaseLimits)):
-            note = violation_of(prepared(limit, plant), motion).note
-            misses += [note] if note else []
-    misses += _wheel_misses(plant, wheel_momentum)
+        misses += [*filter(None, [end_miss(goal, errors[-1], "the end effector")])]
+        misses += _velocity_misses(problem, motion)
+    misses += limit_misses(problem, problem.limits, motion)
+    frames = {
+        limit.frame: frozen(limit.pose_errors(motion))
+        for limit in problem.limits
+        if isinstance(limit, FrameGoal)
+    }
     clearance = least_clearance(problem, plant, motion)
     if clearance is not None and not clearance.kept:
         (misses if clearance.distance < 0.0 else breaches).append(str(clearance))
     angle = frozen(errors[:, 1].copy())
     path = frozen(errors[:, 0].copy() if isinstance(goal, Path) else np.zeros(0))
     return Verdict(tuple(misses), tuple(breaches), angle, frames, clearance, path)
+
+
+def limit_misses(problem: Problem, limits: Sequence[Limit], motion: RecordedRollouts) -> list[str]:
+    """Return a message for each of a problem's limits that a recorded motion violates."""
+    robot: Any = motion.stack.robot
+    misses = []
+    for limit in limits:
+        limit = limit if robot is problem.sms else prepared(limit, robot)
+        violation = violation_of(limit, motion, "violation_in_flight")
+        if violation.amount > 0.0:
+            misses.append(violation.note or f"the limit '{limit.name}' is violated by {violation.amount:.3g}")
+    return misses
 
 
 def least_clearance(problem: Problem, robot: SpaceManipulator, motion: Rollouts) -> LeastClearance | None:
@@ -243,34 +268,6 @@ def _nearest_point(stack: ClearanceStack, motion: Rollouts, nearest: Least) -> t
     return float(point[0]), float(point[1]), float(point[2])
 
 
-def _errors(goal: Goal, m: Variables, frame: str) -> FloatArray:
-    """Return distance [m] and angle [rad] of a frame from a goal at every row (K, 2)."""
-    places = goal.places(m.times)
-    missed = places.pose_error(m.frame(frame, places.on))
-    return np.column_stack([missed.distance[0], missed.angle[0]])
-
-
-def _goal_misses(goal: Goal, error: FloatArray, frame: str) -> list[str]:
-    """Return a list with a message if a frame misses its goal at the end; else an empty list."""
-    if error[0] <= goal.reach and error[1] <= goal.orientation_reach:
-        return []
-    turned = goal.place(0.0).rotation is not None
-    both = [f"{1e3 * error[0]:.3g} mm"] + [f"{math.degrees(error[1]):.3g} deg"] * turned
-    most = [f"{1e3 * goal.reach:.3g} mm"] + [f"{math.degrees(goal.orientation_reach):.3g} deg"] * turned
-    return [f"{frame} ends {' and '.join(both)} from its goal, {' and '.join(most)} are allowed"]
-
-
-def _path_misses(goal: Goal, errors: FloatArray, t: FloatArray) -> list[str]:
-    """Return a message for the largest error (K, 2) on a path, if it exceeds the reaches of its goal."""
-    share = np.maximum(errors[:, 0] / goal.reach, errors[:, 1] / goal.orientation_reach)
-    k = int(np.argmax(share))
-    if share[k] <= 1.0:
-        return []
-    off = f"{1e3 * errors[k, 0]:.3g} mm and {math.degrees(errors[k, 1]):.3g} deg"
-    most = f"{1e3 * goal.reach:.3g} mm and {math.degrees(goal.orientation_reach):.3g} deg"
-    return [f"the end effector was {off} off its path at {t[k]:.3g} s, {most} are allowed"]
-
-
 def _contact(problem: Problem, motion: Rollouts, k: int) -> FloatArray:
     """Return the end effector's velocities at a row relative to those of the goal (6,)."""
     moving = [motion.velocity[:, 0, k], motion.angular_velocity[:, 0, k]]
@@ -297,15 +294,3 @@ def _velocity_misses(problem: Problem, motion: Rollouts) -> list[str]:
     if place.angular_velocity is not None and angular > goal.orientation_reach:
         misses.append(f"its angular velocity is {math.degrees(angular):.3g} deg/s off at the deadline")
     return misses
-
-
-def _wheel_misses(plant: SpaceManipulator, momentum: FloatArray | None) -> list[str]:
-    """Return a message if a wheel exceeds its momentum limit."""
-    if plant.wheels is None or momentum is None or not momentum.size:
-        return []
-    used = np.abs(momentum).max(axis=0) / plant.wheels.momentum
-    i = int(np.argmax(used))
-    if used[i] <= 1.0 + 1e-6:
-        return []
-    most = plant.wheels.momentum[i]
-    return [f"wheel {plant.wheels.names[i]} reaches {used[i] * most:.3g} N m s, its limit is {most:.3g}"]

@@ -239,6 +239,7 @@ class Rollouts:
     thrusters: Thrusters | None = None  # the thrusters, if they hold attitude or position
     target_on: str = "inertial"  # or "base": the axes of the base link, with which the target moves
     time_offset: float = 0.0  # [s] the time of the motion's start for limits and moving obstacles
+    measured_momenta: FloatArray | None = None  # (w, S, K) of the wheels; None: predicted from the motion
     evaluated: ArmValues | None = None  # the arm at the joint positions, if evaluated
 
     @property
@@ -346,7 +347,9 @@ class Rollouts:
                 return values[..., instants]
             return np.ascontiguousarray(values[..., motion, instants])[..., None, :]
 
-        values: dict[str, Any] = {name: pick(getattr(self, name)) for name in self.of_rollouts}
+        values: dict[str, Any] = {
+            name: pick(array) for name in self.of_rollouts if (array := getattr(self, name)) is not None
+        }
         values.update({name: getattr(self, name)[..., instants] for name in _OF_INSTANTS})
         return replace(self, evaluated=None, **values)
 
@@ -392,6 +395,15 @@ class FixedRollouts(Rollouts):
     base_angular_velocity: FloatArray
     angular_velocity: FloatArray
     base_position: FloatArray
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class RecordedRollouts(FixedRollouts):
+    """A recording as one motion at its rows, with the applied torques."""
+
+    of_rollouts: ClassVar[tuple[str, ...]] = (*FixedRollouts.of_rollouts, "forces", "measured_momenta")
+
+    forces: FloatArray
 
 
 def apply_rates(columns: FloatArray, rates: FloatArray) -> FloatArray:

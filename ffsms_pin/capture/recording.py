@@ -18,10 +18,12 @@ from ffsms_pin.capture.departure import Departure
 from ffsms_pin.capture.prediction import Prediction
 from ffsms_pin.capture.procedure import Closing
 from ffsms_pin.capture.state_machine import StateMachine
+from ffsms_pin.capture.visual_replanning import with_client
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.client import AfterCapture, Client
+from ffsms_pin.client.client import other_motion
 from ffsms_pin.opt import Clearance, Obstacle
-from ffsms_pin.opt.flown import LeastClearance, least_clearance, recorded
+from ffsms_pin.opt.flown import LeastClearance, least_clearance, limit_misses, recorded
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.simulation import Phase, Sensors, Tracking, simulate
 
@@ -259,6 +261,7 @@ def _judged(record: Captured, mission: StateMachine, plant: SpaceManipulator) ->
     misses = [whole.stopped] if whole.stopped else []
     if not record.caught:
         misses.append("the client was not caught")
+    misses += _limit_misses(record, mission, plant)
     if last.name == "collision":
         misses.append(last.reason)
     elif least is not None and least.distance < -1e-4:
@@ -267,6 +270,32 @@ def _judged(record: Captured, mission: StateMachine, plant: SpaceManipulator) ->
     missed = f"not arrived: {'; '.join(misses)}" if misses else ""
     note = "; ".join(filter(None, [missed, breach, whole.note]))
     return replace(whole, arrived=not misses, misses=tuple(misses), note=note, least_clearance=least)
+
+
+def _limit_misses(record: Captured, mission: StateMachine, plant: SpaceManipulator) -> list[str]:
+    """Return a message for each limit of the plan that the last attempt violates before the first contact.
+
+    The limits of the goal itself, which are those of the corridor, are part of the state machine's decisions.
+    """
+    whole, problem = record.whole, mission.plan.problem
+    if problem is None:
+        return []
+    index, begin = [(i, one.time) for i, one in enumerate(record.phases) if one.name == "approach"][-1]
+    end = next((one.time for one in record.phases[index:] if one.name not in ("approach", "closing")), np.inf)
+    touched = whole.t[whole.contact_wrench.any(axis=1) & (whole.t >= begin - 1e-9)]
+    until = min(end, float(touched[0]) if len(touched) else np.inf)
+    rows = np.flatnonzero((whole.t >= begin - 1e-9) & (whole.t <= until + 1e-9))
+    if len(rows) < 2:
+        return []
+    first = rows[0]
+    motion = whole.client_pose[first], whole.client_twist[first]
+    problem = with_client(problem, other_motion(record.client, pin.XYZQUATToSE3(motion[0]), motion[1]))
+    limits = [
+        limit for limit in problem.limits if not any(limit is of_goal for of_goal in problem.goal_limits)
+    ]
+    tau, momentum = whole.tau[rows[:-1]], whole.wheel_momentum[rows]
+    flown = recorded(problem, plant, whole.t[rows] - begin, whole.q[rows], whole.v[rows], tau, momentum)
+    return limit_misses(problem, limits, flown)
 
 
 def _least_clearance(

@@ -15,6 +15,7 @@ from ffsms_pin.checks import FloatArray, at_least_zero, whole
 from ffsms_pin.control.stopping import STEPS
 from ffsms_pin.errors import ResultError
 from ffsms_pin.files import path_like
+from ffsms_pin.opt.limits.limit import POSITION_MARGIN, RATE_MARGIN
 from ffsms_pin.options import Angle, AtLeastOne, Margin, Text, Unit
 from ffsms_pin.references import Observer
 from ffsms_pin.robot import SpaceManipulator
@@ -44,10 +45,10 @@ class Guards:
         A number is negative, or the file name is unusable.
     """
 
-    position_margin: Annotated[Margin | None, Angle("rad or m")] = 1e-3
+    position_margin: Annotated[Margin | None, Angle("rad or m")] = POSITION_MARGIN
     """The distance of a joint beyond its stop. The guard also trips if a joint can no longer brake before its
     stop with half its torque. Limp joints do not count, because their stops hold them."""
-    rate_margin: Annotated[Margin | None, Unit()] = 0.04
+    rate_margin: Annotated[Margin | None, Unit()] = RATE_MARGIN
     """The share by which a joint may exceed its rate limit. Re-planned motions with wrong masses exceed the
     limit by up to 0.02; braking should stay below 0.05."""
     saturation: Annotated[Margin | None, Unit("s")] = 0.3

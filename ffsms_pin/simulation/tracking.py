@@ -75,8 +75,8 @@ class Tracking:
         Work done on the plant since the start [J] by torques, friction and external forces, less the energy
         lost in captures and in locking joints.
     arrived : bool
-        True if every goal of the reference's problem is met, as judged by `opt.flown.judge`; if the reference
-        has no problem, if its target is met.
+        True if every goal and limit of the reference's problem is met, as judged by `opt.flown.judge`; if
+        the reference has no problem, if its target is met.
     note : str
         Events with their times, missed goals, violated clearances and joints at their torque limits, with
         their values; never empty if the motion has not arrived.
@@ -384,7 +384,8 @@ def judged(tracking: Tracking, reference: Reference, plant: SpaceManipulator) ->
     problem = reference.problem if isinstance(reference, _HasProblem) else None
     problem = reference.task if isinstance(reference, Replanning) else problem
     if isinstance(problem, Problem):
-        verdict = judge(problem, plant, tracking.t, tracking.q, tracking.v, tracking.wheel_momentum)
+        motion = tracking.t, tracking.q, tracking.v, tracking.tau, tracking.wheel_momentum
+        verdict = judge(problem, plant, *motion)
     else:
         verdict = _by_target(tracking, reference, plant)
     if tracking.stopped:

@@ -32,7 +32,7 @@ from ffsms_pin.opt.goals.curves import (
 from ffsms_pin.opt.goals.goal import REACH, TOLERANCE, Goal, Place, PoseError, check_reaches
 from ffsms_pin.opt.goals.pose_constraints import PoseConstraint
 from ffsms_pin.opt.limits.limit import Limit
-from ffsms_pin.opt.rollouts import Rollouts
+from ffsms_pin.opt.rollouts import RecordedRollouts, Rollouts
 from ffsms_pin.opt.step.state import StepState
 from ffsms_pin.options import Angle, NotNegative, Numbers, Positive, Unit, Vector3
 from ffsms_pin.robot import SpaceManipulator
@@ -366,6 +366,18 @@ class OnPath(PoseConstraint, Limit):
         if share[k] <= 1.0:
             return Violation(0.0, instants)
         return Violation(self.tolerance * float(share[k] - 1.0), instants, self._note(error, k, motion))
+
+    def violation_in_flight(self, motion: RecordedRollouts) -> Violation:
+        """Return the largest excess over a reach of the goal, as a length [m]."""
+        error, goal = self.pose_error(Variables(motion)), self.goal
+        share = np.maximum(error.distance[0] / goal.reach, error.angle[0] / goal.orientation_reach)
+        k = int(np.argmax(share))
+        if share[k] <= 1.0:
+            return Violation()
+        off = f"{1e3 * error.distance[0, k]:.3g} mm and {np.degrees(error.angle[0, k]):.3g} deg"
+        most = f"{1e3 * goal.reach:.3g} mm and {np.degrees(goal.orientation_reach):.3g} deg"
+        note = f"the end effector was {off} off its path at {motion.times[k]:.3g} s, {most} are allowed"
+        return Violation(goal.reach * float(share[k] - 1.0), note=note)
 
     def _note(self, error: PoseError, k: int, motion: Rollouts) -> str:
         """Return the message for a motion that leaves the path."""

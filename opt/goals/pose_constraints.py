@@ -15,7 +15,7 @@ from ffsms_pin.opt.derivatives import FrameVariable, RobotFrame, Variable, Varia
 from ffsms_pin.opt.evaluation import Rows, Violation
 from ffsms_pin.opt.goals.goal import ORIENTATION_REACH, Goal, Place, PoseError, as_goal, deadzone
 from ffsms_pin.opt.limits.limit import AllOf, FrameEnd, Inequality
-from ffsms_pin.opt.rollouts import Rollouts
+from ffsms_pin.opt.rollouts import RecordedRollouts, Rollouts
 from ffsms_pin.opt.step.state import StepState
 from ffsms_pin.options import Angle, NotNegative, Positive, Text, Unit
 from ffsms_pin.robot import SpaceManipulator
@@ -153,6 +153,16 @@ class FrameGoal(AllOf):
         for constraint in constraints:
             constraint.scale = (1.0 - constraint.share) * constraint.reach / (self.margin or 1.0)
         return [*constraints]
+
+    def pose_errors(self, motion: Rollouts) -> FloatArray:
+        """Return distance [m] and angle [rad] of the frame from its goal at all instants (K, 2)."""
+        return pose_errors(self.goal, Variables(motion), self.frame)
+
+    def violation_in_flight(self, motion: RecordedRollouts) -> Violation:
+        """Return the excess over the reaches at the last row, as a length [m]."""
+        error = self.pose_errors(motion)[-1]
+        note = end_miss(self.goal, error, f"'{self.frame}'")
+        return Violation(self.goal.reach if note else 0.0, note=note)
 
 
 @dataclass(frozen=True, eq=False)
@@ -307,6 +317,23 @@ def verdict(goal: Goal, motion: Rollouts) -> GoalErrors:
         most, allowed = (f"{1e3 * length:.3g} mm and {math.degrees(turn):.3g} deg" for length, turn in both)
         late = f"too late: up to {most} off in the last tenth of the time, where {allowed} are allowed"
     return GoalErrors(distance, angle, contact, end_misses(goal, errors), late)
+
+
+def pose_errors(goal: Goal, m: Variables, frame: str) -> FloatArray:
+    """Return distance [m] and angle [rad] of a frame from a goal at every instant of one motion (K, 2)."""
+    places = goal.places(m.times)
+    error = places.pose_error(m.frame(frame, places.on))
+    return np.column_stack([error.distance[0], error.angle[0]])
+
+
+def end_miss(goal: Goal, error: FloatArray, frame: str) -> str:
+    """Return a message for a final distance and angle (2,) beyond the reaches of a goal, else nothing."""
+    if error[0] <= goal.reach and error[1] <= goal.orientation_reach:
+        return ""
+    turned = goal.place(0.0).rotation is not None
+    both = [f"{1e3 * error[0]:.3g} mm"] + [f"{math.degrees(error[1]):.3g} deg"] * turned
+    most = [f"{1e3 * goal.reach:.3g} mm"] + [f"{math.degrees(goal.orientation_reach):.3g} deg"] * turned
+    return f"{frame} ends {' and '.join(both)} from its goal, {' and '.join(most)} are allowed"
 
 
 def end_errors(goal: Goal, distance: float, angle: float, contact: FloatArray, duration: float) -> FloatArray:

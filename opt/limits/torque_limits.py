@@ -13,11 +13,13 @@ from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.derivatives import Variable, Variables
 from ffsms_pin.opt.evaluation import Rows, Violation
 from ffsms_pin.opt.limits.limit import SCALE, SHARE, Inequality
-from ffsms_pin.opt.rollouts import Rollouts, forces
+from ffsms_pin.opt.rollouts import RecordedRollouts, Rollouts, forces
 from ffsms_pin.opt.step.state import StepState
 
 # The loads of motors (c, S, K), their capacities (c,), their names, and their units.
 Loads: TypeAlias = list[tuple[Variable, FloatArray, Sequence[str], Sequence[str]]]
+
+_ROUNDING = 1e-6  # share of a capacity beyond which a recorded load is too large
 
 
 class MotorLimits(Inequality):
@@ -56,6 +58,23 @@ class MotorLimits(Inequality):
                 has = (names[i], values[i, k], units[i], motion.times[k], most[i], values.max())
                 notes.append(self.lacks.format(*has))
         return Violation(worst, motion.times[binds], f"{self.broken}: {'; '.join(notes)}" if notes else "")
+
+    def violation_in_flight(self, motion: RecordedRollouts) -> Violation:
+        """Return the largest overload of a motor as a share, at the recorded rows."""
+        worst, notes = 0.0, []
+        for load, most, names, units in self.recorded_loads(Variables(motion)):
+            values = np.abs(load.value[:, 0])
+            used = values / most[:, None]
+            i, k = map(int, np.unravel_index(int(np.argmax(used)), used.shape))
+            if used[i, k] > 1.0 + _ROUNDING:
+                worst, at = max(worst, float(used[i, k]) - 1.0), f"at {motion.times[k]:.3g} s"
+                load_text = f"'{names[i]}' has {values[i, k]:.3g} {units[i]} {at}"
+                notes.append(f"{load_text}, its limit is {most[i]:.3g} {units[i]}")
+        return Violation(worst, note="; ".join(notes))
+
+    def recorded_loads(self, m: Variables) -> Loads:
+        """Return the kinds of loads that a recording has. Default: all."""
+        return self.loads(m)
 
 
 @dataclass(frozen=True)

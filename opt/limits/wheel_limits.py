@@ -37,6 +37,10 @@ class WheelLimits(MotorLimits):
         momenta, torques, count = (m.wheels, wheels.momentum), (m.wheel_torques, wheels.torque), len(wheels)
         return [(*momenta, wheels.names, ["N m s"] * count), (*torques, wheels.names, ["N m"] * count)]
 
+    def recorded_loads(self, m: Variables) -> Loads:
+        """Return the momenta, because a simulated motor gives no more than its largest torque."""
+        return self.loads(m)[:1]
+
     def rows(self, step: StepState) -> Rows | None:
         """Return a row of unit length for each wheel, in rad/s; None if no wheels hold the attitude.
 

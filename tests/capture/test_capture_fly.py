@@ -9,6 +9,7 @@ from collections.abc import Callable
 from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import coal
@@ -136,6 +137,34 @@ def test_a_capture_stops_where_planning_fails_repeatedly(monkeypatch: pytest.Mon
     )
     assert flight.tracking.stopped == "stopped at 0.88 s: 10 planning steps in a row were not solved"
     assert "10 planning steps in a row were not solved" in flight.outcome
+
+
+class Below(opt.Inequality):
+    """The end effector stays below a height [m]."""
+
+    name = "ceiling"
+
+    def __init__(self, height: float) -> None:
+        self.height = height
+
+    def slack(self, m: opt.Variables) -> opt.Variable:
+        slack: opt.Variable = self.height - m.tip[2]
+        return slack
+
+
+def test_the_limits_of_the_plan_are_judged_up_to_the_contact(rigid: capture.Flight) -> None:
+    from ffsms_pin.capture.recording import _limit_misses
+
+    assert rigid.tracking.arrived
+    plan, problem = rigid.plan, rigid.plan.problem
+    assert problem is not None
+    top = float(plan.end_effector[:, 2].max())
+    for height, kept in ((top + 0.01, True), (top - 0.01, False)):
+        limited = replace(problem, limits=[*problem.limits, Below(height)])
+        mission: Any = SimpleNamespace(plan=replace(plan, problem=limited))
+        misses = _limit_misses(rigid.captured, mission, rigid.plant)
+        assert (misses == []) == kept
+    assert re.match(r"the limit 'ceiling' is violated by 0.01\d* m at", misses[0])
 
 
 def test_an_arm_that_gives_up_brakes_before_the_stops_of_its_joints() -> None:

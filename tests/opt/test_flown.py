@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import replace
+from typing import Any
 
 import coal
 import numpy as np
@@ -138,6 +139,106 @@ def test_the_base_may_move_before_the_first_row_of_its_limit(
     goal = problem.place.transformed(shift, np.eye(3))
     there = pin.SE3(goal.rotation, goal.position)
     assert judged(replace(problem, goal=there, limits=limits), plan, moved).arrived
+
+
+class Below(opt.Inequality):
+    """The end effector stays below a height [m]."""
+
+    name = "ceiling"
+
+    def __init__(self, height: float) -> None:
+        self.height = height
+
+    def slack(self, m: opt.Variables) -> opt.Variable:
+        slack: opt.Variable = self.height - m.tip[2]
+        return slack
+
+
+class Counted(opt.Limit):
+    """A limit without a note: a third of the joints' torques, in N m."""
+
+    name = "a third"
+
+    def rows(self, step: object) -> None:
+        return None
+
+    def residual(self, m: opt.Variables) -> list[opt.Variable]:
+        return []
+
+    def violation(self, motion: Any) -> opt.Violation:
+        most = motion.stack.robot.limits.torque[:, None] / 3.0
+        return opt.Violation(max(float((np.abs(motion.forces[:-6, 0]) - most).max()), 0.0))
+
+
+def test_a_limit_of_ones_own_that_is_broken_is_no_arrival(problem: opt.Problem, plan: opt.Trajectory) -> None:
+    top = float(plan.end_effector[:, 2].max())
+    kept, broken = (
+        judged(replace(problem, limits=[*problem.limits, Below(height)]), plan)
+        for height in (top + 1e-3, top - 1e-3)
+    )
+    assert kept.arrived
+    assert not broken.arrived
+    assert "the limit 'ceiling' is violated by 0.00104 m at" in broken.misses[0]
+
+
+def test_a_limit_of_ones_own_is_judged_with_the_recorded_torques(
+    problem: opt.Problem, plan: opt.Trajectory
+) -> None:
+    problem, tau = replace(problem, limits=[*problem.limits, Counted()]), plan.tau[:-1].copy()
+    assert np.abs(tau / problem.sms.limits.torque).max() < 0.3
+    assert flown.judge(problem, problem.sms, plan.t, plan.q, plan.v, tau).arrived
+    tau[10, 2] = 0.5 * problem.sms.limits.torque[2]
+    verdict = flown.judge(problem, problem.sms, plan.t, plan.q, plan.v, tau)
+    excess = problem.sms.limits.torque[2] / 6.0
+    assert verdict.misses == (f"the limit 'a third' is violated by {excess:.3g}",)
+
+
+def test_joints_beyond_their_limits_are_no_arrival(problem: opt.Problem, plan: opt.Trajectory) -> None:
+    """Up to what the errors of a law explain, 1 mrad and 4 % of a rate, a flight has arrived."""
+    sms, k = problem.sms, len(plan.t) // 2
+    for share, arrives in ((1.03, True), (1.05, False)):
+        v = plan.v.copy()
+        v[k, 8] = share * sms.limits.velocity[2]
+        verdict = flown.judge(problem, sms, plan.t, plan.q, v)
+        assert verdict.arrived == arrives
+    assert f"the rate limit of '{sms.joint_names[2]}' is violated by" in verdict.misses[0]
+    for beyond, arrives in ((5e-4, True), (2e-3, False)):
+        q = plan.q.copy()
+        q[k, 8] = sms.limits.upper[1] + beyond
+        verdict = flown.judge(replace(problem, limits=[opt.JointLimits()]), sms, plan.t, q, plan.v)
+        assert verdict.arrived == arrives
+    assert f"the position limit of '{sms.joint_names[1]}' is violated by 0.002 rad" in verdict.misses[0]
+
+
+def test_torques_beyond_their_limits_are_no_arrival(problem: opt.Problem, plan: opt.Trajectory) -> None:
+    tau, most = plan.tau[:-1].copy(), problem.sms.limits.torque
+    tau[7, 3] = -most[3]
+    assert flown.judge(problem, problem.sms, plan.t, plan.q, plan.v, tau).arrived
+    tau[7, 3] = -1.1 * most[3]
+    verdict = flown.judge(problem, problem.sms, plan.t, plan.q, plan.v, tau)
+    name = problem.sms.joint_names[3]
+    shown = f"'{name}' has {1.1 * most[3]:.3g} N m at {plan.t[7]:.3g} s, its limit is {most[3]:.3g} N m"
+    assert verdict.misses == (shown,)
+
+
+def test_the_box_of_the_paper_is_judged(problem: opt.Problem, plan: opt.Trajectory) -> None:
+    boxed, v = replace(problem, limits=[*problem.limits, opt.AlphaBox()]), plan.v.copy()
+    assert judged(boxed, plan).arrived
+    v[20, 6:] = 1.3 * problem.sms.at(plan.q[20]).coupling.V[:, 0]
+    assert "|alpha_i| reaches 1.3" in flown.judge(boxed, boxed.sms, plan.t, plan.q, v).misses[0]
+
+
+def test_wheels_beyond_their_momentum_are_no_arrival(problem: opt.Problem, plan: opt.Trajectory) -> None:
+    wheels = ffsms.ReactionWheels(np.eye(3), inertia=0.01, torque=1.0, momentum=5.0)
+    sms = problem.sms.with_actuators(wheels=wheels)
+    held = opt.Problem(sms, problem.q0, problem.goal, duration=12.0, dt=0.05, mode="rotation-floating")
+    for most, arrives in ((5.0, True), (5.1, False)):
+        momentum = np.zeros((len(plan.t), 3))
+        momentum[9, 1] = -most
+        verdict = flown.judge(held, sms, plan.t, plan.q, plan.v, wheel_momentum=momentum)
+        assert verdict.arrived == arrives, verdict.misses
+    shown = f"'wheel 2' has 5.1 N m s at {plan.t[9]:.3g} s, its limit is 5 N m s"
+    assert verdict.misses == (shown,)
 
 
 def test_a_velocity_that_is_asked_for_counts(problem: opt.Problem, plan: opt.Trajectory) -> None:
