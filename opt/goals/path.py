@@ -83,8 +83,9 @@ class Path(Goal):
     or a capture.ClientEstimate. In the last two cases the path moves with these axes."""
     timing: Annotated[Literal["given", "fastest"], Unit()] = "given"
     """The time law of a geometric curve: "given", constant speed over the problem's duration, with smooth
-    ends; or "fastest", the least time within the limits of joint rates, accelerations and torques, of the
-    base's angular speed and of wheels, with the problem's duration as the upper bound."""
+    ends; or "fastest", the least time within those limits of the problem that bound the speed
+    (`Limit.speed_bound`): by default joint rates, accelerations and torques; others are the base's angular
+    speed and wheels. The problem's duration is the upper bound."""
     approach_time: Annotated[NotNegative, Unit("s")] = 0.0
     """The time before the path's start in which the end effector moves straight to the path and reaches the
     path's velocity. Zero: the motion begins on the path."""

@@ -9,7 +9,7 @@ import numpy as np
 
 from ffsms_pin.opt.derivatives import Variable
 from ffsms_pin.opt.evaluation import Rows, Violation
-from ffsms_pin.opt.limits.limit import POSITION_MARGIN, RATE_MARGIN, Limit
+from ffsms_pin.opt.limits.limit import POSITION_MARGIN, RATE_MARGIN, Limit, SpeedBound
 from ffsms_pin.opt.rollouts import RecordedRollouts, Rollouts
 from ffsms_pin.opt.step.state import StepState
 from ffsms_pin.robot import SpaceManipulator
@@ -67,6 +67,13 @@ class JointLimits(Limit):
                 amount, by = max(amount, worst), f"{worst:.3g} {unit} at {motion.times[k]:.3g} s"
                 notes.append(f"the {kind} limit of '{robot.joint_names[joint]}' is violated by {by}")
         return Violation(amount, motion.times[binds], "; ".join(notes))
+
+    def speed_bound(self, motion: Rollouts) -> SpeedBound:
+        """Return the bounds by rates and accelerations."""
+        robot: Any = motion.stack.robot
+        limits = robot.limits if self.joint_bounds is None else self.joint_bounds
+        still = np.zeros(len(limits.velocity))
+        return SpeedBound(still, motion.rates[:, 0], limits.velocity, limits.acceleration)
 
     def violation_in_flight(self, motion: RecordedRollouts) -> Violation:
         """Return the largest excess of a position or rate beyond what control errors explain.

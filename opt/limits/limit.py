@@ -34,12 +34,17 @@ class FrameEnd(NamedTuple):
 
 
 class SpeedBound(NamedTuple):
-    """Bounds on quantities `at_rest` + `slope` ds/dt of a motion along a path with the speed ds/dt."""
+    """Bounds along a path: |at_rest + slope s'| <= most, |slope s'' + bend s'^2| <= most_change.
+
+    s is the share of the path. The second sum is the rate of change of the first one, if `bend` is the
+    derivative of `slope` by s.
+    """
 
     at_rest: FloatArray  # (c,)
     slope: FloatArray  # (c, K) at the instants of the motion
-    most: FloatArray  # (c,) bounds on the absolute values
-    most_change: FloatArray  # (c,) bounds on the absolute rates of change [1/s]; infinity: no bound
+    most: FloatArray  # (c,); infinity: no bound
+    most_change: FloatArray  # (c,); infinity: no bound
+    bend: FloatArray | None = None  # (c, K); None: the derivative of `slope`
 
 
 class Limit(ABC):

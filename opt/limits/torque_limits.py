@@ -12,7 +12,7 @@ import numpy as np
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.derivatives import Variable, Variables
 from ffsms_pin.opt.evaluation import Rows, Violation
-from ffsms_pin.opt.limits.limit import SCALE, SHARE, Inequality
+from ffsms_pin.opt.limits.limit import SCALE, SHARE, Inequality, SpeedBound
 from ffsms_pin.opt.rollouts import RecordedRollouts, Rollouts, forces
 from ffsms_pin.opt.step.state import StepState
 
@@ -115,6 +115,15 @@ class TorqueLimits(MotorLimits):
         H = H[near]
         middle, slack = H @ u - dt * C[near], dt * allowed[near]
         return reachable_rows(step, H, middle - slack, middle + slack)
+
+    def speed_bound(self, motion: Rollouts) -> SpeedBound:
+        """Return the bounds by the torques, which are linear in s'' and s'^2 without momentum."""
+        robot: Any = motion.stack.robot
+        q, slope, most = motion.joints[:, 0], motion.rates[:, 0], robot.limits.torque
+        bends = np.gradient(slope, motion.times, axis=1, edge_order=2)
+        by_change = forces(motion.stack, q, np.zeros_like(q), slope)[: len(q)]
+        by_speed = forces(motion.stack, q, slope, bends)[: len(q)]
+        return SpeedBound(np.zeros(len(q)), by_change, np.full(len(q), np.inf), most, by_speed)
 
 
 def reachable_rows(step: StepState, G: FloatArray, lower: FloatArray, upper: FloatArray) -> Rows:

@@ -34,7 +34,7 @@ from ffsms_pin.opt.search.diagnosis import joint_limits_used, noted
 from ffsms_pin.opt.search.gauss_newton import LAST_WEIGHTS, Model, descend, linearise
 from ffsms_pin.opt.search.inverse_kinematics import reach_range
 from ffsms_pin.opt.search.spline import Grid, rate_spline
-from ffsms_pin.opt.search.time_law import check_timing, fastest_law, limit_rows
+from ffsms_pin.opt.search.time_law import check_bounded, check_timing, fastest_law, limit_rows
 from ffsms_pin.opt.step.state import rate_bounds
 from ffsms_pin.opt.trajectory import Trajectory, measure
 from ffsms_pin.robot.base_motion import advance
@@ -338,22 +338,20 @@ def follow_fastest(
 ) -> Trajectory:
     """Plan the motion of least time along a geometric path, within the duration of the problem.
 
-    The joint path does not depend on the speed, so it is computed by a rollout at constant speed. Then
-    `fastest_law` computes the time of each point, under the joint limits and the speed bounds of other
-    limits.
+    The joint path does not depend on the speed, so a rollout at constant speed gives it. `fastest_law` then
+    gives the time of each point, under the speed bounds of the limits.
     """
     path = problem.goal
     assert isinstance(path, Path)
     check_timing(problem)
-    joint_path = _joint_path(problem, path)
-    if joint_path is None:
+    motion = _joint_path(problem, path)
+    if motion is None:
         return plan_along(problem, options, progress)
-    shares, joints, slopes, motion = joint_path
     bounds = [bound for limit in problem.limits if (bound := limit.speed_bound(motion)) is not None]
-    bounds = [bound._replace(slope=bound.slope[:, ::2]) for bound in bounds]  # without midpoints
+    check_bounded(problem, bounds)
     best: Trajectory | None = None
     for margin in _MARGINS:
-        law = fastest_law(limit_rows(problem, shares, joints, slopes, margin, bounds))
+        law = fastest_law(limit_rows(motion.times, bounds, margin))
         if law is None:
             break
         duration = path.approach_time + float(law.times[-1])
@@ -371,17 +369,8 @@ def follow_fastest(
     return best or plan_along(problem, options, progress)
 
 
-class JointPath(NamedTuple):
-    """The joint path of an end-effector path, and the motion along the whole path in 1 s at unit speed."""
-
-    shares: FloatArray  # (G,) shares of the path's length
-    joints: FloatArray  # (G, n)
-    slopes: FloatArray  # (G, n) derivatives of the joints by the share
-    motion: Rollouts
-
-
-def _joint_path(problem: Problem, path: Path) -> JointPath | None:
-    """Return the joint path; None if the path cannot be followed even without limits on joint rates."""
+def _joint_path(problem: Problem, path: Path) -> Rollouts | None:
+    """Return the motion along a path in 1 s, at nodes; None if it cannot be followed without rate limits."""
     start = problem
     if path.approach_time > 0.0:  # the joint path begins in the final posture of the approach
         rest = np.zeros(2)
@@ -401,7 +390,7 @@ def _joint_path(problem: Problem, path: Path) -> JointPath | None:
     error = unit.goal.places(motion.times).pose_error(Variables(motion).frame("tip", path.on))
     if error.distance.max() > 0.5 * path.tolerance or error.angle.max() > 0.5 * path.orientation_tolerance:
         return None
-    return JointPath(unit.nodes, motion.joints[:, 0, ::2].T, slopes, motion)
+    return motion.at(None, slice(None, None, 2))
 
 
 def is_redundant(problem: Problem, nodes: PathNodes) -> bool:

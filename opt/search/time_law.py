@@ -21,7 +21,6 @@ from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.goals.curves import TimeLaw
 from ffsms_pin.opt.limits.limit import SpeedBound
 from ffsms_pin.opt.problem import Problem
-from ffsms_pin.opt.rollouts import forces
 
 _LEAST = 1e-12  # a smaller coefficient of u counts as zero
 
@@ -36,42 +35,19 @@ class LimitRows(NamedTuple):
     largest: FloatArray  # (G,)
 
 
-def limit_rows(
-    problem: Problem,
-    shares: FloatArray,
-    joints: FloatArray,
-    slopes: FloatArray,
-    margin: float,
-    bounds: Sequence[SpeedBound] = (),
-) -> LimitRows:
-    """Return the rows of a problem's joint limits along a joint path q(s), and those of other bounds.
-
-    Joint positions (G, n), their slopes dq/ds (G, n) and the bounds are at shares (G,) of the path. `margin`
-    is the safety margin as a share of each limit. Joints without an acceleration or torque limit add no rows.
-    """
-    limits, use = problem.sms.limits, 1.0 - margin
-    bends = np.gradient(slopes, shares, axis=0, edge_order=2)
-    q, d, dd = joints.T, slopes.T, bends.T
-    zero = np.zeros_like(q)
-    torque_u = forces(problem.stack, q, zero, d)[: len(q)]
-    torque_x = forces(problem.stack, q, d, dd)[: len(q)]
-    a, b, c = [], [], []
-    for u_rows, x_rows, most in ((d, dd, limits.acceleration), (torque_u, torque_x, limits.torque)):
-        finite = np.isfinite(most)
-        a += [u_rows[finite], -u_rows[finite]]
-        b += [x_rows[finite], -x_rows[finite]]
-        c += [use * most[finite]] * 2
-    fastest = use * limits.velocity[:, None] / np.maximum(np.abs(d), 1e-12)
-    most = fastest.min(axis=0)
+def limit_rows(shares: FloatArray, bounds: Sequence[SpeedBound], margin: float) -> LimitRows:
+    """Return bounds at shares (G,) of a path as rows, with a safety margin as a share of each bound."""
+    use, a, b, c, fastest = 1.0 - margin, [], [], [], np.full(len(shares), np.inf)
     for bound in bounds:
         slack = use * bound.most[:, None] - np.sign(bound.slope) * bound.at_rest[:, None]
-        most = np.minimum(most, (slack / np.maximum(np.abs(bound.slope), 1e-12)).min(axis=0))
+        fastest = np.minimum(fastest, (slack / np.maximum(np.abs(bound.slope), 1e-12)).min(axis=0))
         finite = np.isfinite(bound.most_change)
         slope = bound.slope[finite]
-        change = np.gradient(slope, shares, axis=1, edge_order=2)
-        a, b = [*a, slope, -slope], [*b, change, -change]
+        bend = np.gradient(slope, shares, axis=1, edge_order=2) if bound.bend is None else bound.bend[finite]
+        a += [slope, -slope]
+        b += [bend, -bend]
         c += [use * bound.most_change[finite]] * 2
-    largest = np.clip(most, 0.0, 1e3) ** 2
+    largest = np.clip(fastest, 0.0, 1e3) ** 2
     return LimitRows(shares, np.vstack(a).T, np.vstack(b).T, np.concatenate(c), largest)
 
 
@@ -141,3 +117,10 @@ def check_timing(problem: Problem) -> None:
     if problem.momentum is not None or problem.joint_rates.any():
         remedy = 'is for robots without momentum that start at rest; give timing="given" for other robots'
         raise InvalidValue("timing", path.timing, remedy)
+
+
+def check_bounded(problem: Problem, bounds: Sequence[SpeedBound]) -> None:
+    """Raise `InvalidValue` if no limit bounds the acceleration along a path, which then has no least time."""
+    if not any(np.isfinite(bound.most_change).any() for bound in bounds):
+        remedy = 'must have opt.JointLimits or opt.TorqueLimits: timing="fastest" has no least time without'
+        raise InvalidValue("limits", [limit.name for limit in problem.limits], remedy)

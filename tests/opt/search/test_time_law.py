@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -84,10 +85,14 @@ def test_near_the_optimum_of_a_fine_grid(planar: Any, q0: Any, curve: Any) -> No
     assert plan.shortest_duration == plan.duration < 30.0
     way = _joint_path(problem, problem.goal)
     assert way is not None
-    shares, joints, slopes, _ = way
     fine = np.linspace(0.0, 1.0, 2001)
-    finer = [np.stack([np.interp(fine, shares, row) for row in rows.T], axis=1) for rows in (joints, slopes)]
-    best = least_time(limit_rows(problem, fine, finer[0], finer[1], margin=0.0))
+    finer = {
+        name: np.stack([np.interp(fine, way.times, row) for row in getattr(way, name)[:, 0]])[:, None]
+        for name in ("joints", "rates")
+    }
+    motion: Any = SimpleNamespace(stack=way.stack, times=fine, **finer)
+    bounds = [opt.JointLimits().speed_bound(motion), opt.TorqueLimits().speed_bound(motion)]
+    best = least_time(limit_rows(fine, bounds, margin=0.0))
     assert 0.995 * best < plan.duration < 1.05 * best
     used = np.abs(plan.joint_accelerations) / planar.limits.acceleration
     assert (
@@ -111,6 +116,25 @@ def test_torques_bind(planar: Any, q0: Any) -> None:
     assert plan.reached, plan.note
     assert plan.duration > 1.3 * quick.duration
     assert 0.9 < plan.torque_share.max() <= 1.0
+
+
+def test_limits_that_are_left_out_do_not_bind(planar: Any, q0: Any) -> None:
+    """The torques, with no limit on rates; with neither there is no least time."""
+    path = opt.Path(circle(planar.at(q0).end_effector_pose), parameter=(0.0, 1.0), timing="fastest")
+    quick = opt.plan(planar, q0, path, duration=30.0)
+    weak = planar.with_limits(replace(planar.limits, torque=0.3 * np.abs(quick.tau).max(axis=0)))
+    joints, torques = opt.JointLimits(), opt.TorqueLimits()
+    by_rates = opt.solve(opt.Problem(weak, q0, path, duration=30.0, limits=[joints]))
+    assert by_rates.reached, by_rates.note
+    assert by_rates.duration == pytest.approx(quick.duration, rel=1e-2)
+    assert by_rates.torque_share.max() > 2.0
+    by_torques = opt.solve(opt.Problem(planar, q0, path, duration=30.0, dt=0.002, limits=[torques]))
+    assert by_torques.reached, by_torques.note
+    assert by_torques.duration < 0.8 * quick.duration
+    assert 0.9 < by_torques.torque_share.max() <= 1.0
+    assert (np.abs(by_torques.joint_accelerations) / planar.limits.acceleration).max() > 1.2
+    with pytest.raises(InvalidValue, match=r"limits must have opt.JointLimits or opt.TorqueLimits: timing"):
+        opt.solve(opt.Problem(planar, q0, path, duration=30.0, limits=[opt.Clearance()]))
 
 
 def test_after_an_approach(planar: Any, q0: Any) -> None:
@@ -164,10 +188,9 @@ def test_locked_joints_stay(panda: Any, bent: Any) -> None:
     problem = opt.Problem(panda, bent, path, duration=20.0, locked=["panda_joint3"])
     way = _joint_path(problem, problem.goal)
     assert way is not None
-    _, joints, slopes, _ = way
-    assert np.abs(slopes[:, 2]).max() < 1e-9
-    assert np.ptp(joints[:, 2]) < 1e-9
-    assert np.abs(np.diff(slopes, axis=0)).max() < 0.02  # no jump
+    assert np.abs(way.rates[2]).max() < 1e-9
+    assert np.ptp(way.joints[2]) < 1e-9
+    assert np.abs(np.diff(way.rates, axis=-1)).max() < 0.02  # no jump
 
 
 def test_only_horizon_knows_the_fastest_timing(planar: Any, q0: Any) -> None:
