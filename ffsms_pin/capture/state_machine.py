@@ -170,7 +170,7 @@ class StateMachine(Observer, Supervisor):
             self.identification.add(t, q, v, self._wheels)
 
     def expect_noise(self, distance: float) -> None:
-        """Pass the noise of the end effector's position [m] to the laws, later ones too, and the reference."""
+        """Pass the noise of the end effector's position [m] to the laws, also later ones, and the plans."""
         self._noise = distance
         self.law.expect_noise(distance)
         if self._replanning is not None:

@@ -201,6 +201,7 @@ class Replanning(Observer):
     def _take(self, t: float, step: int, q: FloatArray, v: FloatArray) -> None:
         dt, planner, wheels = self.problem.dt, self._planner, self.problem.wheels
         planner.observe(q, v, self.pushed, t, self._wheels, self._measured)
+        self._stepper.momentum = planner.momentum
         if wheels is not None and self._wheels is not None:
             planner.wheel_total = wheel_total(planner.robot, wheels, q, v, self._wheels)
             self._stepper.wheel_total = planner.wheel_total

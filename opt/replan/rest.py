@@ -272,7 +272,7 @@ class RestPlanner:
         locked = [name for name, failed in zip(whole.sms.joint_names, self.failed, strict=True) if failed]
         known = self._base_start, locked, goal, self.wheel_total
         rest = rest_of(whole, self.robot, now, q, joints, rates, *known)
-        if self.momentum is not whole.momentum and whole.mode == "floating":
+        if self.momentum is not whole.momentum:
             rest = replace(rest, momentum=self.momentum)
         if last is None:
             first = self.given or refused(rest)

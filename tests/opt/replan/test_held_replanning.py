@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -130,3 +131,23 @@ def test_thrusters_hold_while_it_is_planned_again(mode: str) -> None:
     missed = sms.at(q).end_effector_pose.translation - TARGET
     assert np.linalg.norm(missed) < 2e-3
     assert reference.note == ""
+
+
+def test_a_push_while_wheels_hold_the_attitude(problem: opt.Problem, plan: opt.Trajectory) -> None:
+    """The rest is planned for the drift of the system; the old motion would miss by centimetres."""
+    sms, k = problem.sms, len(plan.t) // 4
+    t, drift = float(plan.t[k]), np.array([0.004, -0.003, 0.0])
+    reference = opt.Replanning(problem, plan=plan)
+    reference.observe(0.0, plan.q[0], plan.v[0])
+    reference.pushed = True
+    v = plan.v[k].copy()
+    v[:3] += pin.Quaternion(plan.q[k, 3:7]).toRotationMatrix().T @ drift
+    reference.observe(t, plan.q[k], v)
+    assert reference.expected_miss < 1e-4
+    current = reference._planner.current
+    assert current is not None
+    rest = rest_of(problem, sms, t, plan.q[k], current.joints, current.rates[0], plan.q[0, :7])
+    momentum = [*(sms.arm_stack().mass * drift), 0.0, 0.0, 0.0]
+    pushed = measure(replace(rest, momentum=momentum), current.rates)
+    assert pushed.position_error[-1] < 2e-4
+    assert np.linalg.norm((plan.duration - t) * drift) > 0.02
