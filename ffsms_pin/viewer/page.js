@@ -1,7 +1,7 @@
 const byId = (id) => document.getElementById(id);
-// The facts of the scene that Python wrote (`page.facts`).
+// The data of the scene, made by `facts` in page.py.
 const facts = JSON.parse(byId("facts").textContent);
-var viewer = null;  // as on Meshcat's own page
+var viewer = null;  // the name on Meshcat's own page
 let animator = null;
 
 const bytesOf = (base64) => Uint8Array.from(atob(base64), (c) => c.charCodeAt(0));
@@ -60,7 +60,7 @@ function buildBackgroundSwitch() {
   box.addEventListener("change", () => setBackground(box.checked ? "white" : "dark"));
 }
 
-const BACKGROUNDS = {  // red, green and blue at the top and at the bottom
+const BACKGROUNDS = {  // red, green and blue at the top and at the bottom of the page
   dark: [[0.01, 0.012, 0.025], [0.05, 0.06, 0.10]],
   white: [[1, 1, 1], [0.86, 0.90, 0.94]],
 };
@@ -79,8 +79,8 @@ function setBackground(name) {
   viewer.set_dirty();
 }
 
-// One sun, and a little light from elsewhere, so that what it does not reach can still be seen.
-const SUN = [0.75, -0.6, 0.9];  // direction to it, inertial axes
+// One sun, and weak light from other directions, so that shadows are not black.
+const SUN = [0.75, -0.6, 0.9];  // direction to the sun, inertial axes
 let stars = null;
 
 function lightUp() {
@@ -89,7 +89,7 @@ function lightUp() {
   const sun = new THREE.DirectionalLight(0xfff4e0, 1.05);
   sun.position.set(...SUN).multiplyScalar(4 * reach);
   sun.castShadow = true;
-  viewer.renderer.shadowMap.type = THREE.PCFShadowMap;  // the soft ones cost a third of the time of a picture
+  viewer.renderer.shadowMap.type = THREE.PCFShadowMap;  // soft shadows would take a third of the drawing time
   sun.shadow.mapSize.set(1024, 1024);
   Object.assign(sun.shadow.camera, {left: -reach, right: reach, top: reach, bottom: -reach, near: reach, far: 8 * reach});
   sun.shadow.normalBias = 0.004 * reach;
@@ -104,7 +104,7 @@ function lightUp() {
   viewer.scene_tree.find(["ffsms"]).object.add(stars);
 }
 
-// Stars at random on a sphere, the same ones each time.
+// Random stars on a sphere, the same stars each time.
 function starField(radius) {
   const {THREE} = MeshCat, places = [], colours = [];
   let state = 1;
@@ -126,7 +126,7 @@ function sceneRadius() {
   return Math.max(...[...facts.seen, ...facts.seen_riding].map((place) => Math.hypot(...place)));
 }
 
-// The last frame at or before a time.
+// Return the index of the last frame at or before a time.
 function frameAt(time) {
   let low = 0, high = facts.t.length - 1;
   while (low < high) {
@@ -136,7 +136,7 @@ function frameAt(time) {
   return low;
 }
 
-// Events on the time bar: a click goes to one. The middle of the slider's thumb is 8 px inside its ends.
+// Draw the events on the time bar; a click on an event seeks its time. The slider's ends are 8 px inside the bar.
 function buildMarks() {
   const length = facts.t[facts.t.length - 1];
   for (const mark of facts.marks) {
@@ -178,7 +178,7 @@ function seek(time) {
   showReading(time);
 }
 
-// A view has a fixed direction; in the view "base" the base is held still under the camera.
+// A view has a fixed direction. In the view "base" the camera moves with the base.
 let rides = false, viewName = "free", moved = false;
 const FIELD = 40;  // [deg] from top to bottom
 const MARGIN = 0.9;  // share of the free part of the window that the scene fills
@@ -191,7 +191,7 @@ function look(name) {
   fit();
 }
 
-// The part of the window that neither the open legend nor the control bar covers [pixels].
+// Return the part of the window that is covered neither by the open legend nor by the control bar [pixels].
 function freeArea() {
   const legend = byId("legend").getBoundingClientRect(), bar = byId("time").getBoundingClientRect();
   const left = isWide() && byId("legend").open ? legend.right : 0;
@@ -200,10 +200,10 @@ function freeArea() {
 
 const isWide = () => innerWidth >= 900 && innerHeight >= 560;
 
-// Place the camera so that all that moves stays within an area of the picture.
+// Place the camera so that the whole motion stays within an area of the picture.
 function fit(area = freeArea(), width = innerWidth, height = innerHeight) {
-  if (area.right - area.left < 20 || area.bottom - area.top < 20) return;  // a cell that is not shown yet
-  const {THREE} = MeshCat, camera = viewer.camera, vector = (x, y, z) => new THREE.Vector3(x, z, -y);  // y is up there
+  if (area.right - area.left < 20 || area.bottom - area.top < 20) return;  // a notebook cell that is not shown yet
+  const {THREE} = MeshCat, camera = viewer.camera, vector = (x, y, z) => new THREE.Vector3(x, z, -y);  // three.js has y up
   const toward = vector(...facts.cameras[viewName]);
   const right = new THREE.Vector3(0, 1, 0).cross(toward).normalize(), up = toward.clone().cross(right);
   const slope = MARGIN * Math.tan(0.5 * FIELD * Math.PI / 180) / height;
@@ -225,7 +225,7 @@ function fit(area = freeArea(), width = innerWidth, height = innerHeight) {
   viewer.set_dirty();
 }
 
-// The view follows the window until it is moved by hand.
+// Fit the view to the window after each change of its size, until the user moves the camera.
 function followWindow() {
   viewer.controls.addEventListener("start", () => { moved = true; });
   const refit = () => { if (!moved) fit(); };
@@ -233,7 +233,7 @@ function followWindow() {
   byId("legend").addEventListener("toggle", refit);
 }
 
-// Where the scene's root is: shifted, or so that the base stays where it was at first.
+// Place the scene's root: at the centre, or in the view "base" so that the base stays at its first pose.
 function ride() {
   const [root, base] = [["ffsms"], ["ffsms", "base"]].map((path) => viewer.scene_tree.find(path).object);
   const place = (at) => root.position.set(...at.map((value, i) => value - facts.centre[i]));
@@ -257,13 +257,13 @@ function buildControls() {
   byId("speed").addEventListener("change", (event) => {
     animator.mixer.timeScale = Number(event.target.value);
   });
-  const words = {base: "on the base"};
-  choices(byId("camera"), Object.keys(facts.cameras).map((x) => [x, words[x] || x]), facts.camera);
+  const labels = {base: "on the base"};
+  choices(byId("camera"), Object.keys(facts.cameras).map((x) => [x, labels[x] || x]), facts.camera);
   byId("camera").addEventListener("change", (event) => look(event.target.value));
   byId("record").addEventListener("click", recordPass);
 }
 
-// One pass from the beginning as a video file, as fast as this browser draws it.
+// Record one pass from the beginning as a video file, at the drawing rate of the browser.
 function recordPass() {
   const kind = ["video/mp4", "video/webm"].find((x) => window.MediaRecorder && MediaRecorder.isTypeSupported(x));
   if (!kind) { showTrouble("This browser cannot record a video; open the page in Chromium or Firefox."); return; }
@@ -285,7 +285,7 @@ function recordPass() {
   recorder.start();
   setPlaying(true);
   let last = 0;
-  const end = () => {  // the film starts anew at its end
+  const end = () => {  // the animation restarts at its end
     if (animator.time < last || !animator.playing) { recorder.stop(); return; }
     last = animator.time;
     requestAnimationFrame(end);
@@ -307,7 +307,7 @@ function follow() {
   showReading(animator.time);
 }
 
-// Each trail is a tube of segments, which is drawn up to a time.
+// Draw each trail, a tube of segments, up to a time.
 function showTrails(time) {
   for (const trail of facts.trails) {
     const last = trail.t.length - 1;
@@ -318,7 +318,7 @@ function showTrails(time) {
   }
 }
 
-// The name of the body under the pointer.
+// Show the name of the body under the pointer.
 function showTitles() {
   const {THREE} = MeshCat, ray = new THREE.Raycaster(), box = byId("title"), pane = byId("meshcat-pane");
   let waiting = false;
@@ -381,7 +381,7 @@ async function start() {
   buildLegend();
   buildControls();
   setBackground(facts.background);
-  byId("legend").open = isWide();  // in a small window it would cover the scene
+  byId("legend").open = isWide();  // in a small window the legend would cover the scene
   const slider = byId("slider");
   animator.mixer.timeScale = facts.speed;
   slider.max = facts.t[facts.t.length - 1];
@@ -398,9 +398,9 @@ async function start() {
   document.body.dataset.ready = "yes";
 }
 
-function showTrouble(words) {
+function showTrouble(message) {
   byId("trouble").style.display = "block";
-  byId("trouble").textContent = words;
+  byId("trouble").textContent = message;
 }
 
 start().catch((problem) => {
