@@ -48,7 +48,7 @@ class ExportedLink(NamedTuple):
     moves: bool
 
     def origin(self, model: Any, links: list[ExportedLink]) -> Any:
-        """Return the pose (pinocchio.SE3) of the link's joint in its parent."""
+        """Return the pose (pinocchio.SE3) of the link's joint in the frame of the parent link."""
         assert self.parent is not None
         pose = model.jointPlacements[self.joint] if self.moves else self.place
         return links[self.parent].place.actInv(pose)

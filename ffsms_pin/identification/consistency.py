@@ -1,9 +1,9 @@
 """The physical consistency of inertial parameters.
 
-A body's ten parameters are consistent, which means that some mass distribution has them, if and only if the
-pseudo-inertia is positive definite. The pseudo-inertia is the (4, 4) matrix [[1/2 tr(I) 1 - I, m c], [(m
-c)^T, m]] with the inertia I about the link's origin and the centre of mass c. A lower triangular factor L
-with an exponential diagonal, L L^T, maps ten free numbers onto all consistent bodies.
+A body's ten parameters are consistent if some mass distribution has them. This is the case if and only if
+the (4, 4) pseudo-inertia [[1/2 tr(I) 1 - I, m c], [(m c)^T, m]] is positive definite, where I is the inertia
+about the link's origin and c the centre of mass. The pseudo-inertia is written as L L^T with a lower
+triangular L whose diagonal is exponential, so ten free numbers give all consistent bodies and no others.
 
 References
 ----------

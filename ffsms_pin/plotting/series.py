@@ -28,7 +28,7 @@ Motion: TypeAlias = Trajectory | Tracking
 
 
 class Series(NamedTuple):
-    """Values (k, m) over times t (k,) [s]."""
+    """A series of values (k, m) at times t (k,) [s]."""
 
     t: FloatArray
     values: FloatArray

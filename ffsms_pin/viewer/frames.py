@@ -48,8 +48,8 @@ BALL = 0.1  # [m] radius of a client without shapes
 class Frames:
     """The k frames of an animation: times t (k,) [s], q (k, nq), v (k, nv), and target (k, 3) [m].
 
-    `force` (k, 3) [N] is the contact force on the end effector, at its largest between a frame and the next.
-    Target and force have inertial axes.
+    `force` (k, 3) [N] is the largest contact force on the end effector from a frame to the next. Target and
+    force have inertial axes.
     """
 
     sms: SpaceManipulator
