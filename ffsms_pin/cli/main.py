@@ -210,7 +210,9 @@ def _add_scenario(commands: Commands) -> None:
         """,
     )
     what = scenario.add_mutually_exclusive_group(required=True)
-    what.add_argument("--print", dest="name", metavar="NAME", help=f"name of the scenario: {_PACKAGED}")
+    what.add_argument(
+        "--print", dest="name", metavar="NAME", help=f"name of a packaged scenario: {_PACKAGED}"
+    )
     what.add_argument("--schema", action="store_true", help="print the JSON Schema")
 
 
