@@ -50,7 +50,7 @@ def reals(name: str, value: Any, kinds: str = "fiu") -> FloatArray:
         array = np.empty(0, dtype=object)
     # A direct conversion to float would parse text as numbers and drop imaginary parts.
     if array.dtype.kind not in kinds:
-        raise InvalidValue(name, value, "must hold real numbers")
+        raise InvalidValue(name, value, "must contain real numbers only")
     return np.asarray(array, dtype=np.float64)
 
 
@@ -323,7 +323,7 @@ def rotation(name: str, value: Any) -> FloatArray:
     """Copy `value` as a rotation matrix (3, 3); raise `InvalidValue` for reflections and scaled matrices."""
     turn = matrix(name, value, 3, 3)
     if np.abs(turn.T @ turn - np.eye(3)).max() > 1e-6 or np.linalg.det(turn) < 0.0:
-        raise InvalidValue(name, value, "must hold a rotation matrix")
+        raise InvalidValue(name, value, "must have a rotation matrix, without scaling or reflection")
     return turn
 
 

@@ -49,8 +49,8 @@ class UnknownOption(InvalidValue, TypeError):
 
     def __init__(self, function: str, name: str, value: Any, known: Iterable[str], instead: str = "") -> None:
         known = list(known)
-        remedy = instead or meant(name, known) or f"there are {', '.join(known)}"
-        super().__init__(name, value, f"is no argument of {function}; {remedy}")
+        remedy = instead or meant(name, known) or f"its arguments are {', '.join(known)}"
+        super().__init__(name, value, f"is not an argument of {function}; {remedy}")
 
 
 def meant(name: str | Path, known: Iterable[str], before: str = "") -> str:

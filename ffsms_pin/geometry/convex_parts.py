@@ -36,8 +36,9 @@ class Part:
     Attributes
     ----------
     shape : coal.CollisionGeometry
+        The shape, in its own axes.
     body : int
-        Joint that carries the shape; -1 for the base.
+        Index of the joint that carries the shape; -1 for the base.
     place : coal.Transform3s
         Pose of the shape in the body.
     centre, radius : ndarray, shape (3,), and float

@@ -62,11 +62,11 @@ class JointMotion(Protocol):
 
     @property
     def base_attitude(self) -> FloatArray:
-        """The attitude of the base (3, 3, S, K)."""
+        """The attitude of the base (3, 3, S, K), base axes to inertial axes."""
 
     @property
     def base_position(self) -> FloatArray:
-        """The centre of mass of the base (3, S, K) [m]."""
+        """The centre of mass of the base (3, S, K), inertial axes [m]."""
 
     @property
     def base_angular_velocity(self) -> FloatArray:
@@ -485,7 +485,7 @@ def changes(stack: ClearanceStack, motion: JointMotion, poses: Poses) -> FloatAr
         sweep, bend = (
             np.linalg.norm(a, axis=0) + far * np.linalg.norm(b, axis=(0, 1)) for a, b in (ways, bends)
         )
-        # The path exceeds the mean speed times the time by at most half the change of the velocity.
+        # Within a step, the largest speed exceeds the mean speed by at most half the change of the velocity.
         bend = np.pad(bend, ((0, 0), (1, 1)))
         change[stack.passes] += (1.0 + _CHORD) * sweep + 0.5 * np.maximum(bend[:, 1:], bend[:, :-1])
     return np.asarray(change)

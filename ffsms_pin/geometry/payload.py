@@ -72,9 +72,9 @@ class HeldClient:
         return min(nearest)
 
     def away(self, joints: FloatArray, more: float = 0.0) -> FloatArray:
-        """Return a posture (n,) near `joints` in which the distances are as requested.
+        """Return a posture (n,) near `joints` in which all distances are at least the requested distance.
 
-        The client's distance is `more` [m] larger than requested. If the search fails, the last posture is
+        The requested distance of the client is `more` [m] larger. If the search fails, the last posture is
         returned.
         """
         limits, q = self._sms.limits, self._q.copy()

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 ShapeKind = Literal["visual", "collision"]
 _BODY, _ARM = (0.80, 0.78, 0.72, 1.0), (0.20, 0.42, 0.63, 1.0)  # colours of a robot without shapes
 _SCHEMES = ("package://", "model://")
-# The required attributes of shapes, each with positive numbers, and how many.
+# The required attributes of each shape, and the number of positive numbers in each attribute.
 _SIZES: dict[str, dict[str, int]] = {
     "box": {"size": 3},
     "cylinder": {"radius": 1, "length": 1},
@@ -188,7 +188,7 @@ def find_mesh(name: str, urdf: Path, package_dirs: tuple[Path, ...] = ()) -> Pat
 
 
 def _colour(shape: Element, colours: dict[str | None, Element | None]) -> Element | None:
-    """Return a <material> with the colour of a shape, or of the robot's material it names; None if none."""
+    """Return a <material> with the colour of a shape, or of the robot's material that it names, or None."""
     material, colour = shape.find("material"), shape.find("material/color")
     if material is not None and colour is None:
         colour = colours.get(material.get("name"))
@@ -229,7 +229,7 @@ def _in_file(item: Any) -> bool:
 
 
 def _without_meshes(shapes: Any) -> tuple[Any, list[int]]:
-    """Copy shapes, with a point in place of each mesh that is in a file, and return its index, too."""
+    """Return a copy with points in place of the meshes that are in files, and the indices of these meshes."""
     light, meshes = shapes.copy(), [k for k, item in enumerate(shapes.geometryObjects) if _in_file(item)]
     for k in meshes:
         light.geometryObjects[k].geometry = coal.Sphere(0.0)

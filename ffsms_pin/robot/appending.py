@@ -33,7 +33,7 @@ _PER_VELOCITY = (
     *(f"{end}{kind}Limit" for end in ("lower", "upper") for kind in ("Effort", "Velocity", "DryFriction")),
 )
 _SATELLITE_FRAMES = 3  # universe, root_joint and satellite, the first frames of each robot on a satellite
-# The same, one entry per entry of q.
+# The attributes with one entry per entry of q.
 _PER_POSITION = ("lowerPositionLimit", "upperPositionLimit", "positionLimitMargin")
 
 

@@ -76,7 +76,7 @@ def with_srdf(sms: SpaceManipulator, srdf: str | os.PathLike[str]) -> SpaceManip
     """
     path = path_like("srdf", srdf).expanduser()
     if not os.path.isfile(path):
-        raise InvalidValue("srdf", str(srdf), "must be a file")
+        raise InvalidValue("srdf", str(srdf), "must be the path of an existing file")
     if not isinstance(sms.description, Description):
         raise InvalidValue("sms", sms, "must come from a URDF")
     return sms._variant(sms.model, description=replace(sms.description, srdf=path))
@@ -215,7 +215,7 @@ def _wheels(urdf: UrdfFile, model: Any, names: Sequence[str]) -> ReactionWheels:
         if model.parents[j] != 1:
             raise UnsupportedJoint(urdf.path, f"wheel '{name}' is not on the base; its parent must be")
         if j in list(model.parents):
-            raise UnsupportedJoint(urdf.path, f"wheel '{name}' carries another joint")
+            raise UnsupportedJoint(urdf.path, f"wheel '{name}' carries another joint; a wheel must not")
         local = pin.getJointJacobian(model, data, j, pin.ReferenceFrame.LOCAL)[3:, model.joints[j].idx_v]
         inertias.append(_spin_inertia(urdf, name, model.inertias[j], local))
         axes.append(data.oMi[j].rotation @ local)
@@ -236,10 +236,10 @@ def _spin_inertia(urdf: UrdfFile, name: str, body: Any, axis: FloatArray) -> flo
     cross = (np.trace(tensor) - spin) / 2.0
     symmetric = cross * np.eye(3) + (spin - cross) * np.outer(axis, axis)
     if np.abs(tensor - symmetric).max() > _ROUNDING * np.abs(tensor).max():
-        raise UnsupportedJoint(urdf.path, f"wheel '{name}' is not symmetric about its axis")
+        raise UnsupportedJoint(urdf.path, f"wheel '{name}' is not symmetric about its axis; it must be")
     off = float(np.linalg.norm(np.cross(axis, body.lever)))
     if body.mass * off**2 > _ROUNDING * spin:
-        message = f"wheel '{name}' is not balanced: its centre is {off:.3g} m off its axis"
+        message = f"wheel '{name}' is not balanced: its centre of mass is {off:.3g} m off its axis"
         raise UnsupportedJoint(urdf.path, message)
     return spin
 

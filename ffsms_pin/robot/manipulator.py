@@ -219,7 +219,7 @@ class SpaceManipulator(ShapedMechanism):
         return q
 
     def _warn_of_degrees(self, positions: FloatArray) -> None:
-        """Warn if positions (n,) of revolute joints look like degrees; the user calls the caller of this."""
+        """Warn if positions (n,) of revolute joints look like degrees, at the line that calls the caller."""
         if max(map(abs, positions.tolist())) <= math.pi:
             return
         lower, upper = (
@@ -279,8 +279,9 @@ class SpaceManipulator(ShapedMechanism):
         Parameters
         ----------
         q : array_like, shape (nq,)
+            Configuration.
         joint_rates : array_like, shape (n,)
-            [rad/s]
+            Joint rates [rad/s].
         momentum : array_like, shape (6,), optional
             Total momentum [linear; angular], inertial axes, about the system's centre of mass; default zero.
         mode : str

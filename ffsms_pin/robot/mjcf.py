@@ -37,7 +37,7 @@ def read_mjcf(
     path : Path
     whole : bool
         True to read the tree with a free joint, which is a whole robot. False to read the trees without a
-        free joint, which are arms; if the file has none, the free joint of the whole robot is left out.
+        free joint, which are arms; if each tree has a free joint, the free joint is left out.
     inertias : {"check", "keep", "repair"}
         See `ffsms_pin.load`.
     stacklevel : int
@@ -104,9 +104,9 @@ class _Source:
         return InvalidUrdf(self.path, f"MuJoCo cannot read it as MJCF ({text})")
 
     def _settle(self, inertias: Inertias) -> dict[int, tuple[float, FloatArray]]:
-        """Give bodies whose inertias MuJoCo refuses those of spheres; return their masses and inertias.
+        """Replace inertias that MuJoCo refuses by those of spheres; return the inertias to use instead.
 
-        The inertias that are returned, by index of the body, are checked, kept or repaired.
+        The result maps indices of bodies to masses [kg] and inertias (3, 3) [kg m^2] from `settle`.
         """
         replaced, changes = dict[int, tuple[float, FloatArray]](), dict[str, str]()
         if self._spec.compiler.inertiafromgeom == _FROM_GEOM or self._spec.compiler.balanceinertia:
@@ -174,7 +174,7 @@ class _Source:
 
 
 class _Place(NamedTuple):
-    """The joint of the model that carries a body (its index), the body's frame (index), and its pose."""
+    """The indices of a body's joint and frame in the model, and the body's pose on the joint."""
 
     joint: int
     frame: int
@@ -226,7 +226,8 @@ class _Robot:
             raise UnsupportedJoint(self._path, "the file has no joint; an arm needs at least one")
         if len(chosen) > 1 and chosen is robots:
             names = ", ".join(f"'{m.body(top).name}'" for top in robots)
-            raise UnsupportedJoint(self._path, f"the file has several robots with a free joint: {names}")
+            message = f"the file has several robots with a free joint: {names}; keep one"
+            raise UnsupportedJoint(self._path, message)
         return set(chosen)
 
     def _add_body(self, b: int, floating: bool) -> None:

@@ -65,7 +65,7 @@ _CORRECTED = {
 def find_arm(arm: str | os.PathLike[str], argument: str = "arm") -> tuple[Path, Arm]:
     """Return the file of an arm that is given by name or by path, and its `Arm` entry.
 
-    The name is a key of `ARMS`, the name of a packaged model, or that of a loader of example-robot-data.
+    The name is a key of `ARMS`, or the name of a packaged model or of a loader of example-robot-data.
     """
     if not isinstance(arm, (str, os.PathLike)):
         raise InvalidValue(argument, arm, "must be the name of an arm, a path or a pinocchio.Model")
@@ -282,7 +282,7 @@ def _mixed_arms(
 ) -> SpaceManipulator:
     """Mount each arm on a satellite of its own and merge the robots.
 
-    It is used if an arm is an MJCF file or a model, because only URDFs can be composed into one.
+    It is used if an arm is an MJCF file or a model, because only URDFs can be composed into one file.
     """
     alone = LoadOptions(inertias=options.inertias, package_dirs=options.package_dirs)
     robots = []

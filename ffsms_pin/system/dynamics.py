@@ -1,10 +1,10 @@
 """Functions for poses, inertia, momentum, accelerations, and the reaction of the base to the joints.
 
-The inertia matrix M, N = [-M_b^-1 M_bm; I] and the velocity effects are in Pinocchio's velocity coordinates:
-the base's velocity is that of the root frame, in its own axes. The reduced joint-space quantities follow from
-N and do not depend on the coordinates of the base's velocity. Twists are in inertial axes, ordered
-[linear; angular]. The reference point of the base is the base body's centre of mass, the reference point of
-the end effector the origin of its frame.
+The inertia matrix M, N = [-M_b^-1 M_bm; I] and the velocity effects (the Coriolis and centrifugal force) are
+in Pinocchio's velocity coordinates: the base's velocity is that of the root frame, in its own axes. The
+reduced quantities H_q and C_q follow from N and do not depend on the coordinates of the base's velocity.
+Twists are in inertial axes, ordered [linear; angular]. The reference point of the base is the base body's
+centre of mass, the reference point of the end effector the origin of its frame.
 
 No external force acts on a floating base, so the momentum of the system is constant. With Pinocchio's inertia
 matrix M = [[M_b, M_bm], [M_bm^T, M_m]], root velocity v_b and joint rates qd, the momentum about the root is
@@ -42,6 +42,7 @@ class Frame:
     Attributes
     ----------
     pose : pinocchio.SE3
+        Pose of the frame.
     J : ndarray, shape (6, n)
         Twist per joint rate with the base fixed.
     J_star : ndarray, shape (6, n)
@@ -65,7 +66,7 @@ def at_origin(q: FloatArray) -> FloatArray:
 
 
 def base_pose(robot: Mechanism, q: FloatArray) -> Any:
-    """Return the pose of the base (pinocchio.SE3), with the root's axes and origin at its centre of mass."""
+    """Return the pose of the base (pinocchio.SE3): the root's axes, with the base's centre of mass."""
     pose = pin.XYZQUATToSE3(q[:7])
     pose.translation = pose.act(robot.base_com)
     return pose

@@ -45,7 +45,7 @@ def settled(changes: Mapping[str, str], inertias: Inertias) -> str:
 
 
 def positive(tensor: FloatArray) -> FloatArray:
-    """Return the nearest positive definite inertia (3, 3) of a rigid body; that of a thin rod is not one."""
+    """Return the nearest positive definite inertia (3, 3) of a rigid body; a thin rod's is not definite."""
     nearest = urdf.nearest_inertia(tensor, 0.0)
     principal = np.linalg.eigvalsh(nearest)
     if principal[0] > 1e-9 * principal[2]:

@@ -65,7 +65,7 @@ class JointLayout:
     continuous : ndarray of bool, shape (n,)
         True for continuous joints, whose positions repeat after one turn.
     turns : ndarray of bool, shape (n,)
-        True for joints that turn; the others slide.
+        True for revolute joints, False for prismatic joints.
     plain : bool
         True if q[7:] are the joint positions themselves (no continuous joint).
     """
@@ -74,7 +74,10 @@ class JointLayout:
         if model.njoints < 2 or (model.joints[1].nq, model.joints[1].nv) != (7, 6):
             raise UnsupportedJoint(model.name, "the model's first joint is not a free-flyer")
         if not model.jointPlacements[1].isIdentity():
-            raise UnsupportedJoint(model.name, "the free-flyer is not placed at the inertial origin")
+            message = (
+                "the free-flyer is not placed at the inertial origin; its placement must be the identity"
+            )
+            raise UnsupportedJoint(model.name, message)
         if model.njoints == 2:
             raise UnsupportedJoint(model.name, "the robot has no joint that moves; an arm needs at least one")
         joints, self.names = list(model.joints)[2:], [str(name) for name in model.names][2:]
@@ -140,7 +143,7 @@ class JointLayout:
 
     @staticmethod
     def body_name(model: Any, joint: int) -> str:
-        """Return the name of the first frame on a joint that is not a joint's; else the joint's name."""
+        """Return the name of the first link on a joint, or the joint's name if no link is on it."""
         for frame in model.frames:
             if frame.parentJoint == joint and frame.name not in model.names:
                 return str(frame.name)
@@ -151,8 +154,8 @@ class JointLayout:
 class RobotLimits:
     """The limits of a robot's n joints, each an array of shape (n,); infinite if there is no limit.
 
-    URDFs contain various large numbers that mean "no limit". A limit above 1e12 becomes infinite; a robot
-    also drops position limits of revolute joints beyond four turns. A limit of rate, acceleration or torque
+    URDFs contain various large numbers that mean "no limit". A limit above 1e12 becomes infinite, and in a
+    robot also a position limit of a revolute joint beyond four turns. A limit of rate, acceleration or torque
     below 1e-12 is refused, because no joint could move within it.
 
     Attributes
@@ -360,10 +363,10 @@ def _check_bodies(model: Any, layout: JointLayout) -> None:
 
 
 def _carried(model: Any, j: int) -> bool:
-    """Return whether the massless body of joint j does not make the inertia matrix singular.
+    """Return whether the inertia matrix stays regular although the body of joint j has no mass.
 
-    The joints from j to the next body with a mass must move that body independently; two coaxial hinges or
-    two parallel slides do not.
+    The joints from j to the next body with a mass must move that body independently. Two coaxial revolute
+    joints or two parallel prismatic joints do not.
     """
     carried = [k for k in range(j + 1, model.njoints) if model.parents[k] == j]
     if len(carried) != 1:

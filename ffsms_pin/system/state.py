@@ -77,7 +77,7 @@ class State(Unchanging):
     # -- kinematics
     @property
     def base_pose(self) -> Any:
-        """The pose of the base (a new pinocchio.SE3): the root's axes, origin at its centre of mass."""
+        """The pose of the base (a new pinocchio.SE3): the root's axes, with the base's centre of mass."""
         return dynamics.base_pose(self._robot, self.q)
 
     @property
@@ -299,18 +299,18 @@ class State(Unchanging):
 
     @property
     def base_bias_acceleration(self) -> FloatArray:
-        """The rate of the base twist (6,) [m/s^2; rad/s^2] without joint accelerations and external forces.
+        """The rate of the base twist (6,) [m/s^2; rad/s^2] at zero joint accelerations.
 
-        d(base_twist)/dt = C_bm qdd + base_bias_acceleration. The bias acceleration is the sum of C_bm_dot_qd
-        and the rate of drift_twist.
+        Without external forces d(base_twist)/dt = C_bm qdd + base_bias_acceleration. The bias acceleration is
+        the sum of C_bm_dot_qd and the rate of drift_twist.
         """
         return self._bias_accelerations[0]
 
     @property
     def end_effector_bias_acceleration(self) -> FloatArray:
-        """The rate of the end-effector twist (6,) [m/s^2; rad/s^2] without joint accelerations and forces.
+        """The rate of the end-effector twist (6,) [m/s^2; rad/s^2] at zero joint accelerations.
 
-        It is the sum of J_star_dot_qd and the rate of J_b drift_twist.
+        No external forces act. It is the sum of J_star_dot_qd and the rate of J_b drift_twist.
         """
         return self._bias_accelerations[1]
 

@@ -105,7 +105,7 @@ def number_of(
 def triple_of(
     element: Element | None, key: str, default: str = "0 0 0", largest: float = LARGEST_POSITIVE
 ) -> FloatArray:
-    """Return the three numbers (3,) of an attribute; default: if the element or the attribute is missing."""
+    """Return the three numbers (3,) of an attribute, or of `default` if element or attribute is missing."""
     text = default if element is None else element.get(key, default)
     parts = text.split()
     if len(parts) != 3:

@@ -1,4 +1,4 @@
-"""The completion and the strict check of a URDF before Pinocchio, which drops faults silently, reads it.
+"""The completion and the strict check of a URDF before Pinocchio reads it and drops faults silently.
 
 Files of published robots leave out data that their authors' tools do not need, mostly joint limits. `lenient`
 adds these data, locks joints, fixes joints that mimic others, and treats inertias that no rigid body has. It
@@ -32,7 +32,7 @@ DEFAULT_EFFORT = 100.0  # [N m or N]
 
 _XACRO = re.compile(r"\{[^}]*xacro[^}]*\}(.*)")
 _SUBSTITUTION = re.compile(r"\$\((arg|find|env|optenv|eval|dirname)\b")
-# Elements for other programs (_OTHERS), and elements that this library reads or knows by parent (_PARTS).
+# The elements for other programs (_OTHERS), and all known elements by the tag of their parent (_PARTS).
 _OTHERS = {"transmission", "gazebo", "ros2_control", "mujoco", "sensor", "plugin", "drake", "version"}
 _PARTS = {
     "robot": {"link", "joint", "material", *_OTHERS},
@@ -101,7 +101,7 @@ def _leader(
 ) -> tuple[str, float, float]:
     """Return the joint at the end of a chain of <mimic>, and the total multiplier and offset.
 
-    A chain that is a loop or has no numbers is not followed; the joint is returned itself.
+    If the chain is a loop or has an unreadable number, the joint itself is returned.
     """
     start, factor, offset, passed = name, 1.0, 0.0, {name}
     while name in moving and name not in locked:
@@ -241,7 +241,7 @@ def _listed(names: list[str]) -> str:
 
 
 def light_base(robot: Element) -> str:
-    """Return a sentence if the root link, which is read as the satellite, is too light for a satellite.
+    """Return a sentence if the root link, which is read as the satellite, is too light for one; else "".
 
     The caller appends the remedy: a call that mounts the arm on a satellite.
     """
@@ -411,7 +411,7 @@ class UrdfFile:
         children: set[str] = set()
         for joint in self.joints:
             if joint.child in children:
-                raise InvalidUrdf(self.path, f"link '{joint.child}' is the child of two joints")
+                raise InvalidUrdf(self.path, f"link '{joint.child}' is the child of two joints; keep one")
             children.add(joint.child)
         roots = [name for name in self.links if name not in children]
         if len(roots) != 1:

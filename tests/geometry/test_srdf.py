@@ -39,7 +39,7 @@ def test_disabled_pairs_are_left_out(tmp_path: Path) -> None:
 
 
 def test_files_that_cannot_be_used(tmp_path: Path) -> None:
-    with pytest.raises(InvalidValue, match="srdf must be a file"):
+    with pytest.raises(InvalidValue, match="srdf must be the path of an existing file"):
         ffsms.load("space_arm_7", srdf=tmp_path / "absent.srdf")
     with pytest.raises(InvalidValue, match="srdf must be a path"):
         ffsms.load("space_arm_7", srdf=3)  # type: ignore[arg-type]

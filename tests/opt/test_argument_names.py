@@ -116,6 +116,6 @@ def test_an_option_of_many_plans_that_there_is_not(planar: ffsms.SpaceManipulato
     refused(
         lambda: opt.plan_many(planar, q0, [TARGET], **wrong),
         UnknownOption,
-        "efort is no argument of opt.plan_many",
+        "efort is not an argument of opt.plan_many",
         "effort",
     )

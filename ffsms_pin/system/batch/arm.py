@@ -94,6 +94,7 @@ class ArmStack:
     Parameters
     ----------
     robot : Mechanism
+        The manipulator.
     mode : str
         A key of `ffsms_pin.system.dynamics.MODES`, which selects the free rows of the base's twist.
     """
