@@ -120,7 +120,7 @@ FFSMS_INLINE T magnitude(const T& x) {
 // used.
 constexpr double kFar = 1e6;
 
-// Rounds to the nearest whole number by adding and subtracting a number whose last digit is 1.
+// Rounds to the nearest whole number by adding and subtracting a number whose unit in the last place is 1.
 template <class T>
 FFSMS_INLINE T rounded(const T& x) {
   constexpr double kWhole = 6755399441055744.0;  // 1.5 * 2^52

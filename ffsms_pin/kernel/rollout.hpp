@@ -116,7 +116,8 @@ inline void turn_along(const Quadrature& by, const Mat3<double>& start, Turning*
 // The same with an angular momentum, whose part of the angular velocity depends on the attitude. In each
 // interval the rotation vector u from the interval's start, R exp(u), is found by collocation at the points:
 // at most kIterations fixed-point iterations, until u changes by less than kSettled. For a u longer than
-// kLong the series in u would diverge, so the bounded integral of the angular velocity replaces u in it.
+// kLong the series in u would diverge, so the bounded integral of the angular velocity replaces u in the
+// series.
 inline void tumble_along(const Quadrature& by, const Mat3<double>& start, const Vec3<double>& momentum,
                          Turning* at) {
   constexpr int kIterations = 40;

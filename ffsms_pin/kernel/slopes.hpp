@@ -171,7 +171,7 @@ void coupling_slopes(const Tree& tree, const Arm<T>& arm, const T* by_coupling, 
 // force. Newton's and Euler's equations give the force on each body without an acceleration of the base, and
 // a joint transmits the force on all bodies that it moves. Let f_b be the force on the whole system. A free
 // base accelerates under f_b, which adds N_b^T f_b to the joint torques, where N_b is the base's twist per
-// joint rate. A base that the mode holds is held by f_b.
+// joint rate. If the mode holds the base, f_b is the holding force.
 //
 // Computes the torques (n), then the force and the moment about the base's centre of mass. `own_spin` is the
 // part of the base's angular velocity due to the total momentum.

@@ -38,8 +38,8 @@ inline double dot(const double* a, const double* b, int n) {
 }
 
 // The remaining distance decreases as (remaining time)^p. With p = 2.5 speed and deceleration end at zero,
-// the speed at the start is only 2.5 times the mean, and at 0.9 T, where const8 begins, 0.3 % of the distance
-// remain.
+// the speed at the start is only 2.5 times the mean, and 0.3 % of the distance remains at 0.9 T, where const8
+// begins.
 constexpr double kArrivalPower = 2.5;
 // Below this cosine a path would be a spiral of many turns; its length is computed with this cosine instead.
 constexpr double kLeastApproach = 0.2;
@@ -144,7 +144,7 @@ struct StepGiven {
   const double *J, *V;                   // J* (6, n), and the basis of the joint rates (n, n)
   const double *rates, *drift;           // joint rates (n), and the end effector's twist (6) without them
   const double* acceleration;            // acceleration limits (n)
-  Vec3<double> way, side;                // vector to the target [m]; lateral hint, zero: from the velocity
+  Vec3<double> way, side;                // vector to the target [m]; lateral direction, or zero for none
   Mat3<double> attitude;                 // attitude of the end effector
   std::optional<Mat3<double>> rotation;  // desired attitude
   double cosine, time_left, dt;          // cosine of the angle between motion and way; [s]
@@ -182,7 +182,7 @@ inline WantedMotion wanted_motion(const StepGiven& by) {
   const double distance = std::sqrt(dot(by.way, by.way));
   if (!(distance < kArrived)) {
     out.towards = by.way / distance;
-    if (dot(by.side, by.side) == 0.0) {  // without a hint: the end effector's velocity
+    if (dot(by.side, by.side) == 0.0) {  // not given: the end effector's velocity selects it
       for (int i = 0; i < 3; ++i) out.side[i] = dot(by.J + i * by.n, by.rates, by.n) + by.drift[i];
     }
     out.side = lateral_direction(out.towards, out.side);
