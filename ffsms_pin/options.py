@@ -37,11 +37,11 @@ class Angle(Unit):
     """The unit of an angle, which a file may also give in degrees, with _deg appended to the field's name."""
 
 
-def unusable(words: str) -> Exception:
-    """Return the error of a value in a file; `words` is the requirement, such as "must be above zero"."""
+def unusable(requirement: str) -> Exception:
+    """Return the error of a value in a file; `requirement` is a text such as "must be above zero"."""
     from pydantic_core import PydanticCustomError  # only for files
 
-    return PydanticCustomError("unusable", "{words}", {"words": words})
+    return PydanticCustomError("unusable", "{requirement}", {"requirement": requirement})
 
 
 class Kind(ABC):
@@ -70,8 +70,8 @@ class Real(Kind):
         if not self.infinite:
             return float_schema(strict=True, ge=self.least, le=LARGEST, allow_inf_nan=False)
         number = float_schema(strict=True, ge=self.least)
-        words = f"must be finite and at most {LARGEST:g}, or inf"
-        return _checked(number, lambda value: value <= LARGEST or value == math.inf, words)
+        requirement = f"must be finite and at most {LARGEST:g}, or inf"
+        return _checked(number, lambda value: value <= LARGEST or value == math.inf, requirement)
 
 
 @dataclass(frozen=True)
@@ -96,8 +96,8 @@ class Name(Kind):
         """Return the schema of a str."""
         from pydantic_core.core_schema import str_schema
 
-        words = "must be a text that is not empty"
-        return _checked(str_schema(strict=True), lambda text: text.strip() and "\0" not in text, words)
+        requirement = "must be a text that is not empty"
+        return _checked(str_schema(strict=True), lambda text: text.strip() and "\0" not in text, requirement)
 
 
 @dataclass(frozen=True)
@@ -179,24 +179,24 @@ class Either(Kind):
 
 @dataclass(frozen=True)
 class Only(Kind):
-    """A value of the kind `of` for which `holds(value)` is true; `words` is the requirement in messages."""
+    """A value of the kind `of` for which `holds(value)` is true; `requirement` is the text in messages."""
 
     of: Kind
     holds: Callable[[Any], bool]
-    words: str
+    requirement: str
 
     def schema(self) -> Any:
         """Return the schema of the kind with the check."""
-        return _checked(self.of.schema(), self.holds, self.words)
+        return _checked(self.of.schema(), self.holds, self.requirement)
 
 
-def _checked(schema: Any, holds: Callable[[Any], Any], words: str) -> Any:
-    """Return a schema with a check of its value; `words` is the requirement in messages."""
+def _checked(schema: Any, holds: Callable[[Any], Any], requirement: str) -> Any:
+    """Return a schema with a check of its value; `requirement` is the text in messages."""
     from pydantic_core.core_schema import no_info_after_validator_function
 
     def check(value: Any) -> Any:
         if not holds(value):
-            raise unusable(words)
+            raise unusable(requirement)
         return value
 
     return no_info_after_validator_function(check, schema)

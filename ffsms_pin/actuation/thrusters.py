@@ -51,8 +51,8 @@ class Thrusters:
         set_frozen(self, least_on_time=at_least_zero("thrusters.least_on_time", self.least_on_time, "s"))
         instance("thrusters.proportional", self.proportional, bool)
         set_frozen(self, specific_impulse=positive("thrusters.specific_impulse", self.specific_impulse, "s"))
-        given, default = self.period, _PULSES * self.least_on_time
-        period = default if given is None else positive("thrusters.period", given, "s")
+        period, default = self.period, _PULSES * self.least_on_time
+        period = default if period is None else positive("thrusters.period", period, "s")
         if not self.proportional and period <= self.least_on_time:
             raise InvalidValue(
                 "thrusters.period",

@@ -131,12 +131,12 @@ class ReactionWheels:
         return f"ReactionWheels({len(self)} of {np.array2string(self.momentum, precision=4)} N m s)"
 
 
-def _names(given: Any, count: int) -> tuple[str, ...]:
-    if given is None:
+def _names(value: Any, count: int) -> tuple[str, ...]:
+    if value is None:
         return tuple(f"wheel {i}" for i in range(1, count + 1))
-    names = tuple(given) if isinstance(given, Sequence) and not isinstance(given, str) else ()
+    names = tuple(value) if isinstance(value, Sequence) and not isinstance(value, str) else ()
     if len(names) != count or not all(isinstance(name, str) for name in names):
-        raise InvalidValue("wheels.names", given, f"must be a list of {count} names (str)")
+        raise InvalidValue("wheels.names", value, f"must be a list of {count} names (str)")
     return names
 
 

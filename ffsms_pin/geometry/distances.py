@@ -320,9 +320,9 @@ class PartPairs:
         carried = np.vstack([arm.carries.T, np.zeros((others + 1, n))])
         # Lengths of the stretched chain from each joint to each body, along the links between them.
         chains = carried[self.bodies]
-        ways = np.abs(chains[:, :, None] - carried[None, None, :n]) @ steps
-        ways += np.where(self.bodies < n, self.sizes, np.inf)[..., None]
-        reach = np.where(arm.revolute, ways.min(axis=1), 1.0)
+        lengths = np.abs(chains[:, :, None] - carried[None, None, :n]) @ steps
+        lengths += np.where(self.bodies < n, self.sizes, np.inf)[..., None]
+        reach = np.where(arm.revolute, lengths.min(axis=1), 1.0)
         return np.where(chains[:, 0] != chains[:, 1], reach, 0.0)
 
 
@@ -480,10 +480,11 @@ def changes(stack: ClearanceStack, motion: JointMotion, poses: Poses) -> FloatAr
         index = stack.bodies[stack.passes, 1] - stack.sms.n
         far = stack.sizes[stack.passes, 1:]
         # Displacements of the obstacle's origin, and its rotations as chords of points at unit distance.
-        ways = [np.diff(poses.origins[:, index]), np.diff(poses.turns[:, :, index]) / np.sqrt(2.0)]
-        bends = [np.diff(displacement) for displacement in ways]
+        displacements = [np.diff(poses.origins[:, index]), np.diff(poses.turns[:, :, index]) / np.sqrt(2.0)]
+        bends = [np.diff(displacement) for displacement in displacements]
         sweep, bend = (
-            np.linalg.norm(a, axis=0) + far * np.linalg.norm(b, axis=(0, 1)) for a, b in (ways, bends)
+            np.linalg.norm(a, axis=0) + far * np.linalg.norm(b, axis=(0, 1))
+            for a, b in (displacements, bends)
         )
         # Within a step, the largest speed exceeds the mean speed by at most half the change of the velocity.
         bend = np.pad(bend, ((0, 0), (1, 1)))

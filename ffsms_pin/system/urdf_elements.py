@@ -164,11 +164,11 @@ def reached(start: str, joints: Iterable[Joint]) -> set[str]:
     onward: dict[str, list[str]] = {}
     for joint in joints:
         onward.setdefault(joint.parent, []).append(joint.child)
-    reached, ways = {start}, [start]
-    while ways:
-        further = [link for link in onward.get(ways.pop(), ()) if link not in reached]
+    reached, pending = {start}, [start]
+    while pending:
+        further = [link for link in onward.get(pending.pop(), ()) if link not in reached]
         reached.update(further)
-        ways.extend(further)
+        pending.extend(further)
     return reached
 
 
@@ -287,8 +287,8 @@ def refusal(tensor: FloatArray, any_tensor: bool = False) -> str:
         return f'has a negative principal inertia, {a:.6g} kg m^2; load it with inertias="repair"'
     if problem == "triangle" and not any_tensor:
         # A rotating body needs inertia about every axis, so a principal inertia of zero cannot be kept.
-        ways = 'inertias="keep" or inertias="repair"' if a > ROUNDING * c else 'inertias="repair"'
-        message = f"principal inertias {a:.6g} + {b:.6g} < {c:.6g} kg m^2; load it with {ways}"
+        remedy = 'inertias="keep" or inertias="repair"' if a > ROUNDING * c else 'inertias="repair"'
+        message = f"principal inertias {a:.6g} + {b:.6g} < {c:.6g} kg m^2; load it with {remedy}"
         return f"breaks the triangle inequality: {message}"
     return ""
 
