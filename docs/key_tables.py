@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
-from typing import Any
+from typing import get_args
 
 from ffsms_pin.scenarios.keys import Keys, about, models_in, words
-from ffsms_pin.scenarios.tables import PARTS, ScenarioFile
+from ffsms_pin.scenarios.tables import ScenarioFile
 
 __all__ = ["key_tables", "with_key_tables"]
 
@@ -20,10 +19,7 @@ def key_tables() -> dict[str, str]:
     """A Markdown table for each table of a scenario file, by its name, as "plan.base_limits"."""
     found: dict[str, str] = {}
     for name, field in ScenarioFile.model_fields.items():
-        if name in PARTS:
-            found[name] = _HEAD + _of_parts(PARTS[name])
-        else:
-            _add(found, name, models_in(field.annotation)[0])
+        _add(found, name, models_in(field.annotation))
     return found
 
 
@@ -40,34 +36,35 @@ def with_key_tables(page: str) -> str:
     return "".join(done)
 
 
-def _add(found: dict[str, str], name: str, model: type[Keys]) -> None:
-    rows = []
-    for key, field in model.model_fields.items():
-        if inner := models_in(field.annotation):
-            _add(found, f"{name}.{key}", inner[0])
-        else:
-            rows.append(_row(key, about(field), words(field)))
+def _add(found: dict[str, str], name: str, models: list[type[Keys]]) -> None:
+    """Add a table of the file: keys of all choices first, then those of some, which are named."""
+    choices: dict[tuple[str, ...], list[str]] = {}
+    for model in models:
+        (choice,) = get_args(model.model_fields[model.chooser].annotation) if model.chooser else ("",)
+        for key, field in model.model_fields.items():
+            if inner := models_in(field.annotation):
+                _add(found, f"{name}.{key}", inner)
+                continue
+            more, what = about(field), words(field)
+            if key == "use" and choice:
+                what = f'"{choice}": {model.__doc__}'.rstrip(".")
+            cells = (
+                f"`{key}`" + " °" * more["degrees"],
+                more["unit"],
+                more["default_in_words"],
+                what.replace("|", r"\|"),
+            )
+            choices.setdefault(cells, []).append(f'"{choice}"')
+    rows = [_row(*cells) for cells, names in choices.items() if len(names) == len(models)]
+    for (*cells, what), names in choices.items():
+        if len(names) < len(models):
+            of = "" if cells[0] == "`use`" else f"of {', '.join(names)}: "
+            rows.append(_row(*cells, (of + what).removesuffix(": ")))
     found[name] = _HEAD + "".join(rows)
 
 
-def _row(key: str, more: Mapping[str, Any], what: str) -> str:
-    angle = " °" if more["degrees"] else ""
-    cells = (f"`{key}`{angle}", more["unit"], more["default_in_words"], what.replace("|", r"\|"))
-    return "|" + "|".join(f" {cell} " if cell else " " for cell in cells) + "|\n"
-
-
-def _of_parts(tables: Mapping[str, type[Keys]]) -> str:
-    """Rows of tables that go by `use`: each of them, then the keys beside it."""
-    plain = {"degrees": False, "unit": "", "default_in_words": ""}
-    rows = []
-    for use, table in tables.items():
-        for key, field in table.model_fields.items():
-            what = words(field)
-            if key == "use":
-                rows.append(_row("use", plain, what if use == "own" else f'"{use}": {what}'))
-            else:
-                rows.append(_row(key, about(field), f'of "{use}"' + (f": {what}" if what else "")))
-    return "".join(rows)
+def _row(*cells: str) -> str:
+    return "|" + "|".join(f" {cell} " if cell else " " for cell in cells).replace("\n", " ") + "|\n"
 
 
 if __name__ == "__main__":

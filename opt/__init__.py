@@ -19,6 +19,7 @@ from ffsms_pin.opt.derivatives import Variable, Variables
 from ffsms_pin.opt.evaluation import UNBOUNDED, Rows, Violation
 from ffsms_pin.opt.goals.goal import Goal, Moving, Pose, Position
 from ffsms_pin.opt.goals.meet import Meet
+from ffsms_pin.opt.goals.named_curves import Circle, Helix, Line, RoundedSquare
 from ffsms_pin.opt.goals.path import Path
 from ffsms_pin.opt.goals.pose_constraints import Corridor, FrameGoal, Waypoint
 from ffsms_pin.opt.limits.alpha_box import AlphaBox
@@ -49,16 +50,19 @@ __all__ = [
     "AlphaBox",
     "BaseLimits",
     "BaseTurn",
+    "Circle",
     "Clearance",
     "Corridor",
     "Coupling",
     "Effort",
     "FrameGoal",
     "Goal",
+    "Helix",
     "Inequality",
     "JointLimits",
     "Learner",
     "Limit",
+    "Line",
     "Meet",
     "Moving",
     "Obstacle",
@@ -70,6 +74,7 @@ __all__ = [
     "ReplanOptions",
     "Replanning",
     "Rollouts",
+    "RoundedSquare",
     "Rows",
     "SearchOptions",
     "Smooth",

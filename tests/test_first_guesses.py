@@ -120,9 +120,25 @@ def test_obstacles_are_made_of_their_sizes() -> None:
         assert turned.distance(np.array([2.0, 0.0, 0.0]), 0.0) == pytest.approx(1.7)
 
 
+def test_cylinders_capsules_and_meshes_as_obstacles(tmp_path: Path) -> None:
+    lying = pin.SE3(pin.utils.rotate("y", np.pi / 2.0), np.zeros(3))
+    rod = opt.Obstacle.cylinder(0.1, 2.0, at=lying, margin=0.02)
+    assert rod.distance(np.array([1.5, 0.0, 0.0]), 0.0) == pytest.approx(0.5)
+    assert rod.margin == 0.02
+    capsule = opt.Obstacle.capsule(0.1, 2.0, at=lying)
+    assert capsule.distance(np.array([1.5, 0.0, 0.0]), 0.0) == pytest.approx(0.4)
+    corner = tmp_path / "corner.obj"
+    corner.write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n", "utf-8")
+    mesh = opt.Obstacle.mesh(corner, scale=0.1, at=[5.0, 0.0, 0.0])
+    assert mesh.distance(np.array([4.9, 0.01, 0.01]), 0.0) == pytest.approx(0.1, abs=1e-5)
+
+
 @pytest.mark.parametrize(
     ("make", "words"),
     [
+        (lambda: opt.Obstacle.capsule(0.1, 0.0), "length must be above zero"),
+        (lambda: opt.Obstacle.mesh("none.stl"), "file does not exist, got 'none.stl'"),
+        (lambda: opt.Obstacle.mesh(__file__), "file cannot be read"),
         (lambda: opt.Obstacle.sphere(0.0), "radius must be above zero"),
         (lambda: opt.Obstacle.box(0.3), "size must have shape"),
         (lambda: opt.Obstacle.box([1.0, 1.0, -1.0]), "size must be above zero"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Annotated, Any, Protocol, runtime_checkable
@@ -13,8 +14,9 @@ import pinocchio as pin
 from ffsms_pin import checks
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import InvalidValue
+from ffsms_pin.files import LARGEST_DATA, check_readable
 from ffsms_pin.geometry.convex_parts import convex_shape
-from ffsms_pin.options import NotNegative, Text, Unit
+from ffsms_pin.options import NotNegative, Positive, Sizes3, Text, Unit
 
 
 @runtime_checkable
@@ -89,37 +91,103 @@ class Obstacle:
             raise InvalidValue("obstacle.on", self.on, message)
 
     @classmethod
-    def sphere(cls, radius: float, at: Any = (0.0, 0.0, 0.0), **options: Any) -> Obstacle:
+    def sphere(
+        cls, radius: Annotated[Positive, Unit("m")], at: Any = (0.0, 0.0, 0.0), **options: Any
+    ) -> Obstacle:
         """Return a sphere.
 
         Parameters
         ----------
         radius : float
             Radius [m].
-        at : array_like, shape (3,)
-            Position of the centre in the frame that `on` selects [m]. Default: the origin.
+        at : array_like, shape (3,) or (4, 4), or pinocchio.SE3
+            Position of the centre [m], with the axes of the frame that `on` selects, or the pose in that
+            frame. Default: the origin. The other shapes have this argument and the options, too.
         **options
             `on`, `margin` and `name`.
         """
-        radius = checks.positive("radius", radius, "m")
-        return cls(coal.Sphere(radius), _centred("at", at), **options)
+        return cls(coal.Sphere(checks.positive("radius", radius, "m")), _centred("at", at), **options)
 
     @classmethod
-    def box(cls, size: Any, at: Any = (0.0, 0.0, 0.0), **options: Any) -> Obstacle:
+    def box(cls, size: Annotated[Sizes3, Unit("m")], at: Any = (0.0, 0.0, 0.0), **options: Any) -> Obstacle:
         """Return a box.
 
         Parameters
         ----------
         size : array_like, shape (3,)
             Lengths of the edges along the box's x, y and z axes [m].
-        at : array_like, shape (3,) or (4, 4), or pinocchio.SE3
-            Position of the centre [m], with the axes of the frame that `on` selects, or the box's pose in
-            that frame. Default: the origin.
-        **options
-            `on`, `margin` and `name`.
         """
         edges = checks.positives("size", size, 3, "m", checks.LONGEST)
         return cls(coal.Box(*edges), _centred("at", at), **options)
+
+    @classmethod
+    def cylinder(
+        cls,
+        radius: Annotated[Positive, Unit("m")],
+        length: Annotated[Positive, Unit("m")],
+        at: Any = (0.0, 0.0, 0.0),
+        **options: Any,
+    ) -> Obstacle:
+        """Return a cylinder.
+
+        Parameters
+        ----------
+        radius : float
+            Radius [m].
+        length : float
+            Length along the cylinder's z axis [m].
+        """
+        sizes = checks.positive("radius", radius, "m"), checks.positive("length", length, "m")
+        return cls(coal.Cylinder(*sizes), _centred("at", at), **options)
+
+    @classmethod
+    def capsule(
+        cls,
+        radius: Annotated[Positive, Unit("m")],
+        length: Annotated[Positive, Unit("m")],
+        at: Any = (0.0, 0.0, 0.0),
+        **options: Any,
+    ) -> Obstacle:
+        """Return a capsule.
+
+        Parameters
+        ----------
+        radius : float
+            Radius [m].
+        length : float
+            Distance between the centres of its ends, along its z axis [m].
+        """
+        sizes = checks.positive("radius", radius, "m"), checks.positive("length", length, "m")
+        return cls(coal.Capsule(*sizes), _centred("at", at), **options)
+
+    @classmethod
+    def mesh(
+        cls,
+        file: Annotated[Text, Unit()],
+        scale: Annotated[Positive, Unit()] = 1.0,
+        at: Any = (0.0, 0.0, 0.0),
+        **options: Any,
+    ) -> Obstacle:
+        """Return a convex mesh.
+
+        Parameters
+        ----------
+        file : str or path
+            File of the mesh, such as an STL or OBJ file [m]. In a scenario file the path is relative to that
+            file's folder.
+        scale : float
+            Scale factor.
+        """
+        factor = checks.positive("scale", scale)
+        try:
+            check_readable(file, LARGEST_DATA)
+            shape = coal.MeshLoader().load(os.fspath(file), np.full(3, factor))
+        except Exception as error:  # each mesh reader raises its own kinds
+            missing = isinstance(error, FileNotFoundError)
+            reason = getattr(error, "strerror", None) or " ".join(str(error).split())
+            message = "does not exist" if missing else f"cannot be read ({reason})"
+            raise InvalidValue("file", os.fspath(file), message) from None
+        return cls(shape, _centred("at", at), **options)
 
     @property
     def on_base(self) -> bool:

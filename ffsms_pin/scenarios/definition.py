@@ -25,13 +25,13 @@ from ffsms_pin.files import read_content, wrap_os_error, write_content
 from ffsms_pin.robot import SatelliteBase, SpaceManipulator, load, mount, satellite_names
 from ffsms_pin.robot.mounting import face_placement
 from ffsms_pin.scenarios.fits import check_fits, named
-from ffsms_pin.scenarios.keys import DEGREES, Keys, about, models_in, radians
+from ffsms_pin.scenarios.keys import DEGREES, Keys, models_in, radians
 from ffsms_pin.scenarios.problems import (
     made_client,
     made_obstacles,
     planning_problem,
 )
-from ffsms_pin.scenarios.tables import DEFAULT_LAW, NONE_IF_ABSENT, OWN, PARTS, ScenarioFile
+from ffsms_pin.scenarios.tables import DEFAULT_LAW, NONE_IF_ABSENT, ScenarioFile
 from ffsms_pin.system import RobotLimits
 from ffsms_pin.urdf import model_names
 
@@ -369,21 +369,25 @@ def _in_words(error: ErrorDetails, content: Mapping[str, Any]) -> str:
     kind, value = error["type"], error["input"]
     title, name, model, values = _place(error["loc"], content)
     if kind == "extra_forbidden":
-        fields = model.model_fields
-        known = list(fields)
         if model is ScenarioFile:
-            return f"unknown table [{name}]; {_suggestion(name, known)}"
-        known += [word + DEGREES for word, field in fields.items() if about(field).get("degrees")]
-        return f"unknown key '{name}' in {title}; {_suggestion(name, known)}"
+            return f"unknown table [{name}]; {_suggestion(name, list(model.model_fields))}"
+        key = name.removesuffix(DEGREES)
+        takers = [choice for choice, table in model.choices.items() if key in table.model_fields]
+        if not takers:
+            return f"unknown key '{name}' in {title}; {_suggestion(name, model.allowed_keys())}"
+        own = ", ".join(name for name in model.chosen_keys() if name != model.chooser)
+        takes = f", which takes {own}" if own else ""
+        instead = f'{model.chooser} = "{takers[0]}" takes it'
+        return f"{title} {name} is no option of {_chosen(model)}{takes}; {instead}"
     if kind == "missing":
-        return f"{title} {name} is missing; it has no default"
+        needed = f": {_chosen(model)} needs it" if name in model.chosen_keys() else "; it has no default"
+        return f"{title} {name} is missing{needed}"
+    if kind == "union_tag_not_found":
+        return f"{title} {model.chooser} is missing; it has no default"
     if kind == "union_tag_invalid":
-        table = str(error["loc"][0])
-        use, known = str(values.get("use")), [part for part in PARTS[table] if part != "own"]
-        return (
-            f"{title} use = '{use}' is no packaged {table}; {_suggestion(use, known)}; "
-            f"write a class of your own {OWN}"
-        )
+        choices, value = ", ".join(f'"{choice}"' for choice in model.choices), values[model.chooser]
+        guess = meant(str(value), model.choices, "; ")
+        return f"{title} {model.chooser} must be one of {choices}{guess}, got {short(value)}"
     if not name and kind in ("model_type", "model_attributes_type", "list_type"):
         path = ".".join(str(step) for step in error["loc"] if isinstance(step, str))
         if title.startswith("[["):
@@ -414,10 +418,15 @@ def _place(where: tuple[int | str, ...], content: Any) -> tuple[str, str, type[K
             if steps:
                 i = int(steps.pop(0))
                 title, values = f"[[{path}]] {i + 1}", values[i]
-            if steps and name in PARTS:
-                use = str(steps.pop(0))
-                model = PARTS[name].get(use, kinds[0])
+        if steps and model.choices:
+            model = model.choices[str(steps.pop(0))]
     return title, "", model, values
+
+
+def _chosen(model: type[Keys]) -> str:
+    """Return the choice of a table as text, such as `law = "pd"`."""
+    (choice,) = (choice for choice, table in model.choices.items() if table is model)
+    return f'{model.chooser} = "{choice}"'
 
 
 def _wrong(error: ErrorDetails) -> str:

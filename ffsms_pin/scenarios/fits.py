@@ -10,16 +10,8 @@ from typing import Any
 from ffsms_pin import errors
 from ffsms_pin.control import LAWS
 from ffsms_pin.opt import Problem
-from ffsms_pin.scenarios.keys import DEGREES, options_of
-from ffsms_pin.scenarios.paths import CURVES
-from ffsms_pin.scenarios.problems import SHAPES
-from ffsms_pin.scenarios.tables import (
-    BASE_LAWS,
-    DEFAULT_LAW,
-    NONE_IF_ABSENT,
-    STATION_KEEPING,
-    is_table,
-)
+from ffsms_pin.scenarios.keys import DEGREES
+from ffsms_pin.scenarios.tables import DEFAULT_LAW, NONE_IF_ABSENT, STATION_KEEPING, is_table
 
 # Modes of a plan that a closed loop can follow, and the actuators that hold the attitude.
 HELD_BY: Mapping[str, str] = {
@@ -36,6 +28,7 @@ _DEFAULTS = {
     "plan.method": "horizon",
     "control.law": DEFAULT_LAW,
     "attitude.law": "quaternion",
+    "reference.kind": "plan",
     "attitude.holds": "both",
 }
 # Terms and limits that can also be set by keys of [plan].
@@ -46,7 +39,12 @@ _SET_TWICE = (
     ("limit", "clearance", ("clearance", "collision")),
     ("limit", "base", ("base_limits",)),
 )
-OF_HORIZON = ("effort", "base", "time_limit")  # keys of [plan] only for "horizon"
+# Keys of [plan] only for "horizon", and what uses them; re-planning takes terms whatever the method.
+OF_HORIZON: Mapping[str, tuple[str, ...]] = {
+    "effort": ("plan.method = horizon", "reference.kind = re-planning"),
+    "base": ("plan.method = horizon", "reference.kind = re-planning"),
+    "time_limit": ("plan.method = horizon",),
+}
 # Keys that need an attitude.
 _OF_ATTITUDE = ("spin", "arrival_spin", "orientation_reach")
 
@@ -56,38 +54,13 @@ _IN_A_FILE = "[robot] {key} = {listed}"  # advice of the library
 _Tables = Mapping[str, Any]
 
 
-# Required and optional keys of each curve and each shape: table, choosing key, and the keys by choice.
-_REQUIRED = (("path", "curve", CURVES), ("obstacle", "shape", SHAPES))
-# Keys for one method, kind, law or shape only: table, choosing key, its default, and the keys by choice. All
-# other keys of a table apply to every choice.
-TAKES: tuple[tuple[str, str, str, Mapping[str, tuple[str, ...]]], ...] = (
-    ("plan", "method", "horizon", {"horizon": OF_HORIZON}),
-    ("reference", "kind", "plan", {"re-planning": ("dt", "period", "dead_band", "jerk")}),
-    (
-        "contact",
-        "kind",
-        "rigid",
-        {"compliant": ("stiffness", "damping", "turn_stiffness", "turn_damping", "time")},
-    ),
-    (
-        "attitude",
-        "law",
-        "quaternion",
-        {
-            "quaternion": (*options_of(BASE_LAWS["quaternion"]), "dump"),
-            "coordinated": (*options_of(BASE_LAWS["coordinated"]), "dump"),
-            STATION_KEEPING: tuple(options_of(BASE_LAWS[STATION_KEEPING])),
-        },
-    ),
-    ("control", "law", DEFAULT_LAW, {law: tuple(options_of(made)) for law, made in LAWS.items()}),
-    *(
-        (table, key, "", {name: needed + others for name, (needed, others) in choices.items()})
-        for table, key, choices in _REQUIRED
-    ),
-)
 # Conditions are tables, keys or values of keys: "attitude", "attitude.dump", "attitude.law = coordinated".
 # A condition, the conditions of which it needs one, and the text for them in messages.
 _NEEDS: tuple[tuple[str, tuple[str, ...], str], ...] = (
+    *(
+        (f"plan.{key}", users, '[plan] method = "horizon"; other methods do not use it')
+        for key, users in OF_HORIZON.items()
+    ),
     (
         "learn",
         ("reference.kind = re-planning",),
@@ -156,7 +129,6 @@ _EXCLUDES: tuple[tuple[str, str, str], ...] = (
     ("client.joints", "client.rpy", "[client] joints and rpy both place the client; keep one"),
     ("contact.nozzle", "contact.ring", "[contact.nozzle] and [contact.ring] both touch the grasp; keep one"),
     ("attitude.attitude", "attitude.holds = place", '[attitude] attitude is not held: holds = "place"'),
-    ("path.attitude", "path.faces", "[path] attitude and faces both define the attitude; keep one"),
     ("path.times", "path.file", "[path] times are for points; write the times of a file into its column t"),
     ("target", "path", "[target] is not for a [path]: the end effector follows the path"),
     ("meet", "path", "[meet] and [path] exclude each other; keep one"),
@@ -176,32 +148,14 @@ _EXCLUDES: tuple[tuple[str, str, str], ...] = (
 
 def check_fits(source: Path, tables: _Tables) -> None:
     """Raise `InvalidScenario` if tables of a file do not fit together."""
-    for check in (_choices, _conditions, _task, _places):
+    for check in (_parts, _conditions, _task, _places):
         for problem in check(tables):
             raise errors.InvalidScenario(source, problem)
 
 
-def _choices(tables: _Tables) -> Iterator[str]:
-    """Yield messages about keys that the method, kind, law, curve or shape does not take, or lacks."""
-    for name, chooser, choices in _REQUIRED:
-        for title, row in _rows(tables, name):
-            needed, _ = choices[row[chooser]]
-            for key in needed:
-                if key not in row:
-                    takes_it = f'{chooser} = "{row[chooser]}"'
-                    yield f"{title} {key} is missing: {takes_it} needs {' and '.join(needed)}"
+def _parts(tables: _Tables) -> Iterator[str]:
+    """Yield messages about terms that the method does not take, and parts that [plan] sets too."""
     replans = tables["reference"].get("kind") == "re-planning"
-    for name, chooser, default, takes in TAKES:
-        for title, row in _rows(tables, name):
-            chosen = row.get(chooser, default)
-            for typed in row:
-                takers = [choice for choice, keys in takes.items() if typed.removesuffix(DEGREES) in keys]
-                if not takers or chosen in takers or (replans and typed in ("effort", "base")):
-                    continue
-                own = ", ".join(takes.get(chosen, ()))
-                takes_it = f'{chooser} = "{takers[0]}" takes it'
-                which = f", which takes {own}" if own else ""
-                yield f'{title} {typed} is no option of {chooser} = "{chosen}"{which}; {takes_it}'
     method = tables["plan"].get("method", "horizon")
     with_terms = ("horizon", "step") if tables["path"] is None else ("horizon",)
     if tables["term"] and method not in with_terms and not replans:
@@ -246,15 +200,6 @@ def _title(condition: str) -> str:
     return f'{title} = "{value}"' if value else title
 
 
-def _rows(tables: _Tables, name: str) -> Iterator[tuple[str, _Tables]]:
-    """Yield the title and the keys of a table, or of each table of a list."""
-    values = tables[name]
-    if isinstance(values, tuple):
-        yield from ((f"[[{name}]] {i}", row) for i, row in enumerate(values, start=1))
-    elif values is not None:
-        yield f"[{name}]", values
-
-
 def _task(tables: _Tables) -> Iterator[str]:
     """Yield messages about target, client and path."""
     if tables["path"] is not None:
@@ -268,11 +213,8 @@ def _task(tables: _Tables) -> Iterator[str]:
 
 def _path(path: _Tables, client: _Tables | None) -> Iterator[str]:
     """Yield messages about a path."""
-    curve = path["curve"]
-    if curve == "points" and ("points" in path) == ("file" in path):
+    if path["curve"] == "points" and ("points" in path) == ("file" in path):
         yield '[path] curve = "points" needs either points or file'
-    if curve == "rounded-square" and 2.0 * path["corner"] > path["side"]:
-        yield f"[path] corner must be at most half of the side, got {path['corner']:g}"
     if client is not None and "sensor" in client and path.get("frame") != "client":
         yield '[client.sensor] needs [path] frame = "client", because other paths do not use its measurements'
 
@@ -384,7 +326,8 @@ def _in_words(error: errors.InvalidValue, tables: _Tables, paths: tuple[str, ...
         for key in (name, name + DEGREES):
             if key in table:
                 wrong = wrong.replace(" [rad]", "") if key.endswith(DEGREES) else wrong
-                value = error.value if entry or isinstance(error.value, str) else table[key]
+                narrower = entry or (isinstance(error.value, str) and not isinstance(table[key], str))
+                value = error.value if narrower else table[key]
                 return f"{title} {key}{wrong}, got {errors.short(value)}"
     if isinstance(tables.get(prefix), Mapping):
         return f"[{prefix}] {name}{message.removeprefix(error.name)}"

@@ -17,7 +17,7 @@ import textwrap
 from collections.abc import Collection, Iterable, Mapping
 from itertools import pairwise
 from types import SimpleNamespace
-from typing import Annotated, Any, Literal, NamedTuple, Union, get_args, get_type_hints
+from typing import Annotated, Any, ClassVar, Literal, NamedTuple, Union, get_args, get_type_hints
 
 from pydantic import (
     BaseModel,
@@ -76,6 +76,9 @@ class Keys(BaseModel):
 
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True, use_attribute_docstrings=True)
 
+    chooser: ClassVar[str] = ""  # the key that chooses this table from `choices`
+    choices: ClassVar[Mapping[str, type[Keys]]] = {}
+
     _in_degrees: frozenset[str] = PrivateAttr(frozenset())
 
     @model_validator(mode="wrap")
@@ -93,6 +96,21 @@ class Keys(BaseModel):
         model = handler({renamed.get(name, name): value for name, value in content.items()})
         model._in_degrees = turned
         return model
+
+    @classmethod
+    def allowed_keys(cls) -> list[str]:
+        """Return the keys, angles also with `_deg`."""
+        angles = [name for name, field in cls.model_fields.items() if about(field).get("degrees")]
+        return [*cls.model_fields, *(name + DEGREES for name in angles)]
+
+    @classmethod
+    def chosen_keys(cls) -> list[str]:
+        """Return the keys that not all of the `choices` have."""
+        return [
+            name
+            for name in cls.model_fields
+            if any(name not in table.model_fields for table in cls.choices.values())
+        ]
 
     def given_values(self) -> dict[str, Any]:
         """Return the values of the file, by key; angles in degrees under their names with `_deg`."""
@@ -171,6 +189,9 @@ class MadeKeys(Keys):
     model_config = ConfigDict(use_attribute_docstrings=False)
 
 
+OWN = "package.module:Class"  # the choice of a user's own class
+
+
 def table_of(
     *sources: Any,
     base: type[Keys] = MadeKeys,
@@ -189,63 +210,60 @@ def table_of(
     defaults : mapping, optional
         Defaults as text, by key, that differ from the library's in a file; these keys are optional.
     """
-    options = {name: option for source in sources for name, option in options_of(source).items()}
-    return _table(sources[0], base, {name: options[name] for name in options if name not in omit}, defaults)
+    named = sources[0] if base is MadeKeys else base
+    title = (inspect.getdoc(named) or "").partition("\n")[0]
+    return _table(named.__name__, title, base, _keys(sources, base, omit, defaults or {}))
 
 
-def table_by(choices: Mapping[str, Any], base: type[Keys]) -> Any:
-    """Return the table of several classes of which a key chooses one; descriptions name the choices."""
-    options = {choice: options_of(source) for choice, source in choices.items()}
-    merged = {}
-    for name in dict.fromkeys(name for takes in options.values() for name in takes):
-        takers = {choice: takes[name] for choice, takes in options.items() if name in takes}
-        first, texts, defaults = (
-            next(iter(takers.values())),
-            _groups(takers, "what"),
-            _groups(takers, "default"),
-        )
-        what, default = first.what, first.default
-        if len(takers) < len(choices) or len(texts) > 1:
-            what = "; ".join(f"for {by}: {text.rstrip('.')}" for text, by in texts.items())
-        if len(defaults) > 1:
-            default = ", ".join(f"{text} ({by})" for text, by in defaults.items())
-        units = " or ".join(dict.fromkeys(option.unit.name for option in takers.values()))
-        merged[name] = Option(first.kind, dataclasses.replace(first.unit, name=units), default, what)
-    return _table(None, base, merged)
+def tables_by(
+    chooser: str,
+    choices: Mapping[str, Collection[Any]],
+    omit: Collection[str] = (),
+    defaults: Mapping[str, str] | None = None,
+) -> dict[str, type[Keys]]:
+    """Return the tables of the choices of a key.
+
+    Parameters
+    ----------
+    chooser : str
+        The key.
+    choices : mapping
+        For each choice a table with the key, and the sources of further keys as in `table_of`.
+    omit, defaults
+        As in `table_of`.
+    """
+    tables: dict[str, type[Keys]] = {}
+    for choice, (base, *sources) in choices.items():
+        field = base.model_fields[chooser]
+        default = about(field)["default_in_words"]
+        chosen = key("", default, field.description, required=default != f'"{choice}"')
+        keys = {chooser: (Literal[choice], chosen), **_keys(sources, base, omit, defaults or {})}
+        title = (inspect.getdoc((sources or [base])[0]) or "").partition("\n")[0]
+        tables[choice] = _table(f"{base.__name__}.{choice}", title, base, keys)
+    for table in tables.values():
+        table.chooser, table.choices = chooser, tables
+    return tables
+
+
+def one_of(tables: Mapping[str, type[Keys]]) -> Any:
+    """Return the union of tables made by `tables_by`; each table of a file chooses one."""
+    chooser = next(iter(tables.values())).chooser
+    default = [name for name, table in tables.items() if not table.model_fields[chooser].is_required()]
+
+    def chosen(row: Any) -> str | None:
+        """Return the choice of a table of the file; None if it lacks a key without default."""
+        value = row.get(chooser) if isinstance(row, Mapping) else next(iter(tables))
+        if value is None:
+            return next(iter(default), None)
+        return OWN if OWN in tables and ":" in str(value) else str(value)
+
+    tagged = tuple(Annotated[table, Tag(choice)] for choice, table in tables.items())
+    return Annotated[Union[tagged], Discriminator(chosen)]  # noqa: UP007
 
 
 def by_name(parts: Iterable[Any]) -> dict[str, Any]:
     """Return terms or limits of the library by their names in a scenario file."""
     return {part.name.replace(" ", "-"): part for part in parts}
-
-
-def part_tables(
-    packaged: Mapping[str, Mapping[str, Any]], own: type[Keys]
-) -> dict[str, dict[str, type[Keys]]]:
-    """Return the tables of packaged terms and limits by kind and `use`; "own" is a class of the user's."""
-    return {
-        kind: {**{use: _part(use, made) for use, made in rows.items()}, "own": own}
-        for kind, rows in packaged.items()
-    }
-
-
-def _part(use: str, made: Any) -> Any:
-    """Return the table of one of the library's terms or limits."""
-    title = str(inspect.getdoc(made)).partition("\n")[0]
-    chosen: Any = {"use": (Literal[use], key("", "", title, required=True))}
-    return table_of(made, base=create_model(made.__name__, __base__=MadeKeys, __doc__=title, **chosen))
-
-
-def _which(row: Any) -> str:
-    """Return the name of a row's table: one of the library's by its `use`, else "own"."""
-    use = row.get("use") if isinstance(row, Mapping) else getattr(row, "use", None)
-    return use if isinstance(use, str) and use.strip() and ":" not in use else "own"
-
-
-def any_of(tables: Mapping[str, type[Keys]]) -> Any:
-    """Return the union of several tables, chosen by `use`."""
-    tagged = tuple(Annotated[table, Tag(use)] for use, table in tables.items())
-    return Annotated[Union[tagged], Discriminator(_which)]  # noqa: UP007
 
 
 def file_of(tables: Mapping[str, Any], name: str, required: Collection[str]) -> type[Keys]:
@@ -257,26 +275,22 @@ def file_of(tables: Mapping[str, Any], name: str, required: Collection[str]) -> 
     return create_model(name, __base__=MadeKeys, **fields)
 
 
-def _groups(takers: Mapping[str, Option], field: str) -> dict[str, str]:
-    """Return the distinct texts of options, each with the choices that have it."""
-    groups: dict[str, list[str]] = {}
-    for choice, option in takers.items():
-        groups.setdefault(" ".join(str(getattr(option, field)).split()), []).append(f'"{choice}"')
-    return {text: ", ".join(by) for text, by in groups.items()}
+def _keys(
+    sources: Iterable[Any], base: type[Keys], omit: Collection[str], defaults: Mapping[str, str]
+) -> dict[str, Any]:
+    """Return the options of classes or functions as keys, without those of `base`."""
+    options = {name: option for source in sources for name, option in options_of(source).items()}
+    return {
+        name: option._replace(default=defaults.get(name, option.default)).key
+        for name, option in options.items()
+        if name not in base.model_fields and name not in omit
+    }
 
 
-def _table(
-    source: Any, base: type[Keys], options: Mapping[str, Option], defaults: Mapping[str, str] | None = None
-) -> Any:
-    """Return the table with the keys of `base` and further keys from the options."""
-    keys: dict[str, Any] = {}
-    for name, option in options.items():
-        if name not in base.model_fields:
-            keys[name] = option._replace(default=(defaults or {}).get(name, option.default)).key
-    named = source if base is MadeKeys else base
-    title = (inspect.getdoc(named) or "").partition("\n")[0]
-    bases = MadeKeys if base is MadeKeys else (base, MadeKeys)
-    return create_model(named.__name__, __base__=bases, __doc__=title, **keys)
+def _table(name: str, title: str, base: type[Keys], keys: Mapping[str, Any]) -> Any:
+    """Return the table with the keys of `base` and further keys."""
+    bases = MadeKeys if issubclass(base, MadeKeys) else (base, MadeKeys)
+    return create_model(name, __base__=bases, __doc__=title, **keys)
 
 
 def _hint(source: Any, parameter: inspect.Parameter) -> Any:

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Callable, Mapping, Sequence
-from functools import partial
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,81 +13,40 @@ import pinocchio as pin
 from ffsms_pin import opt
 from ffsms_pin.checks import FloatArray, direction
 from ffsms_pin.client import FreeBody
-from ffsms_pin.errors import InvalidScenario, InvalidValue
+from ffsms_pin.errors import InvalidScenario
 from ffsms_pin.files import read_content
+from ffsms_pin.opt.goals.named_curves import CurvePlacement
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.scenarios.keys import radians
-from ffsms_pin.system.batch.stacks import cross, rotations
+from ffsms_pin.scenarios.tables import CURVES
+from ffsms_pin.system.batch.stacks import rotations
 
 if TYPE_CHECKING:
     from ffsms_pin.scenarios.definition import Scenario
 
-_OPTIONS: tuple[str, ...] = ("tolerance", "orientation_tolerance", "free_axis", "timing", "approach_time")
-_OPTIONS += ("reach", "orientation_reach")
-_AHEAD = (0.0, 0.0, 1.0)  # default of `free_axis`
 _POSITION, _ATTITUDE = ("x", "y", "z"), ("qx", "qy", "qz", "qw")  # columns of a file of points
-
-
-def _line(s: float, end: tuple[float, ...]) -> FloatArray:
-    return np.array([s * x for x in end])
-
-
-def _circle(s: float, radius: float, turns: float = 1.0) -> FloatArray:
-    angle = 2.0 * np.pi * turns * s
-    return np.array([radius * np.cos(angle), radius * np.sin(angle), 0.0])
-
-
-def _helix(s: float, radius: float, rise: float, turns: float = 1.0) -> FloatArray:
-    return np.add(_circle(s, radius, turns), [0.0, 0.0, rise * (s - 0.5)])
-
-
-def _rounded_square(s: float, side: float, corner: float) -> FloatArray:
-    """Return a point of the square; each quarter leads from the middle of a side to the next one's."""
-    straight, arc = 0.5 * side - corner, 0.5 * np.pi * corner
-    quarter, share = divmod(4.0 * s, 1.0)
-    way = share * (2.0 * straight + arc)
-    before, after = min(way, straight), max(way - straight - arc, 0.0)
-    angle = min(max(way - straight, 0.0), arc) / corner
-    x, y = straight + corner * np.cos(angle) - after, before + corner * np.sin(angle)
-    turn = 0.5 * np.pi * quarter
-    return np.array([np.cos(turn) * x - np.sin(turn) * y, np.sin(turn) * x + np.cos(turn) * y, 0.0])
-
-
-_SHAPES: Mapping[str, Callable[..., FloatArray]] = {
-    "line": _line,
-    "circle": _circle,
-    "helix": _helix,
-    "rounded-square": _rounded_square,
-}
-# The required and the optional keys of each kind of curve.
-CURVES: Mapping[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
-    "line": (("end",), ()),
-    "circle": (("radius",), ("turns",)),
-    "helix": (("radius", "rise"), ("turns",)),
-    "rounded-square": (("side", "corner"), ()),
-    "points": ((), ("points", "times", "file")),
-}
 
 
 def path_goal(scenario: Scenario, sms: SpaceManipulator, q0: FloatArray, client: FreeBody | None) -> opt.Path:
     """Return the goal of the table [path] for a motion from q0 (nq,), with the scenario's `client`."""
     values = radians(scenario.path)
-    kind, frames = values["curve"], {"client": client}
-    frame: Any = values.get("frame", "inertial")
-    options = {name: values[name] for name in _OPTIONS if name in values}
+    frame = values.get("frame", "inertial")
+    options: dict[str, Any] = {"frame": client if frame == "client" else frame}
     if "faces" in values:
-        options.setdefault("free_axis", _AHEAD)
+        options["free_axis"] = values.get("free_axis", CurvePlacement.tool_axis)
     with scenario.named("path"):
-        place = partial(_placed, _placement(values, sms, q0, client), _attitude(values))
-        curve: Any
-        if kind == "points":
+        place = {
+            "axes": _placement(values, sms, q0, client),
+            "attitude": pin.rpy.rpyToMatrix(np.array(values["attitude"])) if "attitude" in values else None,
+            "tool_axis": direction("free_axis", values.get("free_axis", CurvePlacement.tool_axis)),
+        }
+        if values["curve"] == "points":
             points, attitudes, options["times"] = _samples(scenario, values)
-            curve = [place(*row) for row in zip(points, attitudes, strict=True)]
+            placed = scenario.made(CurvePlacement, "path", **place)
+            options["curve"] = [placed.place(*row) for row in zip(points, attitudes, strict=True)]
         else:
-            keys = (*CURVES[kind][0], *CURVES[kind][1])
-            shape = partial(_SHAPES[kind], **{name: values[name] for name in keys if name in values})
-            curve, options["parameter"] = lambda s: place(shape(s)), (0.0, 1.0)
-        return opt.Path(curve, frame=frames.get(frame, frame), **options)
+            options["curve"] = scenario.made(CURVES[values["curve"]], "path", **place)
+        return scenario.made(opt.Path, "path", **options)
 
 
 def _placement(values: Mapping[str, Any], sms: SpaceManipulator, q0: FloatArray, client: Any) -> Any:
@@ -104,35 +62,6 @@ def _placement(values: Mapping[str, Any], sms: SpaceManipulator, q0: FloatArray,
     elif frame == "client":
         tool = client.pose(0.0).actInv(tool)
     return tool * pose
-
-
-def _attitude(values: Mapping[str, Any]) -> Callable[[FloatArray], FloatArray] | None:
-    """Return the attitude (3, 3) of the end effector as a function of the point (3,), in the curve's axes."""
-    if "attitude" in values:
-        attitude = pin.rpy.rpyToMatrix(np.array(values["attitude"]))
-        return lambda point: attitude
-    if "faces" not in values:
-        return None
-    tool = _facing(direction("free_axis", values.get("free_axis", _AHEAD))).T
-    inwards = -np.array([1.0, 1.0, values["faces"] == "centre"])
-    return lambda point: _facing(inwards * point) @ tool
-
-
-def _placed(placement: Any, turn: Any, point: FloatArray, attitude: FloatArray | None = None) -> Any:
-    """Return a point (3,) of the curve as a position, or as a pose, in the axes of the path's frame."""
-    attitude = attitude if turn is None else turn(point)
-    return placement.act(point) if attitude is None else placement * pin.SE3(attitude, point)
-
-
-def _facing(along: FloatArray) -> FloatArray:
-    """Return an attitude (3, 3) whose third axis points along (3,), and whose second axis lies across z."""
-    length = float(np.linalg.norm(along))
-    if length < 1e-9:
-        raise InvalidValue("faces", along, "has no direction where the curve meets the axis or centre")
-    ahead = along / length
-    across = np.array([ahead[1], -ahead[0], 0.0])
-    across = across / np.linalg.norm(across) if across.any() else np.array([0.0, 1.0, 0.0])
-    return np.column_stack([cross(across, ahead), across, ahead])
 
 
 def _samples(

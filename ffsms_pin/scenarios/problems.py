@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from pathlib import Path
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import coal
@@ -17,34 +16,19 @@ from ffsms_pin.capture.options import Belief, Nozzle, Ring
 from ffsms_pin.capture.rendezvous import first_estimate
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.client import Client
-from ffsms_pin.errors import FfsmsError, InvalidScenario
-from ffsms_pin.files import LARGEST_DATA, check_readable
+from ffsms_pin.errors import InvalidScenario
 from ffsms_pin.opt.problem import default_limits, default_terms
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.robot.base_motion import straight_end
-from ffsms_pin.scenarios.keys import radians
+from ffsms_pin.scenarios.keys import options_of, radians
 from ffsms_pin.scenarios.own_parts import made_part
 from ffsms_pin.scenarios.paths import path_goal
+from ffsms_pin.scenarios.tables import SHAPES
 from ffsms_pin.system.dynamics import frame_pose
 from ffsms_pin.system.mechanism import frame_index
 
 if TYPE_CHECKING:
     from ffsms_pin.scenarios.definition import Scenario
-
-# The required and the optional keys of each shape of obstacles.
-SHAPES: Mapping[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
-    "box": (("size",), ()),
-    "sphere": (("radius",), ()),
-    "cylinder": (("radius", "length"), ()),
-    "capsule": (("radius", "length"), ()),
-    "mesh": (("file",), ("scale",)),
-}
-_SHAPE_CLASSES: Mapping[str, Callable[..., Any]] = {
-    "box": lambda size: coal.Box(*size),
-    "sphere": coal.Sphere,
-    "cylinder": coal.Cylinder,
-    "capsule": coal.Capsule,
-}
 
 
 def planning_problem(
@@ -256,39 +240,20 @@ def meeting(meet: Mapping[str, Any], client: Client | ClientEstimate) -> opt.Mee
 def made_obstacles(scenario: Scenario, client: Any = None) -> list[opt.Obstacle]:
     """Return the obstacles; obstacles on the client only if a client is given.
 
-    Paths of meshes are relative to the file's folder. `InvalidScenario` is raised if a mesh is missing,
-    unreadable or not convex.
+    Paths of meshes are relative to the file's folder.
     """
-    source, obstacles = scenario.source, []
+    obstacles = []
     for i, row in enumerate(scenario.obstacle, start=1):
         on = row.get("on", "inertial")
         if on == "client" and client is None:
             continue
-        title = f"[[obstacle]] {i}"
-        shape = _shape(source, title, row)
-        others = _only(row, "margin", "name")
-        try:
-            obstacles.append(
-                opt.Obstacle(shape, _pose(radians(row)), client if on == "client" else on, **others)
-            )
-        except FfsmsError as error:
-            raise InvalidScenario(source, f"{title}: {error}") from None
+        made = SHAPES[row["shape"]]
+        options = _only(row, *options_of(made), "margin", "name")
+        if "file" in options:
+            options["file"] = scenario.source.parent / options["file"]
+        with scenario.named(f"obstacle.{i}"):
+            obstacles.append(made(**options, at=_pose(radians(row)), on=client if on == "client" else on))
     return obstacles
-
-
-def _shape(source: Path, title: str, row: Mapping[str, Any]) -> Any:
-    kind = row["shape"]
-    if kind != "mesh":
-        return _SHAPE_CLASSES[kind](*(row[key] for key in SHAPES[kind][0]))
-    path = source.parent / row["file"]
-    try:
-        check_readable(path, LARGEST_DATA)
-        return coal.MeshLoader().load(str(path), np.full(3, row.get("scale", 1.0)))
-    except FileNotFoundError:
-        raise InvalidScenario(source, f"{title} file = '{row['file']}' does not exist") from None
-    except Exception as error:  # each mesh reader raises its own kinds
-        reason = getattr(error, "strerror", None) or error
-        raise InvalidScenario(source, f"{title} file = '{row['file']}' cannot be read ({reason})") from None
 
 
 def _only(values: Mapping[str, Any], *keys: str) -> dict[str, Any]:

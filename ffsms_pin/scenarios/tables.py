@@ -18,11 +18,11 @@ from ffsms_pin.capture.procedure import Procedure
 from ffsms_pin.client import Client
 from ffsms_pin.control import LAWS, Coordinated, MomentumDump, QuaternionFeedback, StationKeeping
 from ffsms_pin.identification import Identifier
+from ffsms_pin.opt.goals.named_curves import CurvePlacement
 from ffsms_pin.opt.problem import default_terms
 from ffsms_pin.options import *
 from ffsms_pin.robot import SatelliteBase, load
 from ffsms_pin.scenarios.keys import *
-from ffsms_pin.scenarios.paths import CURVES
 from ffsms_pin.system import RobotLimits
 
 DEFAULT_LAW, STATION_KEEPING = "sliding-mode", "station-keeping"  # the latter also holds the base's position
@@ -30,6 +30,19 @@ BASE_LAWS: dict[str, Any] = {
     "quaternion": QuaternionFeedback,
     "coordinated": Coordinated,
     STATION_KEEPING: StationKeeping,
+}
+SHAPES: dict[str, Any] = {
+    "box": opt.Obstacle.box,
+    "sphere": opt.Obstacle.sphere,
+    "cylinder": opt.Obstacle.cylinder,
+    "capsule": opt.Obstacle.capsule,
+    "mesh": opt.Obstacle.mesh,
+}
+CURVES: dict[str, Any] = {
+    "line": opt.Line,
+    "circle": opt.Circle,
+    "helix": opt.Helix,
+    "rounded-square": opt.RoundedSquare,
 }
 _Sensor: Any = table_of(Camera)
 _Belief: Any = table_of(Belief)
@@ -106,7 +119,7 @@ class AlsoTable(PlaceTable):
 class PathTable(Keys):
     """The table [path]: a curve that the end effector follows."""
 
-    curve: Annotated[str, OneOf(tuple(CURVES))] = key("", "", required=True)
+    curve: Text = key("", "", required=True)
     """"line": from the origin of the curve's axes to `end`; "circle": about the z axis, beginning on the x
     axis; "helix": a circle that rises along z, with the origin at half its height; "rounded-square": about
     the z axis, beginning in the middle of the side at +x; "points": splines through `points`"""
@@ -116,19 +129,19 @@ class PathTable(Keys):
     rpy: Vector3 = angle("rad", "0", "roll, pitch and yaw of the curve's axes")
     relative_to: Literal["frame", "start"] = key("", '"frame"')
     """"start": `position` and `rpy` are relative to the end effector at the start of the motion"""
-    end: Vector3 = key("m", "", "end of a line")
-    radius: Positive = key("m", "", "radius of a circle or a helix")
-    rise: Number = key("m", "", "height of a helix from its first to its last point, along z")
-    turns: Number = key("", "1", "turns of a circle or a helix; negative for the opposite direction")
-    side: Positive = key("m", "", "side of a rounded square")
-    corner: Positive = key("m", "", "corner radius of a rounded square")
+    attitude: Vector3 = angle("rad", "any", "roll, pitch and yaw of the end effector in the curve's axes")
+
+
+class PointsTable(PathTable):
+    """The table [path] with `curve = "points"`."""
+
     points: Rows = key("m", "", "positions, in the curve's axes")
     file: Text = key("", "")
     """CSV file in place of `points` and `times`, relative to the scenario file's folder: columns x, y, z [m]
     and, optionally, t [s] and an attitude qx, qy, qz, qw, named in its first line"""
-    attitude: Vector3 = angle("rad", "any", "roll, pitch and yaw of the end effector in the curve's axes")
-    faces: Literal["axis", "centre"] = key("", "nothing")
-    """direction of `free_axis`: towards the z axis of the curve's axes, or towards their origin"""
+    times: Numbers = key("s", "none: a geometric curve")
+    """times of the points, beginning at zero. If the motion ends before the last point, it does not follow
+    the rest of the path, and the plan has a note"""
 
 
 class ClientTable(Keys):
@@ -159,7 +172,7 @@ class MeetTable(Keys):
 class ContactTable(Keys):
     """The table [contact]: the contact with the client, and the time after it."""
 
-    kind: Literal["rigid", "compliant"] = key("", '"rigid"')
+    kind: Text = key("", '"rigid"')
     """"rigid": a weld at once; "compliant": a spring and a damper, later a weld"""
     envelope: _Envelope = table()
     go: _Go = table()
@@ -171,14 +184,8 @@ class ContactTable(Keys):
 class ObstacleTable(Keys):
     """The table [[obstacle]]: a body that the robot must not touch."""
 
-    shape: Literal["box", "sphere", "cylinder", "capsule", "mesh"] = key("", "", required=True)
+    shape: Text = key("", "", required=True)
     """shape of the obstacle: "box", "sphere", "cylinder", "capsule" or "mesh"."""
-    size: Sizes3 = key("m", "", "three sides of a box")
-    radius: Positive = key("m", "", "radius of a sphere, cylinder or capsule")
-    length: Positive = key("m", "")
-    """length of a cylinder along its z axis, or of a capsule between the centres of its ends"""
-    file: Text = key("", "", "path of a convex mesh, relative to the scenario file's folder")
-    scale: Positive = key("", "1", "scale factor of a mesh")
     position: Vector3 = key("m", "0", "position of the shape's centre, or of a mesh's origin")
     rpy: Vector3 = angle("rad", "0", "roll, pitch and yaw of the shape, as in a URDF")
     on: Literal["inertial", "base", "client"] = key("", '"inertial"')
@@ -199,7 +206,7 @@ class PlanTable(Keys):
 class ControlTable(Keys):
     """The table [control]: the joints' law and its gains."""
 
-    law: Annotated[str, OneOf(tuple(LAWS))] = key("", f'"{DEFAULT_LAW}"')
+    law: Text = key("", f'"{DEFAULT_LAW}"')
     """"sliding-mode" (the paper's), "computed-torque", "pd", "impedance" or "admittance"; the last two are in
     [contact](contact.md)"""
     torque_limit: PerJointLimit = key(
@@ -213,18 +220,23 @@ class ControlTable(Keys):
 class AttitudeTable(Keys):
     """The table [attitude]: the law of the base."""
 
-    law: Annotated[str, OneOf(tuple(BASE_LAWS))] = key("", '"quaternion"')
+    law: Text = key("", '"quaternion"')
     """"quaternion": attitude feedback, with any law of [control]; "coordinated": one model-based law for arm
     and base, with `law = "computed-torque"` and its gains under [control]; "station-keeping": thrusters also
     hold the base's position"""
     attitude: Vector3 = angle("rad", "that at the start", "roll, pitch, yaw of the root frame to hold")
+
+
+class DumpingTable(AttitudeTable):
+    """The table [attitude] of a law that unloads the wheels by thrusters."""
+
     dump: _Dump = table()
 
 
 class ReferenceTable(Keys):
     """The table [reference]: the reference of the closed loop."""
 
-    kind: Literal["plan", "re-planning"] = key("", '"plan"')
+    kind: Text = key("", '"plan"')
     """"plan": the plan made once; "re-planning": the motion is re-planned from the measured state by
     `opt.Replanning`. The plan made once is then simulated for comparison"""
     hold: NotNegative = key("s", "0", "time at the target after the arrival")
@@ -275,7 +287,11 @@ class CampaignTable(Keys):
     """distributions by key of this file, such as `plant.arm_mass = { uniform = [0.8, 1.2] }`"""
 
 
-OWN = "package.module:Class"
+class PartTable(Keys):
+    """The tables [[term]] and [[limit]]."""
+
+    use: Text = key("", "", required=True)
+    """name of one of the library's terms or limits"""
 
 
 class OwnPart(Keys):
@@ -304,8 +320,11 @@ PACKAGED: Mapping[str, Mapping[str, Any]] = {
 """The packaged terms and limits by their names in a scenario file."""
 
 
-PARTS: Mapping[str, Mapping[str, type[Keys]]] = part_tables(PACKAGED, own=OwnPart)
-"""The tables [[term]] and [[limit]] by their `use`; "own" stands for a user's class."""
+def _parts(kind: str) -> Any:
+    """Return the tables [[term]] or [[limit]] by their `use`."""
+    tables = tables_by("use", {use: (PartTable, made) for use, made in PACKAGED[kind].items()})
+    tables[OWN] = OwnPart
+    return list[one_of(tables)]  # type: ignore[misc]  # made here
 
 
 _OF_URDF = dict.fromkeys(("lower", "upper", "velocity", "torque"), "the URDF's")
@@ -314,30 +333,56 @@ _OF_ENVELOPE = {
     "contact_torque": "[contact.envelope] torque, else inf",
 }
 
+_PATHS = tables_by(
+    "curve",
+    {
+        **{curve: (PathTable, made, opt.Path) for curve, made in CURVES.items()},
+        "points": (PointsTable, CurvePlacement, opt.Path),
+    },
+    omit=("times",),  # a key of points
+    defaults={"free_axis": "none; with `faces` [0, 0, 1]"},
+)
+_OBSTACLES = tables_by(
+    "shape", {shape: (ObstacleTable, made, opt.Obstacle) for shape, made in SHAPES.items()}
+)
+_ATTITUDES = tables_by(
+    "law",
+    {
+        law: (AttitudeTable if law == STATION_KEEPING else DumpingTable, made)
+        for law, made in BASE_LAWS.items()
+    },
+)
 _TABLES: dict[str, Any] = {
     "robot": table_of(load, base=RobotTable),
     "start": StartTable,
     "target": table_of(opt.Pose, base=TargetTable, omit=("reach",)),  # `reach` is a key of [plan]
     "also": list[table_of(opt.Pose, base=AlsoTable)],  # type: ignore[misc]  # made here
     "via": list[table_of(opt.Waypoint, base=PlaceTable, defaults={"name": '"via 1", ...'})],  # type: ignore[misc]
-    "path": table_of(opt.Path, base=PathTable, defaults={"free_axis": "none; with `faces` [0, 0, 1]"}),
+    "path": one_of(_PATHS),
     "client": table_of(Client, base=ClientTable),
     "meet": table_of(opt.Meet, base=MeetTable),
-    "contact": table_of(Grip, Procedure, base=ContactTable),
+    "contact": one_of(
+        tables_by(
+            "kind",
+            {"rigid": (ContactTable, Procedure), "compliant": (ContactTable, Grip, Procedure)},
+        )
+    ),
     "plan": table_of(opt.Problem, default_terms, opt.SearchOptions, opt.Clearance, base=PlanTable),
-    "term": list[any_of(PARTS["term"])],  # type: ignore[misc]
-    "limit": list[any_of(PARTS["limit"])],  # type: ignore[misc]
-    "obstacle": list[table_of(opt.Obstacle, base=ObstacleTable)],  # type: ignore[misc]
+    "term": _parts("term"),
+    "limit": _parts("limit"),
+    "obstacle": list[one_of(_OBSTACLES)],  # type: ignore[misc]
     "limits": table_of(RobotLimits, defaults={**_OF_URDF, "acceleration": "1.25 /s times the rate limit"}),
-    "control": table_by(LAWS, base=ControlTable),
-    "reference": table_of(Replan, base=ReferenceTable),
+    "control": one_of(tables_by("law", {law: (ControlTable, made) for law, made in LAWS.items()})),
+    "reference": one_of(
+        tables_by("kind", {"plan": (ReferenceTable,), "re-planning": (ReferenceTable, Replan)})
+    ),
     "simulation": table_of(
         simulation.Conditions, base=SimulationTable, defaults={"momentum": "[plan] momentum"}
     ),
     "plant": table_of(simulation.InertialError, base=PlantTable),
     "wheels": table_of(ReactionWheels),
     "thrusters": table_of(Thrusters),
-    "attitude": table_by(BASE_LAWS, base=AttitudeTable),
+    "attitude": one_of(_ATTITUDES),
     "friction": table_of(simulation.JointFriction),
     "actuator": table_of(simulation.Actuator),
     "sensors": table_of(simulation.Sensors),

@@ -30,6 +30,7 @@ from ffsms_pin.opt.goals.curves import (
     sampled_points,
 )
 from ffsms_pin.opt.goals.goal import REACH, TOLERANCE, Goal, Place, PoseError, check_reaches
+from ffsms_pin.opt.goals.named_curves import NamedCurve
 from ffsms_pin.opt.goals.pose_constraints import PoseConstraint
 from ffsms_pin.opt.limits.limit import Limit
 from ffsms_pin.opt.rollouts import RecordedRollouts, Rollouts
@@ -66,12 +67,14 @@ class Path(Goal):
     curve: Any
     """The curve: a function that returns a position (3,) [m], a pinocchio.SE3 or a homogeneous matrix (4, 4);
     or samples of these, joined by cubic splines: (K, 3), K poses, or (K, 4, 4). The argument of a function is
-    the time [s] from the path's start, or a parameter if `parameter` has its range."""
+    the time [s] from the path's start, or a parameter if `parameter` has its range. `opt.Line`, `Circle`,
+    `Helix` and `RoundedSquare` are geometric curves."""
     times: Annotated[Numbers | None, Unit("s", "none: a geometric curve")] = None
     """The times of the samples, beginning at zero. Samples without times are a geometric curve. If the motion
     ends before the last sample, it does not follow the rest of the path, and the plan has a note."""
     parameter: Any = None
-    """The first and the last value of the function's parameter. The function is then a geometric curve."""
+    """The first and the last value of the function's parameter. The function is then a geometric curve.
+    Default: (0, 1) for `opt.Line`, `Circle`, `Helix` and `RoundedSquare`."""
     tolerance: Annotated[Positive, Unit("m")] = TOLERANCE
     """The largest distance from the path."""
     orientation_tolerance: Annotated[Positive, Angle("rad")] = 0.01
@@ -101,6 +104,8 @@ class Path(Goal):
 
     def __post_init__(self) -> None:
         check_reaches(self)
+        if isinstance(self.curve, NamedCurve) and self.parameter is None:
+            checks.set_frozen(self, parameter=(0.0, 1.0))
         checks.positive("orientation_tolerance", self.orientation_tolerance, "rad")
         checks.at_least_zero("approach_time", self.approach_time, "s")
         checks.one_of("timing", self.timing, ("given", "fastest"))

@@ -22,17 +22,17 @@ from ffsms_pin.scenarios.keys import Keys, models_in
 from ffsms_pin.scenarios.tables import ScenarioFile
 
 
-def _model(*path: str) -> type[Keys]:
-    """The model of a table, or of a table inside it."""
-    model: type[Keys] = ScenarioFile
+def _models(*path: str) -> list[type[Keys]]:
+    """The models of a table, or of a table inside it: one for each choice."""
+    models: list[type[Keys]] = [ScenarioFile]
     for name in path:
-        (model,) = models_in(model.model_fields[name].annotation)
-    return model
+        models = models_in(models[0].model_fields[name].annotation)
+    return models
 
 
 def _keys(*path: str) -> set[str]:
     """The keys of a table, tables inside it left out."""
-    fields = _model(*path).model_fields
+    fields = {name: field for model in _models(*path) for name, field in model.model_fields.items()}
     return {name for name, field in fields.items() if not models_in(field.annotation)}
 
 
@@ -71,7 +71,7 @@ def test_every_keyword_of_simulate_can_be_said() -> None:
     said |= {"client", "loads", "supervisor"}  # [client] and [contact]
     laws = (QuaternionFeedback, StationKeeping)
     law = {name for one in laws for name in signature(one).parameters} - {"sms"}
-    assert set(_model("attitude").model_fields) == law | {"law"}
+    assert {name for one in _models("attitude") for name in one.model_fields} == law | {"law"}
     assert _keys("attitude", "dump") == set(signature(MomentumDump).parameters)
     said |= _keys("simulation")
     arguments = set(signature(sim.simulate).parameters) | {field.name for field in fields(sim.Conditions)}

@@ -87,10 +87,11 @@ clearance = 0.012
 @pytest.mark.parametrize(
     ("table", "words"),
     [
-        ('shape = "box"', 'size is missing: shape = "box" needs size'),
+        ('shape = "box"', 'size is missing: shape = "box" needs it'),
+        ("radius = 0.1", "shape is missing; it has no default"),
         ('shape = "sphere"\nradius = 0.1\nsize = [1.0, 1.0, 1.0]', 'size is no option of shape = "sphere"'),
         ('shape = "sphere"\nradius = 0.1\non = "moon"', 'must be one of "inertial", "base"'),
-        ('shape = "mesh"\nfile = "absent.stl"', "'absent.stl' does not exist"),
+        ('shape = "mesh"\nfile = "absent.stl"', "file does not exist, got 'absent.stl'"),
         ('shape = "mesh"\nfile = "dented.obj"', "must be convex: cut it into convex pieces"),
         ('shape = "sphere"\nradius = 0.1\nposition = [0.45, 0.75, 0.0]', None),
     ],

@@ -17,8 +17,9 @@ from ffsms_pin.errors import FfsmsError, InvalidScenario, InvalidValue
 from ffsms_pin.scenarios import run, scenario, summary
 from ffsms_pin.scenarios.closed_loop import planned
 from ffsms_pin.scenarios.comparisons import compare
+from ffsms_pin.scenarios.keys import OWN, models_in
 from ffsms_pin.scenarios.replanning import replanning
-from ffsms_pin.scenarios.tables import PACKAGED, PARTS
+from ffsms_pin.scenarios.tables import PACKAGED, ScenarioFile
 
 MODULE = """
 from dataclasses import dataclass
@@ -100,7 +101,8 @@ def test_parts_by_short_names_stand_in_for_the_defaults(tmp_path: Path) -> None:
 def test_every_packaged_part_has_a_table() -> None:
     """What a scenario file may name, and what is made of it, are the same lists."""
     for kind, parts in PACKAGED.items():
-        assert PARTS[kind].keys() - {"own"} == parts.keys()
+        (first, *_) = models_in(ScenarioFile.model_fields[kind].annotation)
+        assert first.choices.keys() == {*parts, OWN}
 
 
 def test_terms_of_a_base_that_is_held(tmp_path: Path) -> None:
@@ -195,7 +197,7 @@ def test_nothing_is_imported_unless_allowed(folder: Path, capsys: pytest.Capture
     [
         (
             '[[term]]\nuse = "efort"\n',
-            ["'efort' is no packaged term", "did you mean 'effort'?"],
+            ["[[term]] 1 use must be one of", '"effort"', "did you mean 'effort'?", "got 'efort'"],
         ),
         ('[[term]]\nuse = "effort"\nwieght = 1\n', ["'wieght' in [[term]] 1", "did you mean 'weight'?"]),
         ('[[term]]\nuse = "effort"\nweight = -1\n', ["[[term]] 1 weight must not be negative"]),
@@ -266,9 +268,9 @@ def test_methods_that_do_not_know_a_part_are_left_out(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("keys", "words"),
     [
-        ('method = "paper"\neffort = 1e-3', ['[plan] effort is no option of method = "paper"']),
-        ('method = "step"\nbase = 0.1', ['[plan] base is no option of method = "step"']),
-        ('method = "resolved-rate"\ntime_limit = 1.0', ["[plan] time_limit is no option of method"]),
+        ('method = "paper"\neffort = 1e-3', ['[plan] effort needs [plan] method = "horizon"']),
+        ('method = "step"\nbase = 0.1', ['[plan] base needs [plan] method = "horizon"']),
+        ('method = "resolved-rate"\ntime_limit = 1.0', ["[plan] time_limit needs [plan] method"]),
     ],
 )
 def test_options_that_the_method_does_not_take_are_refused(

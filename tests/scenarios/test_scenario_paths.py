@@ -144,7 +144,7 @@ def test_points_in_the_file_and_beside_it(tmp_path: Path) -> None:
 
 
 BAD = {
-    'curve = "circle"\n': '[path] radius is missing: curve = "circle" needs radius',
+    'curve = "circle"\n': '[path] radius is missing: curve = "circle" needs it',
     'curve = "spiral"\nradius = 0.1\n': 'curve must be one of "line", "circle", "helix"',
     'curve = "line"\nend = [0.1, 0.0, 0.0]\nradius = 0.1\n': '[path] radius is no option of curve = "line"',
     'curve = "rounded-square"\nside = 0.2\ncorner = 0.15\n': "[path] corner must be at most half of the side",

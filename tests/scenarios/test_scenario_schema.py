@@ -8,6 +8,7 @@ import subprocess
 import sys
 import tomllib
 from pathlib import Path
+from typing import get_args
 
 import jsonschema
 import pytest
@@ -77,23 +78,35 @@ def test_a_closed_pipe_is_no_defect() -> None:
     ],
 )
 def test_a_default_that_is_written_for_a_file_is_the_library_s(table: str, name: str, default: float) -> None:
-    (model,) = models_in(ScenarioFile.model_fields[table].annotation)
+    model = models_in(ScenarioFile.model_fields[table].annotation)[0]
     assert float(about(model.model_fields[name])["default_in_words"]) == default
 
 
 def test_options_of_a_law_come_from_its_parameters() -> None:
-    """Unit, default and description; and each law that takes a gain, where they differ."""
-    (model,) = models_in(ScenarioFile.model_fields["control"].annotation)
-    assert set(model.model_fields) == {"law", "torque_limit", "dt", "offset"}.union(
-        *map(options_of, control.LAWS.values())
-    )
-    stiffness = about(model.model_fields["K_p"])
-    assert stiffness["unit"] == "1/s² or N m/rad"
-    assert stiffness["default_in_words"] == '25 ("computed-torque"), 0.5 ("pd"), 400 ("admittance")'
-    assert (
-        words(model.model_fields["Gamma"])
-        == 'for "sliding-mode": Slope of the sliding surface; in the same forms'
-    )
+    """Each law has a table with its own gains, with their units, defaults and descriptions."""
+    for model in models_in(ScenarioFile.model_fields["control"].annotation):
+        (law,) = get_args(model.model_fields["law"].annotation)
+        common = {"law", "torque_limit", "dt", "offset"}
+        assert set(model.model_fields) == common | set(options_of(control.LAWS[law]))
+        assert set(model.chosen_keys()) == set(model.model_fields) - common
+    pd, sliding = model.choices["pd"], model.choices["sliding-mode"]
+    stiffness = about(pd.model_fields["K_p"])
+    assert (stiffness["unit"], stiffness["default_in_words"]) == ("N m/rad", "0.5")
+    assert words(sliding.model_fields["Gamma"]) == "Slope of the sliding surface; in the same forms"
+
+
+def test_an_editor_offers_the_keys_of_the_choice(tmp_path: Path) -> None:
+    """A table with a choice takes the keys of this choice only."""
+    editor = jsonschema.Draft202012Validator(schema())
+    content = {"robot": {"model": "planar_3r"}, "start": {"joints": [1.0]}}
+    for table, right, wrong in (
+        ("control", {"K_s": 1.0}, {"law": "pd", "K_s": 1.0}),
+        ("control", {"law": "pd", "K_p": 1.0}, {"K_p": 1.0}),
+        ("path", {"curve": "line", "end": [1.0, 0.0, 0.0]}, {"curve": "line", "radius": 1.0}),
+        ("contact", {"kind": "compliant", "time": 0.1, "ring": {}}, {"time": 0.1}),
+    ):
+        editor.validate({**content, table: right})
+        assert not editor.is_valid({**content, table: wrong})
 
 
 def test_every_key_has_a_description() -> None:

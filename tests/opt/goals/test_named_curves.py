@@ -1,0 +1,63 @@
+"""The curves line, circle, helix and rounded square, and the attitudes along them."""
+
+from __future__ import annotations
+
+import pickle
+from collections.abc import Callable
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import ffsms_pin as ffsms
+from ffsms_pin import opt
+from ffsms_pin.errors import FfsmsError, InvalidValue
+
+AXES = pin.SE3(pin.utils.rotate("x", 0.4), np.array([0.1, 0.2, 0.3]))
+
+
+def test_a_curve_lies_in_its_axes() -> None:
+    assert np.allclose(opt.Line([0.1, 0.0, 0.2], axes=AXES)(0.5), AXES.act(np.array([0.05, 0.0, 0.1])))
+    circle = opt.Circle(0.2, turns=-0.5, axes=AXES.homogeneous)
+    assert np.allclose(circle(0.5), AXES.act(np.array([0.0, -0.2, 0.0])))
+    assert np.allclose(opt.Helix(0.2, 0.4)(1.0), [0.2, 0.0, 0.2])
+    assert np.allclose(opt.RoundedSquare(0.4, 0.1)(0.25), [0.0, 0.2, 0.0])
+
+
+@pytest.mark.parametrize(("faces", "flat"), [("axis", [1.0, 1.0, 0.0]), ("centre", [1.0, 1.0, 1.0])])
+def test_the_tool_axis_faces_the_axis_or_the_centre(faces: str, flat: list[float]) -> None:
+    axis = np.array([1.0, 0.0, 0.0])
+    curve = opt.Helix(0.5, 0.4, axes=AXES, faces=faces, tool_axis=axis)  # type: ignore[arg-type]
+    for s in (0.0, 0.3, 1.0):
+        pose = AXES.actInv(curve(s))
+        inwards = -pose.translation * flat
+        assert np.allclose(pose.rotation @ axis, inwards / np.linalg.norm(inwards))
+
+
+def test_a_path_along_a_curve_needs_no_parameter(planar: ffsms.SpaceManipulator) -> None:
+    """It is the path of the same function with its parameter, also in another process."""
+    curve = opt.Circle(0.02)
+    path = opt.Path(curve, timing="fastest")
+    assert path.geometric
+    assert path.parameter == (0.0, 1.0)
+    again = pickle.loads(pickle.dumps(curve))
+    assert np.array_equal(again(0.3), curve(0.3))
+    q0 = planar.configuration([0.4, 0.7, -0.5])
+    start = planar.at(q0).end_effector_pose * pin.SE3(np.eye(3), np.array([-0.02, 0.0, 0.0]))
+    made = opt.Problem(planar, q0, opt.Path(opt.Circle(0.02, axes=start)), duration=4.0, dt=0.05)
+    assert np.allclose(made.goal.place(0.0).position, planar.at(q0).end_effector_pose.translation)
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (lambda: opt.RoundedSquare(0.2, 0.15), "corner must be at most half of the side"),
+        (lambda: opt.Circle(-0.1), "radius must be above zero"),
+        (lambda: opt.Line([0.1]), "end must have shape"),
+        (lambda: opt.Circle(0.1, faces="outwards"), 'faces must be "axis" or "centre"'),
+        (lambda: opt.Circle(0.1, faces="axis", attitude=np.eye(3)), "faces and attitude both"),
+        (lambda: opt.Line([0.1, 0.0, 0.0], faces="axis")(0.0), "faces has no direction"),
+    ],
+)
+def test_refusals(make: Callable[[], object], words: str, refused: Callable[..., FfsmsError]) -> None:
+    refused(make, InvalidValue, words)
