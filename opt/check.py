@@ -22,7 +22,7 @@ from ffsms_pin.opt.step.state import StepState
 from ffsms_pin.robot.base_motion import advance
 from ffsms_pin.system.batch.stacks import apply, exp3
 
-# The field of `Rollouts` by which each slope of a variable is the derivative.
+# The names of slopes, each with the field of `Rollouts` with respect to which it is the derivative.
 _MOVED = {
     "by_tip": "end_effector",
     "by_turn": "attitude",
@@ -151,7 +151,7 @@ def _compared(
     return error
 
 
-# -- finite differences by each quantity alone
+# -- finite differences for each quantity alone
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -181,7 +181,7 @@ def _nudged(held: _Nudged, name: str, i: int, by: float) -> Rollouts:
 def _by_differences(
     formula: Callable[[Rollouts], FloatArray], motions: Rollouts, step: float = 1e-6
 ) -> dict[str, FloatArray]:
-    """Return finite differences of a formula (S, K) or (c, S, K) by each quantity; zero if not finite."""
+    """Return finite differences of a formula (S, K) or (c, S, K) for each quantity; zero if not finite."""
     quantities: dict[str, Any] = {entry.name: getattr(motions, entry.name) for entry in fields(_Nudged)}
     held = _Nudged(**(quantities | {"evaluated": motions.arm}))
     slopes: dict[str, FloatArray] = {}
@@ -235,7 +235,7 @@ def _ending(problem: Problem, state: StepState, change: FloatArray, by: float) -
 
 
 def _flow_error(limit: Inequality, problem: Problem, state: StepState, tolerance: float) -> float:
-    """Return the relative error of the slack's rate of change, compared with that in a short step."""
+    """Return the relative error of the slack's rate of change, compared with a short step."""
     here = StepVariables(state)
     at, u = here.change(limit.slacks(here)), state.rates
 
@@ -252,8 +252,8 @@ def _flow_error(limit: Inequality, problem: Problem, state: StepState, tolerance
         change = slope(partial(_ending, problem, state, unit), _STEP * state.dt)
         errors.append(float(np.abs(change - at.jump[:, j])[jumps].max()) / scale)
     if max(errors) > tolerance:
-        problem_text = "are wrong: their rate of change of the slack differs from finite differences by"
-        raise PartError(limit, "rows", f"{problem_text} {max(errors):.3g} of the largest")
+        problem_text = "are wrong: the slack's rate of change differs from that in a short step by"
+        raise PartError(limit, "rows", f"{problem_text} {max(errors):.3g} of the largest rate")
     return max(errors)
 
 

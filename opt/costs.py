@@ -84,7 +84,7 @@ class Term(ABC):
         for residual in formulas(self, "residual", variables):
             if residual.where is None:  # only whole motions have variables at some instants
                 value, flow, drift, jump = variables.change(residual)
-                known = np.isfinite(value)  # NaN if it depends on the goal, which single steps do not pass
+                known = np.isfinite(value)  # a residual that depends on the goal is NaN
                 J, desired = (flow + jump)[known], (jump @ step.rates - value - drift)[known]
                 W += self.step_weight * J.T @ J
                 w += self.step_weight * J.T @ desired

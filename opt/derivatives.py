@@ -1,8 +1,8 @@
 """Variables of motions with their derivatives (forward mode), for the formulas of terms and limits.
 
-A `Variable` is an array with slopes, its derivatives by the quantities on which it depends. A `FrameVariable`
-is the position of a frame of the robot, with the frame's attitude. `Variables` has all variables of whole
-motions, `StepVariables` those of a single step.
+A `Variable` is an array with slopes, its derivatives with respect to the quantities on which it depends. A
+`FrameVariable` is the position of a frame of the robot, with the frame's attitude. `Variables` has all
+variables of whole motions, `StepVariables` those of a single step.
 """
 
 from __future__ import annotations
@@ -41,7 +41,8 @@ Slopes: TypeAlias = "dict[str, FloatArray] | Callable[[], dict[str, FloatArray]]
 # Motions, or None for all of them, and instants.
 Where: TypeAlias = "tuple[Indices | None, Any]"
 
-# Slopes of component j by joint j alone, which have no axis for the joints, and the slopes by all joints.
+# Slopes of component j with respect to joint j alone, which have no axis for joints, and the names of the
+# same slopes with respect to all joints.
 OWN = {"own_joint": "by_joints", "own_rate": "by_rates", "own_acceleration": "by_accelerations"}
 _NEXT, _AFTER = [1, 2, 0], [2, 0, 1]
 _lost = threading.local()  # number of variables converted to plain arrays, by thread
@@ -109,9 +110,9 @@ class Variable(NDArrayOperatorsMixin):
     value : ndarray, shape (S, K), or (c, S, K)
         The value at K instants of S motions; components come first.
     slopes : dict of str to ndarray, or a function that makes it
-        The partial derivatives by the name of a quantity. The first axis is that of the value's components if
-        the value is a vector, then follow the axes of the quantity, then S and K, each of which may be 1. If
-        a function returns them, it is called once, when slopes are needed. The names are:
+        The partial derivatives, by names of the quantities. The first axis is that of the value's components
+        if the value is a vector, then follow the axes of the quantity, then S and K, each of which may be 1.
+        A function that returns the slopes is called once, when they are needed. The names are:
 
         "by_joints", "by_rates", "by_accelerations" (n): joint positions, rates and accelerations;
         "own_joint", "own_rate", "own_acceleration" (no axis): the same, of component j by joint j alone;
@@ -219,7 +220,7 @@ class Variable(NDArrayOperatorsMixin):
         return Variable(mapping(self.value), slopes, self.where)
 
     def by_all(self) -> dict[str, FloatArray]:
-        """Return the slopes; those of component j by joint j alone get an axis for all joints."""
+        """Return the slopes; those of component j for joint j alone get an axis for all joints."""
         by_name = {name: slope for name, slope in self.slopes.items() if name not in OWN}
         own = {OWN[name]: slope for name, slope in self.slopes.items() if name in OWN}
         return _summed(by_name, {name: np.eye(len(self))[..., None, None] * own[name] for name in own})
@@ -332,7 +333,7 @@ def _beside(values: Any, axes: int) -> Any:
 
 # The axes in which a quantity is expressed.
 INERTIAL, BASE = "inertial", "base"
-EYE = np.eye(3)[..., None, None]  # slopes of a vector by itself
+EYE = np.eye(3)[..., None, None]  # slopes of a vector with respect to itself
 
 
 class RobotFrame(NamedTuple):
@@ -347,7 +348,7 @@ class RobotFrame(NamedTuple):
     def of(cls, stack: ArmStack, name: str = "tip") -> RobotFrame:
         """Return the robot's frame with a name; "tip" is the end effector.
 
-        `FrameNotFound` is raised for an unknown name and lists the known ones.
+        An unknown name raises `FrameNotFound`.
         """
         if name in ("tip", stack.robot.end_effector):
             return cls(stack.moves_tip)
@@ -450,7 +451,7 @@ class FrameVariable(Variable):
         return log3(np.einsum("xy...,zy...->xz...", self.rotation, rotation.reshape(3, 3, 1, -1)))
 
     def _turned(self, value: FloatArray, slope: Callable[[], FloatArray]) -> Variable:
-        """Return a vector with its slopes (3, 3, S, K) by a rotation of the frame."""
+        """Return a vector with its slopes (3, 3, S, K) with respect to a rotation of the frame."""
 
         def slopes() -> dict[str, FloatArray]:
             by = slope()
@@ -459,8 +460,9 @@ class FrameVariable(Variable):
         return Variable(value, slopes, self.where)
 
 
-_OWN = np.ones((1, 1, 1))  # slope of one number per joint by itself; `_OWN[0]` is that of a single number
-# Slopes by velocities, and the slopes by the quantities whose rates these velocities are.
+# The slopes of a number for each joint with respect to itself; `_OWN[0]` is that of a single number.
+_OWN = np.ones((1, 1, 1))
+# The slopes with respect to velocities, each with the slope with respect to its integral.
 _VELOCITIES = {"by_velocity": "by_tip", "by_spin": "by_turn", "by_base_spin": "by_base_turn"}
 
 
@@ -674,7 +676,7 @@ class StepChange(NamedTuple):
     value: FloatArray  # (c,) the values for the rates at the step's start
     flow: FloatArray  # (c, n) flow @ u + flow_drift is the rate of change due to the motion
     flow_drift: FloatArray  # (c,)
-    jump: FloatArray  # (c, n) the derivative by the rates, with the configuration unchanged
+    jump: FloatArray  # (c, n) the derivative with respect to u, with the configuration unchanged
 
 
 class StepVariables(Variables):

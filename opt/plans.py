@@ -255,7 +255,7 @@ def plan_many(
     """Plan N motions in several processes, and return the plans in the order of the arguments.
 
     `q0`, `target` and `duration` each have one value for all motions, or one for each motion. The other
-    arguments are those of `plan`, and so are the plans, bit for bit.
+    arguments are those of `plan`. The plans equal those of `plan` bit for bit.
 
     Parameters
     ----------

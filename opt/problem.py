@@ -72,7 +72,7 @@ def default_limits(
     obstacles: Sequence[Obstacle] = (),
     base: Limit | None = None,
 ) -> tuple[Limit, ...]:
-    """Return the limits of joints, torques and clearance, and `base` if it is a limit."""
+    """Return the limits of joints, torques and clearance, and `base` if it is not None."""
     if not (base is None or isinstance(base, Limit)):
         raise InvalidValue("base_limits", base, "must be an opt.BaseLimits or None")
     limits = (JointLimits(), TorqueLimits(), Clearance(clearance, collision, obstacles=obstacles))
@@ -134,7 +134,7 @@ class Problem:
         Root pose (position, quaternion) relative to which base rotation and displacement are measured.
         Default: that of q0.
     time_offset : float
-        The time of the motion's start for limits and moving obstacles [s]; set by re-planning.
+        The time [s] that is added to times of the motion for limits and moving obstacles; set by re-planning.
     extra_margins : dict of str to float
         Additional margins of limits by their names, each in the limit's own unit; set by a search, because
         penalties are soft.
@@ -289,7 +289,7 @@ class Problem:
         return np.asarray(self.wheel_momentum + of_arm)
 
     def motion(self, rates: FloatArray, dt: float | None = None) -> Rollouts:
-        """Return the motion with joint rates (N + 1, n) at nodes `dt` [s] apart, with their midpoints."""
+        """Return the motion, at nodes and midpoints, with joint rates (N + 1, n) at nodes `dt` [s] apart."""
         rates = matrix("rates", rates, None, self.sms.n)
         if len(rates) < 2:
             raise InvalidValue("rates", rates, "must have two rows at least")

@@ -3,8 +3,8 @@
 The formulas of entropy, forces, momentum and their slopes (derivatives) are in
 `ffsms_pin/kernel/slopes.hpp` and `entropy.hpp`. Wheels that hold the base's attitude share a momentum by the
 pseudo-inverse, as in `ffsms_pin.control.WheelAllocation`. Without an external moment the wheels' momenta are
-h = h_0 - A^+ D u, with h_0 (w,) those at rest joints, the wheels' axes A (3, w), the angular momentum per
-joint rate D (3, n) (`held_momentum`) and the joint rates u (n,).
+h = h_0 - A^+ D u, with the momenta h_0 (w,) while the joints are at rest, the wheels' axes A (3, w), the
+angular momentum per joint rate D (3, n) (`held_momentum`) and the joint rates u (n,).
 """
 
 from __future__ import annotations
@@ -54,10 +54,11 @@ def entropy_and_gradient(
 def velocity_slopes(
     stack: ArmStack, arm: ArmValues, rates: FloatArray, angular_drift: FloatArray | None = None
 ) -> tuple[FloatArray, FloatArray]:
-    """Return slopes (3, n, ...) of the base's angular velocity and the tip's velocity by joint positions.
+    """Return the slopes (3, n, ...) of two velocities with respect to joint positions.
 
-    Both velocities are in base axes and follow from the joint rates (n, ...) and from `angular_drift`
-    (3, ...), the base's angular velocity from an angular momentum that is constant in base axes.
+    They are the base's angular velocity and the velocity of the end effector, in base axes. Both follow from
+    the joint rates (n, ...) and from `angular_drift` (3, ...), the base's angular velocity from an angular
+    momentum that is constant in base axes.
     """
     positions, rates = np.broadcast_arrays(arm.positions, rates)
     own = () if angular_drift is None else (angular_drift,)
@@ -66,7 +67,7 @@ def velocity_slopes(
 
 
 def coupling_slopes(stack: ArmStack, arm: ArmValues, by_coupling: FloatArray) -> FloatArray:
-    """Convert slopes (..., 6, n, S, K) by C_bm to slopes (..., n, S, K) by joint positions."""
+    """Convert slopes (..., 6, n, S, K) with respect to C_bm to slopes (..., n, S, K) for joint positions."""
     several = by_coupling.reshape(-1, *arm.coupling.shape)
     slopes = [kernel.coupling_slopes(stack.tree, arm.positions, slope) for slope in several]
     return np.reshape(slopes, (*by_coupling.shape[: -arm.coupling.ndim], *arm.positions.shape))
@@ -101,7 +102,7 @@ def force_slopes(
 ) -> dict[str, FloatArray]:
     """Return the slopes (n + 6, n, ...) of `forces` by name, with a fixed angular drift.
 
-    Forces are quadratic in rates and linear in accelerations, so finite differences by both are exact.
+    Forces are quadratic in rates and linear in accelerations, so finite differences for both are exact.
     """
     n, step = stack.n, 1e-6  # [rad]
     still = np.zeros((n, *joints.shape))  # the second axis is the joint
@@ -121,8 +122,8 @@ def momentum_force_slopes(m: Rollouts) -> dict[str, FloatArray]:
     """Return the slopes (n + 6, ., S, K) of `forces` through the angular drift, by name.
 
     The angular drift J R^T L, with the inverse inertia J, the base's attitude R and the angular momentum L,
-    depends on joint positions and attitude. Forces are quadratic in the drift, so finite differences by it
-    are exact.
+    depends on joint positions and attitude. Forces are quadratic in the drift, so finite differences for the
+    drift are exact.
     """
     if m.angular_momentum is None:
         return {}
@@ -238,7 +239,7 @@ class Rollouts:
     wheel_total: FloatArray = field(default_factory=lambda: np.zeros(0))
     thrusters: Thrusters | None = None  # the thrusters, if they hold attitude or position
     target_on: str = "inertial"  # or "base": the axes of the base link, with which the target moves
-    time_offset: float = 0.0  # [s] the time of the motion's start for limits and moving obstacles
+    time_offset: float = 0.0  # [s] added to `times` for limits and moving obstacles
     measured_momenta: FloatArray | None = None  # (w, S, K) of the wheels; None: predicted from the motion
     evaluated: ArmValues | None = None  # the arm at the joint positions, if evaluated
 
@@ -323,7 +324,7 @@ class Rollouts:
 
     @cached_property
     def entropy_and_slope(self) -> tuple[FloatArray, FloatArray]:
-        """The entropy H_norm (S, K), and its slopes (6, n, S, K) by `ArmValues.coupling`."""
+        """The entropy H_norm (S, K), and its slopes (6, n, S, K) with respect to C_bm."""
         return entropy_and_gradient(self.arm.coupling, self.stack.free_rows)
 
     @cached_property

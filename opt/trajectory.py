@@ -78,11 +78,10 @@ class Trajectory:
     kappa, reach, orientation_reach : float
         The sharpness of C~; the paper's r_th [m]; the corresponding angle [rad].
     note : str
-        The errors and their reasons. It is never empty if the plan is not `reached` or not
-        `within_tolerance`.
+        The errors and their reasons; never empty if the plan is not `reached` or not `within_tolerance`.
     shortest_duration : float
-        A sufficient duration [s], if the plan failed for lack of time and the search computed a duration;
-        else 0.
+        A sufficient duration [s], if the plan failed for lack of time and one was found; else 0. Plans of
+        `opt.shortest`, and of paths with `timing="fastest"`, have their own duration.
     contact_velocity, momentum : ndarray, shape (6,)
         Velocity [m/s] and angular velocity [rad/s] of the end effector at the deadline, relative to the
         desired ones, zero by default; total momentum [linear; angular] about the system's centre of mass

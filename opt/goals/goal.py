@@ -129,7 +129,7 @@ class Place:
         angle = np.arctan2(sine * np.where(opposite, 0.0, 1.0), cosine)
         return PoseError(displacement, across * (angle / sine))
 
-    def counting(self, columns: FloatArray) -> FloatArray:
+    def without_free_axis(self, columns: FloatArray) -> FloatArray:
         """Return angular velocities (3, ...) without their component along the free axis.
 
         If the place has no attitude, the result is empty (0, ...).

@@ -258,7 +258,7 @@ class Waypoint(PoseTolerance):
 
         Distances and angles are compared as shares of their reaches.
         """
-        speeds = (m.velocity.value, self.place.counting(m.angular_velocity.value))
+        speeds = (m.velocity.value, self.place.without_free_axis(m.angular_velocity.value))
         parts = zip(self.errors_with_reaches(m), speeds, strict=False)
         errors = [(x.value / most, v / most) for (x, most), v in parts]
         along = sum(dot(x, v) for x, v in errors)

@@ -31,8 +31,8 @@ class AlphaBox(Inequality):
     def slack(self, m: Variables) -> Any:
         """Return the slack of each |alpha_i| <= 1.
 
-        The slopes by the joint rates are the columns v_i of V. Those by C = C_bm follow from v_i as
-        eigenvectors of C^T C with eigenvalues lambda_i: dv_i is the sum over j of
+        The slopes with respect to joint rates are the columns v_i of V. The slopes with respect to C = C_bm
+        follow from v_i as eigenvectors of C^T C with eigenvalues lambda_i: dv_i is the sum over j of
         v_j (v_j^T d(C^T C) v_i) / (lambda_i - lambda_j).
         """
         rates, C = m.rollouts.rates, m.rollouts.arm.coupling

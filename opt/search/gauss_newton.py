@@ -1,7 +1,8 @@
 """The Levenberg-Marquardt method for several motions in parallel, within the joint limits.
 
-The residuals are those of terms, goal and limits, with their slopes by the control points of a spline. By
-successive halving many motions get a few iterations, and the best of them more iterations on a finer spline.
+The residuals are those of terms, goal and limits, with their slopes with respect to the control points of a
+spline. By successive halving many motions get a few iterations, and the best of them more iterations on a
+finer spline.
 
 References: J. Nocedal, S. J. Wright, "Numerical Optimization", 2nd ed., 2006, ch. 10; K. Jamieson, A.
 Talwalkar, "Non-stochastic best arm identification and hyperparameter optimization", 2016.

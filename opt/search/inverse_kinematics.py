@@ -69,9 +69,9 @@ class _GoalFromStart(NamedTuple):
     def pose_error(
         self, arm: ArmValues, R: FloatArray, path_turning: FloatArray | None = None
     ) -> tuple[FloatArray, FloatArray]:
-        """Return pose errors (3 to 6, K) at the ends of moves, and their slopes by joints (3 to 6, n, K).
+        """Return pose errors (3 to 6, K) at the ends of moves, and their slopes (3 to 6, n, K).
 
-        For the arguments see the results of `straight_ends`.
+        The slopes are with respect to joint goals. For the arguments see the results of `straight_ends`.
         """
         position, rotation, linear, angular = self.frame.of_arm(arm)
         if not self.place.moves_with_base:
@@ -83,7 +83,7 @@ class _GoalFromStart(NamedTuple):
                 angular = angular + path_turning
         missed = self.place.pose_error(FrameVariable(position[:, None], rotation[:, :, None], {}, {}))
         error = np.concatenate([part.value[:, 0] for part in missed.parts])
-        return error, np.concatenate([linear, self.place.counting(angular)])
+        return error, np.concatenate([linear, self.place.without_free_axis(angular)])
 
 
 def _goals_from_start(problem: Problem) -> list[_GoalFromStart]:
@@ -153,8 +153,9 @@ def straight_ends(
     """Return the ends of straight moves to joint goals (K, n) without momentum.
 
     They are the arm and the base's rotation from the start (3, 3, K). With `exact` the third result (3, n, K)
-    is the slope of that rotation by the joint goals, minus its slope by the joints at the end of the move. It
-    is not zero, because another goal changes the whole move. It is in base axes at the start.
+    is the slope of that rotation with respect to the joint goals, minus the base's angular velocity per joint
+    rate at the end. The difference is not zero, because another goal changes the whole move. All are in the
+    base's axes at the start.
     """
     stack, start = problem.stack, problem.joints0
     # A few instants are sufficient for a small base rotation with an error of 1e-4 rad.
@@ -311,9 +312,10 @@ def moves_to(problem: Problem, spline: RateSpline, goals: FloatArray) -> FloatAr
 def pose_error_at(
     problem: Problem, place: Place, t: float, joints: FloatArray, base: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the pose errors (K, 6) of postures (K, n) relative to a place, and slopes (K, 6, n) by joints.
+    """Return the pose errors (K, 6) of postures (K, n) relative to a place, and their slopes (K, 6, n).
 
-    The bases have the attitudes `base` (3, 3, K). The system's centre of mass is that at time `t` [s].
+    The slopes are with respect to joint positions, with a reacting base. The bases have the attitudes `base`
+    (3, 3, K). The system's centre of mass is that at time `t` [s].
     """
     centre = problem.com0 + t * problem.drift
     desired = _GoalFromStart(place.transformed(-centre, np.eye(3)), RobotFrame.of(problem.stack))

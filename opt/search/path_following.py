@@ -370,7 +370,7 @@ def follow_fastest(
 
 
 def _joint_path(problem: Problem, path: Path) -> Rollouts | None:
-    """Return the motion along a path in 1 s, at nodes; None if it cannot be followed without rate limits."""
+    """Return the motion along a path in 1 s, at nodes; None if it is infeasible without limits on rates."""
     start = problem
     if path.approach_time > 0.0:  # the joint path begins in the final posture of the approach
         rest = np.zeros(2)

@@ -1,9 +1,9 @@
 """The fastest time law along a joint path: forward and backward passes over a grid of the path's share.
 
 At the share s of the path, the joints q(s) have rates q' ds/dt and accelerations q' u + q'' x, where x is the
-square of ds/dt, u = d^2 s/dt^2, and q', q'' are derivatives by s. Without momentum the joint torques of a
-free-floating robot are linear in u and x, too. So each limit is a row a u + b x <= c. A backward pass
-computes the largest x from which the end can be reached. A forward pass then uses the largest u.
+square of ds/dt, u = d^2 s/dt^2, and q' = dq/ds. Without momentum the joint torques of a free-floating robot
+are linear in u and x, too. So each limit is a row a u + b x <= c. A backward pass computes the largest x from
+which the end can be reached. A forward pass then uses the largest u.
 
 Reference: H. Pham, Q.-C. Pham, "A new approach to time-optimal path parameterization based on reachability
 analysis", IEEE Transactions on Robotics 34 (2018).

@@ -1,4 +1,4 @@
-"""Final poses of joint motions of a tumbling robot, and their slopes by a change of the whole motion.
+"""Final poses of joint motions of a tumbling robot, and their slopes for changes of the whole motion.
 
 The base's attitude R satisfies R' = R [omega]x, where omega is the sum of the contributions of the joint
 rates and of the total angular momentum L. A change of the joint motion rotates the whole robot by an
@@ -32,15 +32,15 @@ def tumbling_ends(
 ) -> tuple[ArmValues, FloatArray, FloatArray]:
     """Return the final states of K motions of a tumbling robot.
 
-    They are the arm, the base's rotation (3, 3, K), and the derivatives (3, n, K) of the whole robot's final
-    rotation vector by the joint goals. Axes are those of the base at the start.
+    They are the arm, the base's rotation (3, 3, K), and the slopes (3, n, K) of the whole robot's final
+    rotation vector with respect to the joint goals. Axes are those of the base at the start.
 
     Parameters
     ----------
     joints, rates : ndarray, shape (n, K, Q)
         Joint positions and rates of the motions at the instants of the spline.
     share, speed : ndarray, shape (Q,)
-        Derivatives of joints and rates at these instants by the joint goal.
+        Derivatives of joint positions and rates at these instants with respect to the joint goal.
     """
     stack = problem.stack
     assert problem.momentum is not None

@@ -32,12 +32,11 @@ class StepState:
     """A configuration q (nq,) with joint rates (n,) [rad/s], and its kinematics.
 
     `dt` is the step's length, `time_left` the time from the step's start to the deadline, and `time` the time
-    from the motion's start to the step's start [s]. `time_offset` is the time of the motion's start for
-    limits and moving obstacles [s]. `momentum` (6,) is the total momentum, inertial axes, about the system's
-    centre of mass; None: zero. `base_start` (7,) is the root pose relative to which base rotation and
-    displacement are measured; None: the present pose. `mode` is the part of the base's motion that is held.
-    `wheel_total` (w,) are the momenta of the wheels that hold the base's attitude, with the joints at rest
-    [N m s].
+    from the motion's start to the step's start [s]. `time_offset` [s] is added to `time` for limits and
+    moving obstacles. `momentum` (6,) is the total momentum, inertial axes, about the system's centre of mass;
+    None: zero. `base_start` (7,) is the root pose relative to which base rotation and displacement are
+    measured; None: the present pose. `mode` is the part of the base's motion that is held. `wheel_total` (w,)
+    are the momenta of the wheels that hold the base's attitude, with the joints at rest [N m s].
 
     Derived quantities are `reaction` (6, n), the root's velocity per joint rate, root axes; `J_star` and
     `J_arm` (6, n), the end effector's Jacobians with a reacting and a fixed base, inertial axes; `V` (n, n)

@@ -202,7 +202,7 @@ class StepSolution(NamedTuple):
 
 
 class StepSolver:
-    """A warm-started solver of QPs, with a ProxQP solver for each size; a copy begins without them."""
+    """A warm-started solver of QPs, with a ProxQP solver for each size; a copy has no warm start."""
 
     def __init__(self) -> None:
         self._solvers: dict[tuple[int, int], Any] = {}
@@ -212,7 +212,7 @@ class StepSolver:
         return StepSolver, ()
 
     def solve(self, p: StepQP, start: tuple[FloatArray, FloatArray] | None = None) -> StepSolution:
-        """Solve a QP, warm-started with the solution (x, z) of a similar QP, or without if that fails.
+        """Solve a QP with a warm start from the solution (x, z) of a similar QP; if it fails, without.
 
         The last digits of ProxQP's result depend on the alignment of its memory, and the differences grow
         over a rollout of a thousand steps. Therefore the equality-constrained problem of the active rows is
@@ -335,7 +335,7 @@ class Stepper:
         return Stepper(problem.sms, problem.dt, problem.kappa, limits, terms, weights, reference, *settings)
 
     def like(self, sms: SpaceManipulator | None = None) -> Stepper:
-        """Return a new stepper with the same settings, for `sms` if it is not None."""
+        """Return a new stepper with the same settings, for the robot `sms`; default: the same robot."""
         parts = self.kappa, self._given, self.terms, self.weights, self.reference
         settings = self.momentum, self.mode, self.wheel_total, self.time_offset
         return Stepper(sms or self.sms, self.dt, *parts, *settings)

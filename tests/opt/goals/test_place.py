@@ -61,7 +61,7 @@ def test_an_error_has_as_many_rows_as_the_place_is_tied(rng: np.random.Generator
     np.testing.assert_allclose(turned @ AXIS, rotation @ AXIS, atol=1e-12)
     # Of what joints turn the frame by, what is about the free axis does not count.
     columns = rng.normal(size=(3, 4))
-    counting = [place.counting(columns) for place in kinds]
+    counting = [place.without_free_axis(columns) for place in kinds]
     assert [len(one) for one in counting] == [0, 3, 3]
     np.testing.assert_allclose((rotation @ AXIS) @ counting[1], np.zeros(4), atol=1e-12)
     np.testing.assert_allclose(np.cross(rotation @ AXIS, (columns - counting[1]).T), 0.0, atol=1e-12)
