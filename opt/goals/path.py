@@ -294,9 +294,10 @@ class Path(Goal):
         return Points(positions, np.einsum("xyk,yz->xzk", exp3(turns), R[..., 0]))
 
     def _begin_rotation(self, first: FloatArray) -> FloatArray:
-        """Return the initial attitude of an approach to the path's first attitude (3, 3).
+        """Return the initial attitude of an approach to the path's first attitude `first` (3, 3).
 
-        Rotation about a free axis is chosen for the smallest angle between both.
+        If there is a free axis, it is the attitude nearest to `first` in which this axis has its present
+        direction.
         """
         if self.free_axis is None:
             return np.asarray(self.begin.rotation)

@@ -47,7 +47,7 @@ class PoseConstraint:
         return places.pose_error(m.frame(self.frame, places.on))
 
     def reference(self, m: Variables) -> FrameVariable:
-        """Return the poses of the goal as a frame; in a single step it has slopes by time."""
+        """Return the poses of the goal as a frame; in a single step it has slopes with respect to time."""
         places, moves, turns = self.places(m), {}, {}
         assert places.rotation is not None
         if m.step is not None:
@@ -89,7 +89,7 @@ class PoseTolerance(PoseConstraint, Inequality):
         return [self.reach - (self.reach / most) * x.norm() for x, most in self.errors_with_reaches(m)]
 
     def residual(self, m: Variables) -> list[Variable]:
-        """Return the pose error beyond `share` of the reaches, as vectors for the right curvature."""
+        """Return the pose error beyond `share` of the reaches; vectors give squares the right curvature."""
         scale = self._scale_and_margin(m.rollouts)[0]
         residuals: list[Variable] = []
         for x, most in self.errors_with_reaches(self.at_active_instants(m)):

@@ -44,8 +44,8 @@ class Clearance(Limit):
     """The geometry of the robot: "points", the paper's points and the base's box (const4 to const7); "hulls",
     the URDF's collision shapes as convex parts; "shapes", the exact shapes, which take much longer; "off",
     none; "auto", "hulls" if bodies with shapes can collide, else "points", for example for planar arms. The
-    distance of obstacles is that to the convex parts, also with "off" and "shapes". With "points", or if the
-    robot has no shapes, it is that to the points and to the lines between them."""
+    clearance to obstacles is measured from the convex parts, also with "off" and "shapes". With "points", or
+    if the robot has no shapes, it is measured from the points and from the lines between them."""
     margin: float = 0.01
     """The safety margin of whole motions during a search [arm lengths], in addition to the clearance. With
     shapes it is 3e-3, because neighbouring bodies are close in every posture."""
@@ -225,7 +225,7 @@ class _Passing:
         return np.asarray(self._passes * (speeds + own))
 
     def slopes(self, placed: FloatArray) -> FloatArray:
-        """Return the rates of distances (m, n + 1) per joint rate; the last column is that at joint rest."""
+        """Return the rates of distances (m, n + 1) per joint rate; the last column is for joints at rest."""
         here, _, normal = placed
         by = -np.concatenate([normal, cross(here, normal)]).T @ self._base
         by[:, -1] += self.own_slopes(placed)

@@ -145,7 +145,7 @@ class RateSpline:
         return _cut(_basis(self.knots, 2, times), self.free_end)
 
     def through(self, rates: FloatArray, rates0: FloatArray) -> FloatArray:
-        """Return control points (..., M, n) for joint rates (..., M, n) at the sites; (n,) at the start."""
+        """Return control points (..., M, n) for `rates` (..., M, n) at the sites, `rates0` at the start."""
         change = rates - self.at_sites.fixed[:, None] * rates0
         return np.asarray(np.linalg.solve(self.at_sites.free, change))
 
