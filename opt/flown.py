@@ -292,5 +292,6 @@ def _velocity_misses(problem: Problem, motion: Rollouts) -> list[str]:
     if place.velocity is not None and linear > goal.reach:
         misses.append(f"the end effector's velocity is {1e3 * linear:.3g} mm/s off at the deadline")
     if place.angular_velocity is not None and angular > goal.orientation_reach:
-        misses.append(f"its angular velocity is {math.degrees(angular):.3g} deg/s off at the deadline")
+        off = f"{math.degrees(angular):.3g} deg/s off"
+        misses.append(f"the end effector's angular velocity is {off} at the deadline")
     return misses

@@ -192,7 +192,7 @@ class Path(Goal):
         last = duration - self.approach_time
         if not callable(self.curve) and self.times is not None and last > float(self.times[-1]) + 1e-9:
             remedy = (
-                f"must reach to the end of the motion: {last:g} s after the approach; give a duration of "
+                f"must reach the end of the motion, {last:g} s after the approach; shorten the duration to "
                 f"{float(self.times[-1]) + self.approach_time:g} s"
             )
             raise InvalidValue("times", float(self.times[-1]), remedy)

@@ -53,7 +53,7 @@ class _Most(Inequality):
     def note(self, slack: float, time: float) -> str:
         """Return the message for a motion that violates the limit."""
         most, largest = (f"{x:.4g} {self.unit}" for x in (self.most, self.most - slack))
-        return f"{self.name} {most}, the largest found is {largest}"
+        return f"{self.name} reaches {largest}, its limit is {most}"
 
 
 @dataclass(frozen=True)

@@ -157,7 +157,7 @@ def reasons(problem: Problem, plan: Trajectory, binding: Kinds, goals: JointGoal
     far = not error <= 0.05 * problem.stack.length
     if goals is not None and len(goals.joints) and not len(goals.near(problem)) and far:
         return ["binding: probably the workspace, because no posture that was tried is near the goal"]
-    return ["no limit binds; no motion was found that ends nearer"]
+    return ["no limit is active; no motion was found that ends nearer"]
 
 
 def arrives_while_tumbling(problem: Problem, plan: Trajectory) -> bool:

@@ -545,7 +545,7 @@ def solve(
     try:
         plan = search.run(STRATEGIES)
         if not _finite(plan):
-            raise FloatingPointError("the motion found is not a number")
+            raise FloatingPointError("the motion has values that are not finite")
         if not plan.reached and within_workspace(problem) and not arrives_while_tumbling(problem, plan):
             plan = with_limit_notes(problem, plan, again)
         if not (plan.reached and plan.within_tolerance):

@@ -145,7 +145,7 @@ def test_samples_with_times(planar: Any, q0: Any) -> None:
         assert part.reached, part.note
         assert "the motion ends 2 s before the last sample of the path" in part.note
     late = opt.Path(samples, times=times)
-    with pytest.raises(InvalidValue, match=r"times must reach to the end of the motion.*6 s"):
+    with pytest.raises(InvalidValue, match=r"times must reach the end of the motion.*6 s"):
         opt.plan(planar, q0, late, duration=9.0)
 
 

@@ -137,8 +137,8 @@ def test_note_names_limit_value_and_largest(planar: ffsms.SpaceManipulator) -> N
     assert plan.reached
     assert not told.reached
     assert not told.clear
-    assert "attitude 0.1 rad" in told.note
-    largest = re.search(r"the largest found is ([0-9.]+) rad", told.note)
+    assert "its limit is 0.1 rad" in told.note
+    largest = re.search(r"attitude reaches ([0-9.]+) rad", told.note)
     assert largest is not None
     assert float(largest[1]) == pytest.approx(most, rel=2e-3)
     assert told.broken["base"] == pytest.approx(most - 0.1, rel=1e-3)

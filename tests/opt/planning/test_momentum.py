@@ -136,7 +136,7 @@ def test_base_limits_with_momentum(planar: ffsms.SpaceManipulator) -> None:
     assert opt.plan(planar, q0, target, DURATION, DT, base_limits=wide, **options).reached
     plan = opt.plan(planar, q0, target, DURATION, DT, method="step", momentum=momentum, base_limits=narrow)
     assert not plan.reached
-    assert "translation 0.01 m" in plan.note
+    assert "its limit is 0.01 m" in plan.note
 
 
 def test_save_and_load(planar: ffsms.SpaceManipulator, tmp_path: Path) -> None:
