@@ -1,4 +1,4 @@
-"""Coupling-informed planning: problems of cost terms and limits, and their solvers."""
+"""The planning of motions: problems of cost terms and limits, and their solvers."""
 
 from ffsms_pin.geometry.obstacle import Obstacle
 from ffsms_pin.opt.check import check
