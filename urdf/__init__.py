@@ -10,10 +10,10 @@ _FOLDER = Path(__file__).parent
 
 
 def model_names() -> list[str]:
-    """Names of the packaged models, sorted; each can be given to `ffsms_pin.load`."""
+    """Return the sorted names of the packaged models, which `ffsms_pin.load` accepts."""
     return sorted(path.stem for path in _FOLDER.glob("*.urdf"))
 
 
 def model_path(name: str) -> Path:
-    """Path of the packaged model `name` (it need not exist; see `model_names`)."""
+    """Return the path of the packaged model `name`, which need not exist; see `model_names`."""
     return _FOLDER / f"{name}.urdf"

@@ -207,7 +207,7 @@ def _locked_weight(problem: Problem) -> FloatArray | None:
 
 
 class _Middle(NamedTuple):
-    """Preferred rates from the ends of the joints' ranges towards the middle, for position limits."""
+    """The preferred joint rates, which lead from the ends of the joints' ranges towards the middle."""
 
     middle: FloatArray  # (n,)
     half: FloatArray  # (n,) half of the range; infinite without limits

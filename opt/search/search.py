@@ -329,7 +329,7 @@ def descend_from_starts(search: Search, keep: tuple[int, int, int], repeats: int
 
 
 def within_limits(search: Search) -> None:
-    """If no motion arrives, correct the motion with the least error to satisfy the limits."""
+    """Correct the motion with the least error to satisfy the limits, if no motion arrives."""
     if not search.fresh or search.arrived():
         return
     nearest = search.best(search.fresh)
