@@ -46,8 +46,8 @@ class CurvePlacement:
     def place(self, point: FloatArray, attitude: FloatArray | None = None) -> Any:
         """Return a point (3,) of the curve as a position (3,) or a pose, in the axes of the path's frame.
 
-        `attitude` (3, 3) applies if neither `attitude` nor `faces` is set; without all three the result is a
-        position.
+        The argument `attitude` (3, 3) is used if neither of the fields `attitude` and `faces` is set. Without
+        any of these three the result is a position.
         """
         if self.attitude is not None:
             attitude = self.attitude
@@ -58,7 +58,7 @@ class CurvePlacement:
 
 
 def _facing(along: FloatArray) -> FloatArray:
-    """Return an attitude (3, 3) whose third axis points along (3,), and whose second axis lies across z."""
+    """Return an attitude (3, 3) whose third axis has the direction `along` (3,), its second axis across z."""
     length = float(np.linalg.norm(along))
     if length < 1e-9:
         raise InvalidValue("faces", along, "has no direction where the curve meets the axis or centre")

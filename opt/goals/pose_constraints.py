@@ -327,7 +327,7 @@ def pose_errors(goal: Goal, m: Variables, frame: str) -> FloatArray:
 
 
 def end_miss(goal: Goal, error: FloatArray, frame: str) -> str:
-    """Return a message for a final distance and angle (2,) beyond the reaches of a goal, else nothing."""
+    """Return a message if a final distance and angle (2,) exceed the reaches of a goal; else an empty one."""
     if error[0] <= goal.reach and error[1] <= goal.orientation_reach:
         return ""
     turned = goal.place(0.0).rotation is not None

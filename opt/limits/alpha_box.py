@@ -88,7 +88,7 @@ class AlphaBox(Inequality):
         return Violation(largest - 1.0, binds, _note(largest))
 
     def violation_in_flight(self, motion: RecordedRollouts) -> Violation:
-        """Return the largest |alpha_i| beyond 1, if it is more than control errors explain."""
+        """Return the largest excess of |alpha_i| over 1, zero if control errors may cause it."""
         largest = 1.0 - float(self.slacks(Variables(motion)).value.min())
         return Violation(largest - 1.0, note=_note(largest)) if largest > 1.0 + RATE_MARGIN else Violation()
 

@@ -69,16 +69,16 @@ class JointLimits(Limit):
         return Violation(amount, motion.times[binds], "; ".join(notes))
 
     def speed_bound(self, motion: Rollouts) -> SpeedBound:
-        """Return the bounds by rates and accelerations."""
+        """Return the bounds from the joints' rates and accelerations."""
         robot: Any = motion.stack.robot
         limits = robot.limits if self.joint_bounds is None else self.joint_bounds
         still = np.zeros(len(limits.velocity))
         return SpeedBound(still, motion.rates[:, 0], limits.velocity, limits.acceleration)
 
     def violation_in_flight(self, motion: RecordedRollouts) -> Violation:
-        """Return the largest excess of a position or rate beyond what control errors explain.
+        """Return the largest excess of a position or rate, zero if control errors may cause it.
 
-        Accelerations are not judged, because a law's corrections of small errors may exceed their limits.
+        Accelerations are not judged, because a control law may exceed their limits to correct small errors.
         """
         robot: Any = motion.stack.robot
         limits = robot.limits if self.joint_bounds is None else self.joint_bounds

@@ -36,8 +36,8 @@ class FrameEnd(NamedTuple):
 class SpeedBound(NamedTuple):
     """Bounds along a path: |at_rest + slope s'| <= most, |slope s'' + bend s'^2| <= most_change.
 
-    s is the share of the path. The second sum is the rate of change of the first one, if `bend` is the
-    derivative of `slope` by s.
+    s is the share of the path, s' and s'' are its derivatives with respect to time. If `bend` is the
+    derivative of `slope` with respect to s, the second sum is the rate of change of the first.
     """
 
     at_rest: FloatArray  # (c,)
@@ -144,7 +144,8 @@ def prepared(limit: Limit, sms: SpaceManipulator) -> Limit:
 SHARE = 0.08
 # A violation as large as the bound has the same cost as a clearance violation of this number of arm lengths.
 SCALE = 0.03
-# The excess of a flown motion that control errors explain: [rad or m] of a position, and a share of a rate.
+# The excess over a joint limit that is attributed to control errors in flight: of a position [rad or m], and
+# of a rate as a share of its limit.
 POSITION_MARGIN, RATE_MARGIN = 1e-3, 0.04
 
 

@@ -73,7 +73,7 @@ class MotorLimits(Inequality):
         return Violation(worst, note="; ".join(notes))
 
     def recorded_loads(self, m: Variables) -> Loads:
-        """Return the kinds of loads that a recording has. Default: all."""
+        """Return the loads that are judged in flight. Default: all."""
         return self.loads(m)
 
 
@@ -117,7 +117,7 @@ class TorqueLimits(MotorLimits):
         return reachable_rows(step, H, middle - slack, middle + slack)
 
     def speed_bound(self, motion: Rollouts) -> SpeedBound:
-        """Return the bounds by the torques, which are linear in s'' and s'^2 without momentum."""
+        """Return the bounds from the torques, which are linear in s'' and s'^2 without momentum."""
         robot: Any = motion.stack.robot
         q, slope, most = motion.joints[:, 0], motion.rates[:, 0], robot.limits.torque
         bends = np.gradient(slope, motion.times, axis=1, edge_order=2)

@@ -38,7 +38,7 @@ class WheelLimits(MotorLimits):
         return [(*momenta, wheels.names, ["N m s"] * count), (*torques, wheels.names, ["N m"] * count)]
 
     def recorded_loads(self, m: Variables) -> Loads:
-        """Return the momenta, because a simulated motor gives no more than its largest torque."""
+        """Return the momenta only, because a simulated motor does not exceed its largest torque."""
         return self.loads(m)[:1]
 
     def rows(self, step: StepState) -> Rows | None:

@@ -1,4 +1,4 @@
-"""The errors of the end effector that an arm can correct."""
+"""The components of end-effector errors that an arm can correct."""
 
 from __future__ import annotations
 
@@ -33,7 +33,10 @@ class Correctable:
         return self._shifts is None and self._turns is None
 
     def goal(self, goal: Goal, q: FloatArray, t: float) -> tuple[Goal, float]:
-        """Return the reachable goal from q (nq,), and its distance [m] from the true goal at t [s]."""
+        """Return the goal projected on these directions from q (nq,), and its distance [m] at t [s].
+
+        The distance is that between both goals.
+        """
         if self.everything:
             return goal, 0.0
         here, place = self._sms.at(q).end_effector_pose, goal.place(t)
@@ -60,7 +63,7 @@ class Correctable:
 
 
 def _range(J: FloatArray) -> FloatArray | None:
-    """Return the projection (3, 3) on the range of J (3, k), weak directions excluded; None if it is 1."""
+    """Return the projection (3, 3) on the range of J (3, k) without weak directions; None if it is 1."""
     directions, strengths, _ = np.linalg.svd(J, full_matrices=True)
     rank = int((strengths > 1e-3 * strengths[0]).sum())
     return None if rank == 3 else directions[:, :rank] @ directions[:, :rank].T

@@ -16,7 +16,7 @@ from ffsms_pin.robot import SpaceManipulator
 # Modes with a constant total momentum; in the second mode it includes that of the wheels.
 _CONSERVING = ("floating", "rotation-floating")
 _PRIOR = 0.2  # prior standard deviation of the factors
-_LEAST, _MOST = 0.5, 2.0  # bounds beyond which factors are not explained by masses
+_LEAST, _MOST = 0.5, 2.0  # bounds on the factors; factors beyond them result from errors of another kind
 
 
 class Learner(ABC):
@@ -27,7 +27,7 @@ class Learner(ABC):
     Attributes
     ----------
     unfiltered : bool
-        True if `update` must receive the measurements of the sensors, and False for those of the estimator.
+        True if `update` requires the unfiltered measurements, False if it requires the filtered state.
     """
 
     unfiltered: bool = False
@@ -48,15 +48,15 @@ class Learner(ABC):
 
     @property
     def shown(self) -> tuple[FloatArray, FloatArray] | None:
-        """The information of the motion about scale factors (see `ScaleFactors`), or None without any."""
+        """The information of the motion about scale factors (see `ScaleFactors`); default: None."""
         return None
 
     def observe_robot(self, robot: SpaceManipulator) -> None:
-        """Process the controller's estimate of the robot."""
+        """Use the controller's estimate of the robot. Default: it is ignored."""
         return
 
     def expect_noise(self) -> None:
-        """Process that the measurements are noisy."""
+        """Adapt the estimation to noisy measurements. Default: it is unchanged."""
         return
 
 
@@ -183,7 +183,7 @@ class ScaleFactors(Learner):
 
     @property
     def shown(self) -> tuple[FloatArray, FloatArray]:
-        """The information G of the motion about x, the factors less one, and G x.
+        """The information matrix G of the motion about x, the factors minus one, and the vector G x.
 
         The shapes are (n + 1, n + 1) and (n + 1,).
         """
@@ -191,7 +191,7 @@ class ScaleFactors(Learner):
         return G - np.eye(len(g)) / _PRIOR**2, g
 
     def learnt(self, last: SpaceManipulator) -> SpaceManipulator:
-        """Return the robot with the estimated factors, the same as before if no factor has changed much."""
+        """Return the robot with the estimated factors; the same object if no factor has changed much."""
         if np.abs(self.solve() - self.factors).max() > 2e-3:
             self.known = self.robot()
         return self.known

@@ -21,18 +21,18 @@ class ReplanOptions:
     Raises
     ------
     InvalidValue
-        A negative number.
+        If a number is negative.
     """
 
     period: Annotated[Positive, Unit("s")] = 0.1
-    """The time between two re-plans of the rest of the motion, at most a tenth of the remaining time, so that
-    a base that drifts by centimetres a second stays close to the plan."""
+    """The time between two re-plans of the rest of the motion. Shortly before the deadline it is a tenth of
+    the remaining time, so that a base that drifts by centimetres per second stays close to the plan."""
     arrived_miss: float = 2e-3
-    """The position error [m] within which a plan arrives: a tenth of the paper's r_th, twice the tolerance of
-    plans."""
+    """The largest position error [m] of a plan that counts as arriving. The default is a tenth of the paper's
+    r_th, and twice the tolerance of plans."""
     search_again: float = 1.0
-    """The least time [s] between two full searches, which are made if the rest of a plan does not arrive or
-    violates a limit. There is at most one search in a quarter of the remaining time."""
+    """The least time [s] between two searches, which are made if the rest of a plan does not arrive or
+    violates a limit. It is at least a quarter of the remaining time."""
     dead_band: Annotated[NotNegative | None, Unit("m", "from the sensors")] = None
     """The distance from a fixed goal within which an arm rests after the deadline. Default: three times the
     noise of the measured end-effector position, from 0.1 to 1 mm; none with perfect sensors."""
@@ -40,8 +40,9 @@ class ReplanOptions:
     """The time [s] for the correction of a remaining error after the deadline with noisy or delayed sensors;
     with a limit on the jerk, five times that."""
     jerk: Annotated[PerJointPositive | None, Angle("rad/s³ or m/s³", "none")] = None
-    """The limit on the jerk of the command, as far as the other limits allow; per joint."""
-    # The spline of the changes; a finer one near the deadline would make late, fast changes.
+    """The limit on the jerk of the command, for each joint; the joint limits have priority."""
+    # The grid of the spline that changes a plan. More intervals near the deadline would allow late, fast
+    # changes.
     grid: ClassVar[Grid] = Grid(16, 2, 3)
 
     def __post_init__(self) -> None:
@@ -73,13 +74,13 @@ class Nearby(Term):
     name = "nearby"
 
     def residual(self, m: Variables) -> Any:
-        """Return the change of the accelerations."""
+        """Return the weighted deviation of the accelerations."""
         return self.weight**0.5 * (m.accelerations - self.accelerations)
 
 
 @dataclass(frozen=True)
 class Approach(Term):
-    """The increase of the distance to a fixed goal.
+    """The speed at which the distance to a fixed goal increases.
 
     Near a singular configuration a detour would rotate the base slightly and reduce the error by micrometres,
     less than the model's errors. With the default weight [s/m^2] a retreat of 1 cm in half a second weighs as
@@ -90,7 +91,7 @@ class Approach(Term):
     name = "approach"
 
     def residual(self, m: Variables) -> Any:
-        """Return the speed at which the distance increases [m/s], zero if it decreases."""
+        """Return the weighted speed at which the distance increases, zero if the distance decreases."""
         displacement = m.goal - m.tip
         growth = -displacement.dot(m.velocity) / displacement.norm(
             1e-3

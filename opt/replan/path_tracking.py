@@ -58,7 +58,7 @@ class PathTracker:
             raise InvalidValue("timing", problem.goal.timing, remedy)
 
     def begun(self, q: FloatArray) -> Problem:
-        """Return the problem from a measured start q (nq,), unchanged within noise, and follow it."""
+        """Return the problem with the measured start q (nq,), if it deviates by more than noise."""
         place = frame_at(self._problem.sms.at(self._problem.q0).end_effector_pose)
         here = self._problem.sms.at(q).end_effector_pose
         distance = float(np.linalg.norm(place.value[:, 0, 0] - here.translation))
@@ -68,7 +68,7 @@ class PathTracker:
         return self._problem
 
     def plan(self, q: FloatArray, trajectory: Trajectory | None) -> JointPlan:
-        """Return the first plan, from a measured configuration q (nq,) unless one is given."""
+        """Return the first plan: that of `trajectory`, or if it is None a plan from the measured q (nq,)."""
         if trajectory is None:
             trajectory = plan_along(replace(self._problem, q0=self._within_limits(q)))
         return JointPlan.of_trajectory(trajectory)
@@ -80,7 +80,7 @@ class PathTracker:
         return q
 
     def use(self, robot: SpaceManipulator, momentum: FloatArray | None) -> None:
-        """Follow the path with another estimate of the robot and its momentum."""
+        """Use another estimate of the robot and its total momentum (6,) from the next step on."""
         self._problem = replace(self._problem, sms=robot, momentum=momentum)
 
     def rates(
@@ -94,7 +94,8 @@ class PathTracker:
     ) -> FloatArray:
         """Return joint rates (n,) for the end of a step that begins at node `step` in the measured q (nq,).
 
-        `command` are the commanded joints, rates and accelerations (n,); joints that are `fixed` (n,) stay.
+        `command` are the commanded joints, rates and accelerations (n,). `fixed` (n,) is the mask of joints
+        that do not move.
         """
         problem, dt = self._problem, self._problem.dt
         joints, rates, accelerations = command

@@ -27,9 +27,9 @@ from ffsms_pin.references import Observer
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.threads import OneThread
 
-_PATIENCE = 2.0  # [s] after the deadline for which errors may grow again, because corrections settle in less
-_LAG = 0.05  # [rad or m] lag of the joints beyond which the command waits, because it would overshoot
-_BROKEN = 3.0  # margins of violation beyond which a plan is not followed: 9 mm of the clearance
+_PATIENCE = 2.0  # [s] corrections after the deadline end if the least error is older than this
+_LAG = 0.05  # [rad or m] the command waits if a joint lags by more than this, because it would overshoot
+_BROKEN = 3.0  # [margins] a plan that violates a limit by more is not followed (9 mm of a clearance)
 _RETURN = 1.0  # [1/s] gain of the return to the best posture
 
 
@@ -39,13 +39,12 @@ class Replanning(Observer):
     A closed loop calls `observe` with its measurements, then `sample`. Every `ReplanOptions.period` the rest
     of the motion is planned again, warm-started by the rest of the last plan. The initial state has the
     measured base pose and the commanded joints, which stay within their limits without jumps. The model has
-    the estimated masses, the wheel momenta of `observe_wheels`, and no failed joints. In between, steps
-    follow the plan under the limits. Shortly before the deadline they also correct the predicted error, and
-    after it they move straight to the goal, from the measured state.
+    the estimated masses, the wheel momenta of `observe_wheels`, and no failed joints. Between re-plans, steps
+    follow the plan. After the deadline steps move straight to the goal from the measured state.
 
     A `Path` is followed by resolved rates near the first plan (`PathTracker`), with the newest estimate of a
-    client that carries it. It has the options `period`, the time between two updates of the robot's masses,
-    `jerk` and `arrived_miss`; others and `weights` are refused.
+    client to which the path is fixed. For a path the options are `period`, the time between two updates of
+    the robot's masses, `jerk` and `arrived_miss`; other options and `weights` raise `InvalidValue`.
 
     Parameters
     ----------
@@ -72,10 +71,10 @@ class Replanning(Observer):
         True during a possible contact with the end effector, set by the caller; masses are not estimated
         meanwhile.
     failed_steps, failed_in_a_row : int
-        The number of steps in which the arm braked because the QP was not solved, in all and in the present
-        series.
+        The number of steps in which the arm braked because the QP was not solved, in total and since the last
+        solved QP.
     held_steps : int
-        The number of steps in which the arm stopped, because the new plan violates a limit by far.
+        The number of steps in which the arm stood still, because the new plan violated a limit by far.
     """
 
     replans = True
@@ -112,14 +111,13 @@ class Replanning(Observer):
         self._accelerations = np.zeros(n)
         self.failed_steps = self.failed_in_a_row = self.held_steps = 0
         self.pushed = False
-        # After the deadline: the least error [m or rad], its joints and time, and true if they are held.
+        # The least error [m or rad] after the deadline, its joints and its time; True if these are held.
         self._best, self._given_up = (np.inf, problem.joints0, problem.duration), False
         self._noise: float | None = None
         self._wheels: FloatArray | None = None
         self._measured: tuple[FloatArray, FloatArray] | None = None
         self._correctable, self._uncorrectable = Correctable(problem.sms, problem.mode), 0.0
-        # [s] remaining time below which no plan is made; the last plan to an exact goal is followed to its
-        # end.
+        # [s] If less time remains, no re-plan is made. The last plan to an exact goal is followed to its end.
         self._until = max(0.5 if problem.goal.exact else 0.0, 2 * problem.dt)
         self._jerk = None if self.options.jerk is None else per_joint("jerk", self.options.jerk, n)
 
@@ -128,18 +126,18 @@ class Replanning(Observer):
 
     @property
     def target(self) -> Any:
-        """The target position (3,) [m] of the end effector, or a function of time [s] that gives it."""
+        """The target position (3,) [m] of the end effector, or a function of time [s] that returns it."""
         goal, duration = self.problem.goal, self.problem.duration
         if isinstance(goal, Path) and goal.on == BASE:
             return lambda t: goal.place(t).at(self._seen).position
         if goal.moves:
             return lambda t: goal.places(np.array([t])).position[:, 0]
-        place = goal.place(duration)  # on the base: at its last measured pose
+        place = goal.place(duration)  # if it is fixed to the base, at the base's last measured pose
         return (lambda t: place.at(self._seen).position) if place.moves_with_base else place.position
 
     @property
     def task(self) -> Problem:
-        """The problem for the verdict on a flight."""
+        """The problem whose goals and limits judge the flight."""
         return self.problem
 
     @property
@@ -302,9 +300,9 @@ class Replanning(Observer):
     def _stepped(self, q: FloatArray, plan: JointPlan, goal: Goal) -> tuple[FloatArray, bool]:
         """Return joint rates (n,) at the next step's end, and whether the step was solved.
 
-        The rates follow the plan or lead to the goal. A plan within the limits is followed exactly. A QP of a
-        single step has no preview, so its limits brake long before they are reached, and the motion would
-        leave the plan.
+        The rates follow the plan or lead to the goal. A plan within the limits is followed without a QP. The
+        QP of a single step has no preview, so it would brake long before a limit is reached, and the motion
+        would leave the plan.
         """
         dt, now, options = self.problem.dt, self._now, self.options
         left, rotation, wanted = self.problem.duration - now, None, None
@@ -312,13 +310,13 @@ class Replanning(Observer):
             self.held_steps += 1
             still = self._smoothed(np.zeros_like(self._rates))
             return self._stepper.bounded(self._start, self._rates, still), True
-        # A plan that ends further away than 1 cm is followed to its end, because steps would push against the
-        # obstacle.
+        # A plan that ends more than 1 cm from the goal is followed to its end, because steps straight to the
+        # goal would push against the obstacle.
         if self.mode == "plan" or plan.miss > 1e-2:
             position = goal.place(now).at(q).position
             there, wanted = plan.sample(now + dt)
             on_the_way = 0.5 * dt * (self._rates + wanted)
-            # At 2 /s a step returns to the plan after a limit has kept it away.
+            # If a limit has led the motion away from the plan, steps return with a gain of 2 /s.
             wanted = wanted + 2.0 * (there - self._start - on_the_way)
             if plan.excess <= 1.0:
                 return self._stepper.bounded(self._start, self._rates, self._smoothed(wanted)), True
@@ -356,9 +354,9 @@ class Replanning(Observer):
     def _has_given_up(self, error: float, q: FloatArray) -> bool:
         """Return whether corrections after the deadline do not converge, so that the best posture is held.
 
-        If the command runs ahead of an arm with an unknown payload or limp joints, errors grow, because every
-        step corrects an error that earlier steps have commanded already. `error` [m or rad] is that of this
-        step.
+        If an arm with an unknown payload or limp joints lags behind the command, errors grow, because every
+        step corrects an error for which earlier steps have already commanded a correction. `error` [m or rad]
+        is the error of this step.
         """
         best, _, since = self._best
         if error < best:

@@ -30,16 +30,16 @@ from ffsms_pin.threads import one_blas_thread
 
 @dataclass(frozen=True, eq=False)
 class JointPlan:
-    """A plan of the joints (n,) from `start` on: rates (N + 1, n) at nodes, linear between."""
+    """A planned joint motion; its rates are linear between nodes."""
 
-    start: float  # [s]
+    start: float  # [s] time of the first node
     dt: float  # [s]
-    joints: FloatArray
-    rates: FloatArray
+    joints: FloatArray  # (n,) joint positions at the first node
+    rates: FloatArray  # (N + 1, n) joint rates at the nodes
     miss: float  # [m] predicted distance to the goal at the deadline
-    damping: float = 0.03  # final damping of its descent
-    excess: float = 0.0  # largest residual of a limit, as a share of its margin; above 1: violated
-    found: JointPlan | None = None  # the plan of a search from which this one is derived; None: itself
+    damping: float = 0.03  # damping at the end of the descent
+    excess: float = 0.0  # largest residual of a limit, as a share of the limit's margin; above 1: violated
+    found: JointPlan | None = None  # the plan of the last search; None: this plan
 
     @classmethod
     def of_trajectory(cls, plan: Trajectory, start: float = 0.0) -> JointPlan:
@@ -81,11 +81,11 @@ class JointPlan:
     def mended(
         self, rest: Problem, start: float, times: FloatArray, accelerations: FloatArray | None, jerk: Any
     ) -> FloatArray:
-        """Return rates (k, n) to add at `start` + times [s] for continuity with the commanded rates.
+        """Return rates (k, n) that are added at `start` + times [s] for continuity with the command.
 
-        If a limit or a single step has led the command away from the plan, the differences of the rates of
-        `rest` and the `accelerations` (n,) decay by a cubic Hermite polynomial, within half of the
-        acceleration limits, and of the jerk limit if there is one.
+        The command has the rates of `rest` and the `accelerations` (n,). If a limit or a single step has led
+        the command away from the plan, the differences decay by a cubic Hermite polynomial, within half of
+        the acceleration limits, and of the jerk limit if there is one.
         """
         dt, most = rest.dt, rest.sms.limits.acceleration
         jerk = np.inf if jerk is None else np.asarray(jerk)
@@ -112,10 +112,11 @@ def rest_of(
     goal: Goal | None = None,
     wheel_total: FloatArray | None = None,
 ) -> Problem:
-    """Return the problem from t [s] on, a whole number of steps, with the present robot estimate.
+    """Return the problem of the rest of a motion from t [s] on, with the present robot estimate.
 
-    Its base pose is that of the measured q (nq,), its joints (n,) [rad] and rates [rad/s] are the commanded
-    ones; `goal` and `wheel_total` are by default those of the whole problem.
+    `t` is a whole number of steps. The start has the base pose of the measured q (nq,), and the commanded
+    joints (n,) [rad] and rates (n,) [rad/s]. `goal` and `wheel_total` are by default those of the whole
+    problem.
     """
     goal = problem.goal if goal is None else goal
     if any(limit.joint_bounds is not None for limit in problem.limits):
@@ -123,7 +124,7 @@ def rest_of(
     q0 = q.copy()
     sms.layout.set_positions(q0, joints)
     now = problem.wheel_momentum
-    if problem.wheels is not None:  # momentum is conserved: that of the joints is subtracted
+    if problem.wheels is not None:  # by conservation of momentum, with the joints' part subtracted
         arm = sms.arm_stack(problem.mode).evaluate(joints[:, None])
         total = problem.wheel_total if wheel_total is None else wheel_total
         now = total - wheel_shares(problem.wheels) @ held_momentum(arm)[..., 0] @ rates
@@ -133,7 +134,7 @@ def rest_of(
         q0=q0,
         goal=Changed(goal, time_offset=t) if goal.moves else goal,
         duration=(problem.steps - round(t / problem.dt)) * problem.dt,
-        goal_limits=(),  # kept, also with another goal
+        goal_limits=(),  # the goal's limits of the whole problem stay, also with another goal
         joint_rates=rates,
         locked=tuple(locked),
         wheel_momentum=now,
@@ -151,12 +152,12 @@ def replanned(
     accelerations: FloatArray | None = None,
     noisy: bool = False,
 ) -> JointPlan:
-    """Return the plan of the rest (`rest_of`) from `start` [s] on, a smooth change of the last plan.
+    """Return the plan of a rest of a motion (`rest_of`) from `start` [s] on, a change of the last plan.
 
     A change begins with zero rate and acceleration. There is no change if the rest of the last plan arrives
-    and satisfies the limits. The plan continues with the rates and `accelerations` (n,) of the command.
-    Joints (n,) are continuous in time, which those of a configuration with continuous joints are not. Only a
-    share of a fixed goal's tolerance is used, and the rest is for unknown errors.
+    and satisfies the limits. The plan continues the rates and `accelerations` (n,) of the command. `joints`
+    (n,) are continuous in time, unlike the angles of continuous joints in a configuration. Only a share of a
+    fixed goal's tolerance is used, and the other share is for unknown errors.
     """
     dt, fixed = problem.dt, ~problem.free
     nodes = problem.nodes
@@ -168,7 +169,7 @@ def replanned(
     rates[:, fixed] = 0.0
     goal = problem.goal
     whole = rate_spline(problem.steps, dt, options.grid, not goal.place(problem.duration).rests)
-    spline, weights = whole.around(dt, rates), LAST_WEIGHTS._replace(firm=False)  # arrival comes first
+    spline, weights = whole.around(dt, rates), LAST_WEIGHTS._replace(firm=False)  # arrival has priority
     searched = last.found or last
     if not goal.exact and not goal.moves:
         goal = Changed(goal, tolerance=(0.1 if noisy else 0.01) * goal.tolerance)
@@ -178,10 +179,11 @@ def replanned(
     model = Model(problem, goal, spline, ControlQP(problem, spline))
     motion = linearise(model, np.zeros((1, spline.size, len(joints))), weights, last.damping)
     enough = 0.9 if noisy and goal.exact else 0.5  # share of the tolerance, since estimates jump by the rest
-    # With only two iterations commands jump with the last bits of the measurements. Up to 12 stiffer ones
-    # follow.
+    # The first descent has three iterations, because with two the commands depend on the last bits of the
+    # measurements. Up to three stiffer descents of four iterations follow.
     for stage in range(4):
-        # After the first descent a stiffer goal would cause fast, late motion, because the arm is near it.
+        # After the first descent a small error is accepted, because a stiffer goal would cause fast, late
+        # motion.
         near = motion.end_share[0] * goal.tolerance <= 0.25 * options.arrived_miss if stage else False
         if (near or motion.end_share[0] <= enough) and motion.limit_share[0] <= 0.5:
             break
@@ -197,11 +199,11 @@ def replanned(
 
 
 class RestPlanner:
-    """A planner of the first motion, by default by a search, and of all re-plans; the next is `due` at [s].
+    """A planner of the first motion, by default by a search, and of all re-plans.
 
-    `robot` is a new object after a change of the estimated masses; `wheel_total` (w,) [N m s] are the last
-    observed momenta that the wheels would have with all else at rest, or None; `failed` (n,) is the mask of
-    joints that do not move.
+    `due` is the time of the next re-plan [s]. `robot` is a new object after a change of the estimated masses.
+    `wheel_total` (w,) [N m s] are the momenta of the wheels with all else at rest, from the last observation,
+    or None. `failed` (n,) is the mask of joints that do not move.
     """
 
     def __init__(
@@ -248,7 +250,7 @@ class RestPlanner:
             self.due = 0.0  # a body was captured, so the plan is obsolete
 
     def without(self, joint: int) -> None:
-        """Plan without a joint immediately."""
+        """Exclude a failed joint, and make a re-plan due."""
         self.failed[joint] = True
         self.due = self._next_search = 0.0
 
@@ -279,7 +281,7 @@ class RestPlanner:
             if first is None:  # like `opt.solve`, but without a diagnosis, which takes seconds
                 first = Search(rest).run(STRATEGIES if within_workspace(rest) else QUICK)
             plan = JointPlan.of_trajectory(first, now)
-            if self.given is not None:  # it begins at the expected start, without noise in its rates
+            if self.given is not None:  # the given plan begins at the expected start, not at the measured one
                 plan = replanned(rest, now, joints, plan, options, None, self.noisy)
         else:
             plan = replanned(rest, now, joints, last, options, accelerations, self.noisy)
@@ -289,7 +291,7 @@ class RestPlanner:
         elif last is not None and not good and now >= self._next_search:
             self._next_search = again
             other = self._searched_again(rest, now, joints, plan)
-            if other is not plan:  # `other`, too, begins with the commanded state
+            if other is not plan:  # `other` begins with the commanded state, too
                 plan = replanned(rest, now, joints, other, options, accelerations, self.noisy)
                 plan = plan if plan.good(options.arrived_miss) else other
         self.current, self.made, self.computing_time = plan, now, time.perf_counter() - begun

@@ -1,4 +1,4 @@
-"""The paper's step for use inside a control loop, and the reference that re-plans."""
+"""The paper's step for use inside a control loop."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ from ffsms_pin.robot import SpaceManipulator
 class StepPlanner(Stepper):
     """A planner of single steps of the paper's method, with the limits of the paper.
 
-    See `Stepper` for what a step does, and for parameters that are not named here.
+    See `Stepper` for the step, and for parameters that are not described here.
 
     Parameters
     ----------
     kappa : float
-        Sharpness of C~, which the paper does not state; 10 makes C~ nearly max(0, cos(theta_a)).
+        Sharpness of C~. The paper states none; with 10, C~ is close to max(0, cos(theta_a)).
     clearance : float
         The paper's d_safe between points of the arm, and the margin to the base box [m].
     collision : {"points", "shapes", "off"}
@@ -39,7 +39,7 @@ class StepPlanner(Stepper):
     base_limits : BaseLimits, optional
         The limits of the base's motion, relative to its pose at the first step after a `reset`.
     limits : sequence of Limit, optional
-        The limits, in place of the default ones: joints, clearance, |alpha_i| <= 1, base, and wheels that
+        The limits. Default: those of joints, torques, clearance, |alpha_i| <= 1, the base, and wheels that
         hold the attitude.
     wheel_momentum : array_like, shape (w,), optional
         The `wheel_total` of a `Stepper` [N m s].
@@ -86,8 +86,8 @@ class StepPlanner(Stepper):
             Time to arrive, and time for which the target is held afterwards [s].
         """
         sms = self.sms
-        # The motion begins in the first measured state; until then it is set to the middle of the joint
-        # range.
+        # The motion begins in the first measured state. Until then the problem's start has the joints at
+        # zero, or at the nearest limit.
         middle = np.clip(np.zeros(sms.n), sms.limits.lower, sms.limits.upper)
         terms = [*default_terms(self.kappa), *self.terms]
         problem = Problem(
