@@ -34,7 +34,7 @@ from ffsms_pin.geometry.payload import HeldClient
 from ffsms_pin.references import Rest
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.simulation import Close, Conditions, End, Latch, Open
-from ffsms_pin.simulation.setup import check_robots, checked_events, set_up
+from ffsms_pin.simulation.setup import check_robots, checked_events, set_up, warn_of_base
 
 
 @numerical_errors("the capture")
@@ -146,6 +146,7 @@ def fly(
         plan = meeting.plan()
     else:
         _check_plan(meeting, plan)
+    warn_of_base(plan.mode, laws.laws(sms)[1], sms, stacklevel=4)
     reference = meeting.reference(plan, again)
     meet = replace(meeting.goal, client=meeting.known(reference))
     mission = StateMachine(sms, plant, plan, reference, meet, laws.laws, handling, laws.dt, meeting.problem)

@@ -54,6 +54,8 @@ class QuaternionFeedback:
         A number out of range, or neither wheels nor thrusters; a `dump` without both.
     """
 
+    held_parts = frozenset({"attitude"})
+
     def __init__(
         self,
         sms: SpaceManipulator,
@@ -193,6 +195,8 @@ class Coordinated(ComputedTorque):
     InvalidValue
         A wrong shape, a gain that is not symmetric positive definite, or neither wheels nor thrusters.
     """
+
+    held_parts = QuaternionFeedback.held_parts
 
     def __init__(
         self,

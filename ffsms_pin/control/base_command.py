@@ -71,6 +71,13 @@ class BaseLaw(Protocol):
         ...
 
 
+@runtime_checkable
+class HoldsBase(Protocol):
+    """A base law with the parts of the base's pose that it holds, of "attitude" and "position"."""
+
+    held_parts: frozenset[str]
+
+
 @dataclass(eq=False)
 class AttitudeHold:
     """An attitude to hold, and the angular acceleration that turns the base to it.
@@ -193,6 +200,7 @@ class StationKeeping:
         self.sms = sms
         self.hold = AttitudeHold(bandwidth, damping, attitude)
         self.holds = one_of("holds", holds, ("both", "place"))
+        self.held_parts = frozenset(("position", "attitude") if self.holds == "both" else ("position",))
         self.place = None if place is None else vector("place", place, 3, "m")
         self._held = self.place
         self._thrusters = ThrusterAllocation(sms.thrusters, sms.base_com)

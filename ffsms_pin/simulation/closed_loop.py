@@ -32,10 +32,12 @@ from ffsms_pin.simulation.loads import Load
 from ffsms_pin.simulation.setup import (
     ConditionFields,
     Conditions,
+    HasBaseMode,
     check_kinds,
     estimator_of,
     first_sample,
     set_up,
+    warn_of_base,
     warn_of_friction,
     with_fields,
     wrench_listener,
@@ -150,6 +152,8 @@ def simulate(
     steps, plant, base, body = len(t) - 1, world.plant, world.base, world.client
     if conditions.friction is None:
         warn_of_friction(plant, controller)
+    if isinstance(reference, HasBaseMode):
+        warn_of_base(reference.base_mode, base_controller, sms, stacklevel=5)
     coming, estimating = setup.events, setup.estimator
     if sensors is not None and not sensors.perfect:
         for observer in observing:

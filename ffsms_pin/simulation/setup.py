@@ -24,7 +24,7 @@ from ffsms_pin.checks import (
     whole,
 )
 from ffsms_pin.client import Client
-from ffsms_pin.control.base_command import BaseLaw
+from ffsms_pin.control.base_command import BaseLaw, HoldsBase
 from ffsms_pin.control.laws import JointLaw
 from ffsms_pin.errors import FfsmsWarning, InvalidValue
 from ffsms_pin.files import check_writable
@@ -162,7 +162,7 @@ class _HasMomentum(Protocol):
 
 
 @runtime_checkable
-class _HasBaseMode(Protocol):
+class HasBaseMode(Protocol):
     """A reference with the name of the base motion that it holds."""
 
     base_mode: Any
@@ -328,6 +328,31 @@ def warn_of_friction(plant: SpaceManipulator, controller: Any) -> None:
     warnings.warn(f"{text} {law} does not compensate it: {remedy}", FfsmsWarning, stacklevel=5)
 
 
+def warn_of_base(mode: str, law: BaseLaw | None, sms: SpaceManipulator, stacklevel: int) -> None:
+    """Warn if a base law holds another part of the base's pose than the plan, so that the plan would miss."""
+    if not (law is None or isinstance(law, HoldsBase)):
+        return
+    held, free = frozenset() if law is None else law.held_parts, MODES[one_of("mode", mode, MODES)]
+    planned = frozenset(part for part, row in (("position", 0), ("attitude", 3)) if row not in free)
+    if held == planned:
+        return
+    others = {
+        frozenset[str](): "floating",
+        frozenset({"position"}): "translation-flying",
+        frozenset({"attitude"}): "rotation-flying" if sms.wheels is None else "rotation-floating",
+    }
+    name = "there is no base law" if law is None else f"{type(law).__name__} {_holds(held)}"
+    what = f"the plan's mode '{mode}' {_holds(planned)}, but {name}: the end effector would miss its target"
+    law_text = f"take a base law that {_holds(planned)}" if planned else "leave the base law out"
+    remedy = f"plan with mode='{others.get(held, 'flying')}', or {law_text}"
+    warnings.warn(f"{what}; {remedy}", FfsmsWarning, stacklevel=stacklevel)
+
+
+def _holds(parts: frozenset[str]) -> str:
+    """Return a text of the held parts of the base's pose."""
+    return f"holds the base's {' and '.join(sorted(parts))}" if parts else "leaves the base free"
+
+
 def estimator_of(
     estimator: Estimator | bool | None, sms: SpaceManipulator, sensors: Sensors | None, dt: float
 ) -> RunningEstimator | None:
@@ -357,7 +382,7 @@ def start(
     if momentum is not None:
         return q, plant.velocity(q, rates, momentum)
     planned = reference.momentum if isinstance(reference, _HasMomentum) else None
-    mode = reference.base_mode if isinstance(reference, _HasBaseMode) else "floating"
+    mode = reference.base_mode if isinstance(reference, HasBaseMode) else "floating"
     mode = one_of("reference.base_mode", mode, MODES)
     return q, plant.velocity(q, rates, planned, mode)
 

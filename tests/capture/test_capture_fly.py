@@ -21,7 +21,7 @@ from scenario_files import CAPTURE, write
 import ffsms_pin as ffsms
 from ffsms_pin import capture, opt, scenarios, simulation
 from ffsms_pin.control import ComputedTorque, QuaternionFeedback
-from ffsms_pin.errors import FfsmsError, InvalidValue
+from ffsms_pin.errors import FfsmsError, FfsmsWarning, InvalidValue
 from ffsms_pin.robot.base_motion import straight_end
 from ffsms_pin.scenarios.definition import packaged_path
 
@@ -137,6 +137,17 @@ def test_a_capture_stops_where_planning_fails_repeatedly(monkeypatch: pytest.Mon
     )
     assert flight.tracking.stopped == "stopped at 0.88 s: 10 planning steps in a row were not solved"
     assert "10 planning steps in a row were not solved" in flight.outcome
+
+
+def test_a_floating_plan_under_a_law_that_holds_the_base_is_warned_about() -> None:
+    sms, q0, client = _small()
+    wheels = ffsms.ReactionWheels(np.eye(3), 0.05, torque=1.0, momentum=60.0)
+    held = sms.with_actuators(wheels=wheels)
+    control = replace(LAW, base=QuaternionFeedback)
+    with pytest.raises(FfsmsWarning, match="QuaternionFeedback holds the base's attitude"):
+        capture.fly(
+            held, q0, opt.Meet(client, GRASP), 6.0, control=control, planning=capture.Planning(dt=0.1)
+        )
 
 
 class Below(opt.Inequality):

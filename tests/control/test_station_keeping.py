@@ -13,7 +13,7 @@ import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.control import BaseView, ComputedTorque, StationKeeping
-from ffsms_pin.errors import FfsmsError, InvalidValue
+from ffsms_pin.errors import FfsmsError, FfsmsWarning, InvalidValue
 from ffsms_pin.simulation import Tracking
 
 THRUSTERS = ffsms.Thrusters(PLACES, WAYS, 50.0, proportional=True)
@@ -76,7 +76,8 @@ def test_a_plan_in_the_mode_is_what_the_loop_does(mode: str, holds: str) -> None
     assert (planned > 0.01) is (mode == "translation-flying")
     assert run.position_error[-1] < 2e-3
     # Left to itself the base does move.
-    floating = ffsms.simulate(sms, plan, ComputedTorque(sms), dt=5e-3)
+    with pytest.warns(FfsmsWarning, match="but there is no base law"):
+        floating = ffsms.simulate(sms, plan, ComputedTorque(sms), dt=5e-3)
     assert np.linalg.norm(base_places(sms, floating) - base_places(sms, floating)[0], axis=1).max() > 2e-3
 
 

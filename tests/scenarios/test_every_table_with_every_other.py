@@ -96,9 +96,9 @@ NEEDED = {
     "contact": ["client"],
     "nozzle": ["client"],
     "ring": ["client"],
-    "attitude": ["wheels"],
-    "thrusters": ["attitude"],
-    "dump": ["wheels", "thrusters"],
+    "attitude": ["wheels", "mode"],
+    "thrusters": ["attitude", "wheels", "mode"],
+    "dump": ["wheels", "thrusters", "mode"],
     "learn": ["replanning"],
     "mode": ["wheels", "attitude"],
 }

@@ -13,7 +13,7 @@ from rich.console import Console
 
 from ffsms_pin.cli.run import summary_table
 from ffsms_pin.control import Coordinated, QuaternionFeedback
-from ffsms_pin.errors import FfsmsError, InvalidScenario
+from ffsms_pin.errors import FfsmsError, FfsmsWarning, InvalidScenario
 from ffsms_pin.scenarios import Outcome, run, scenario, summary
 from ffsms_pin.scenarios.closed_loop import loop_options
 
@@ -48,10 +48,8 @@ law = "station-keeping"
 """
 
 
-def ran(tmp_path: Path, content: str) -> Outcome:
-    path = tmp_path / "mine.toml"
-    path.write_text(QUICK + content, encoding="utf-8")
-    return run(scenario(path))
+def ran(tmp_path: Path, content: str, mode: str = "rotation-floating") -> Outcome:
+    return run(scenario(in_mode(tmp_path, mode, content)))
 
 
 def turn(outcome: Outcome) -> float:
@@ -62,7 +60,7 @@ def turn(outcome: Outcome) -> float:
 
 
 def test_the_base_is_held(tmp_path: Path) -> None:
-    free = ran(tmp_path, WHEELS)
+    free = ran(tmp_path, WHEELS, "floating")
     assert turn(free) > 1.0
     assert free.tracking.wheel_momentum.shape[1] == 0
     held = ran(tmp_path, WHEELS + COORDINATED + "[simulation]\nwheel_momentum = [0.1, 0.2, -0.3]\n")
@@ -71,9 +69,17 @@ def test_the_base_is_held(tmp_path: Path) -> None:
     np.testing.assert_allclose(held.tracking.wheel_momentum[0], [0.1, 0.2, -0.3])
     by_quaternion = ran(tmp_path, WHEELS + "[attitude]\n")
     assert turn(by_quaternion) < 0.1
-    by_thrusters = ran(tmp_path, THRUSTERS + "[attitude]\n")
+    by_thrusters = ran(tmp_path, THRUSTERS + "[attitude]\n", "rotation-flying")
     assert turn(by_thrusters) < 0.5 * turn(free)
     assert by_thrusters.tracking.propellant[-1] > 0.0
+
+
+def test_a_floating_plan_under_a_law_that_holds_the_base_is_warned_about(tmp_path: Path) -> None:
+    with pytest.warns(
+        FfsmsWarning, match="leaves the base free, but QuaternionFeedback holds .*'rotation-flo"
+    ):
+        missed = ran(tmp_path, WHEELS + "[attitude]\n", "floating")
+    assert missed.tracking.position_error[-1] > 0.01
 
 
 def test_every_key_arrives(tmp_path: Path) -> None:

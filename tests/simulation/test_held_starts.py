@@ -17,7 +17,7 @@ from ffsms_pin import opt
 from ffsms_pin.analysis import end_effector_deviation
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.control import ComputedTorque, Coordinated, QuaternionFeedback, StationKeeping
-from ffsms_pin.errors import InvalidValue, ResultError
+from ffsms_pin.errors import FfsmsWarning, InvalidValue, ResultError
 from ffsms_pin.simulation import Tracking
 from ffsms_pin.simulation.held import Held
 
@@ -84,7 +84,8 @@ def test_the_plant_starts_as_the_plan_and_follows_it(mode: str) -> None:
     assert held_speed(sms, run, mode)[0] < 1e-12
     assert held_speed(sms, run, mode).max() < 1e-5
     assert run.position_error[-1] < 1e-3
-    kicked = followed(sms, replace(plan, mode="floating"), mode)
+    with pytest.warns(FfsmsWarning, match=f"plan with mode='{mode}'"):
+        kicked = followed(sms, replace(plan, mode="floating"), mode)
     assert held_speed(sms, kicked, mode)[0] > 5e-4
     missed = [end_effector_deviation(sms, plan, one).max() for one in (run, kicked)]
     assert missed[0] < 0.5 * missed[1]

@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 import inspect
+import warnings
 from collections.abc import Callable
 from dataclasses import fields
 from typing import Any, get_type_hints
 
 import numpy as np
 import pytest
+from base_actuators import PLACES, PYRAMID, WAYS
 from motions import Constant, Swing, happened
 
 import ffsms_pin as ffsms
 from ffsms_pin import control
 from ffsms_pin.control import PD
-from ffsms_pin.errors import FfsmsError, InvalidValue, SimulationDiverged, UnknownOption
+from ffsms_pin.errors import FfsmsError, FfsmsWarning, InvalidValue, SimulationDiverged, UnknownOption
 from ffsms_pin.simulation import (
     Actuator,
     Capture,
@@ -28,7 +30,8 @@ from ffsms_pin.simulation import (
     Wrench,
     simulate,
 )
-from ffsms_pin.simulation.setup import ConditionFields, set_up
+from ffsms_pin.simulation.setup import ConditionFields, set_up, warn_of_base
+from ffsms_pin.system.dynamics import MODES
 
 ARRAYS = [field.name for field in fields(Tracking) if field.name != "note"]
 Refused = Callable[..., FfsmsError]
@@ -317,3 +320,46 @@ def test_conditions_may_be_given_by_their_names(planar: ffsms.SpaceManipulator) 
 
 def test_fields_by_name_have_the_types_of_conditions() -> None:
     assert get_type_hints(ConditionFields) == get_type_hints(Conditions)
+
+
+_MODES_OF_LAWS = {
+    "none": ("floating",),
+    "quaternion": ("rotation-floating", "rotation-flying"),
+    "coordinated": ("rotation-floating", "rotation-flying"),
+    "place": ("translation-flying",),
+    "place and attitude": ("flying",),
+}
+
+
+@pytest.mark.parametrize("mode", MODES)
+@pytest.mark.parametrize("name", _MODES_OF_LAWS)
+def test_every_mode_of_a_plan_with_every_base_law(
+    planar: ffsms.SpaceManipulator, mode: str, name: str
+) -> None:
+    wheels, thrusters = (
+        ffsms.ReactionWheels(PYRAMID, 0.001, 0.1, 1.0),
+        ffsms.Thrusters(PLACES, WAYS, 5.0, proportional=True),
+    )
+    sms = planar.with_actuators(wheels=wheels, thrusters=thrusters)
+    laws: dict[str, Any] = {
+        "none": lambda: None,
+        "quaternion": lambda: control.QuaternionFeedback(sms),
+        "coordinated": lambda: control.Coordinated(sms),
+        "place": lambda: control.StationKeeping(sms, holds="place"),
+        "place and attitude": lambda: control.StationKeeping(sms),
+    }
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        warn_of_base(mode, laws[name](), sms, stacklevel=1)
+    assert bool(caught) == (mode not in _MODES_OF_LAWS[name])
+    if caught:
+        assert f"plan with mode='{_MODES_OF_LAWS[name][0]}'" in str(caught[0].message)
+        assert caught[0].category is FfsmsWarning
+
+
+def test_a_base_law_of_ones_own_is_not_judged(planar: ffsms.SpaceManipulator) -> None:
+    class Idle:
+        def command(self, view: control.BaseView) -> control.BaseCommand:
+            return control.BaseCommand()
+
+    warn_of_base("floating", Idle(), planar, stacklevel=1)

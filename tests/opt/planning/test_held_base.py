@@ -14,7 +14,7 @@ import pytest
 import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.control import Coordinated
-from ffsms_pin.errors import InvalidValue
+from ffsms_pin.errors import FfsmsWarning, InvalidValue
 
 PYRAMID = [[1, 0, 1], [-1, 0, 1], [0, 1, 1], [0, -1, 1]]
 TARGET = [0.45, 0.75, 0.0]
@@ -67,7 +67,8 @@ def test_a_plan_in_the_wrong_mode_misses(held: tuple[ffsms.SpaceManipulator, opt
     """Without the mode: the same wheels and law, a floating plan, and the end effector is somewhere else."""
     sms, _ = held
     law = Coordinated(sms)
-    run = ffsms.simulate(sms, planned(sms, mode="floating"), law, 5e-3, base_controller=law)
+    with pytest.warns(FfsmsWarning, match="Coordinated holds the base's attitude"):
+        run = ffsms.simulate(sms, planned(sms, mode="floating"), law, 5e-3, base_controller=law)
     assert run.position_error[-1] > 0.05
 
 
