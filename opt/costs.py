@@ -96,7 +96,7 @@ class Term(ABC):
         return sum(squares, np.zeros(m.count))
 
     def share(self, motion: Rollouts) -> float:
-        """Return the cost of a finished motion from its nodes and their midpoints; default: `cost`."""
+        """Return the cost of a finished motion from its nodes and midpoints; default: `cost`."""
         return float(self.cost(Variables(motion))[0])
 
 

@@ -15,7 +15,7 @@ from ffsms_pin.opt.rollouts import Rollouts
 if TYPE_CHECKING:
     from ffsms_pin.opt.step.state import StepState
 
-# The value of "no bound" in a quadratic programme; finite, so that sums are finite.
+# The value of "no bound" in a QP; it is finite, so that sums are finite.
 UNBOUNDED = 1e20
 
 

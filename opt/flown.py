@@ -110,6 +110,7 @@ def recorded(
     Parameters
     ----------
     problem : Problem
+        The problem of the motion.
     plant : SpaceManipulator
         The flown robot.
     t, q, v : ndarray, shape (K,), (K, nq) and (K, 6 + n)
@@ -197,7 +198,7 @@ def judge(
     t, q, v : ndarray, shape (K,), (K, nq) and (K, 6 + n)
         The recording, from the start of the problem's motion.
     tau : ndarray, shape (K - 1, n), optional
-        Joint torques [N m].
+        Joint torques in the steps between the rows [N m].
     wheel_momentum : ndarray, shape (K, w), optional
         Momenta of the wheels [N m s].
     """

@@ -98,7 +98,7 @@ def plan(
         The obstacles, see `opt.Clearance`.
     via : sequence, optional
         Waypoints of the end effector in any order: positions (3,), poses, or `opt.Waypoint`, which may have a
-        time. Step-by-step methods only support those with a time.
+        time. Step-by-step methods support only waypoints with a time.
     progress : callable, optional
         A function that is called with the completed share of the work, 0 to 1.
     **options

@@ -188,8 +188,8 @@ class Trajectory:
     def reached(self) -> bool:
         """True if the error stays within r_th throughout the last 10 % of the time (paper Eq. const8).
 
-        For a target with an orientation, the angle stays within `orientation_reach` too. A motion that
-        violates its clearance, fails to meet a client (`met`), or leaves its path is never `reached`.
+        For a target with an attitude, the angle stays within `orientation_reach`, too. A motion that violates
+        a limit (`clear`), misses a client (`met`), or leaves its path is never `reached`.
         """
         late = self.t >= ARRIVAL_SHARE * self.duration - 1e-9
         near = self.position_error[late] <= self.reach
@@ -257,7 +257,7 @@ class Trajectory:
         Raises
         ------
         InvalidValue
-            A wrong shape, a matrix that is no covariance, or a plan from a file without `sms`.
+            If the shape is wrong, the matrix is no covariance, or `sms` is missing for a plan from a file.
         """
         return end_spread(self, covariance, sms)
 

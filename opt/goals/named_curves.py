@@ -27,10 +27,10 @@ class CurvePlacement:
     """The constant rotation (3, 3) of the end effector in the curve's axes. Default: the curve has positions
     only, unless `faces` is set."""
     faces: Annotated[Literal["axis", "centre"] | None, Unit("", "nothing")] = None
-    """The direction of an axis of the end effector along the curve: towards the z axis of the curve's axes,
-    or towards their origin."""
+    """The point to which `tool_axis` is directed along the curve: "axis", the nearest point of the z axis of
+    the curve's axes; "centre", their origin."""
     tool_axis: Any = (0.0, 0.0, 1.0)
-    """The axis (3,) of the end-effector frame, in its own axes, whose direction `faces` sets."""
+    """The direction (3,) in the axes of the end-effector frame for `faces`."""
 
     def __post_init__(self) -> None:
         checks.set_frozen(self, axes=checks.pose("axes", self.axes))

@@ -39,7 +39,7 @@ class Clearance(Limit):
     """
 
     clearance: Annotated[NotNegative, Unit("m")] = 0.01
-    """The paper's d_safe, and the margin to the base and to obstacles."""
+    """The least distance: the paper's d_safe between points of the arm, and that to base and obstacles."""
     collision: Annotated[str, OneOf(MODES), Unit()] = "auto"
     """The geometry of the robot: "points", the paper's points and the base's box (const4 to const7); "hulls",
     the URDF's collision shapes as convex parts; "shapes", the exact shapes, which take much longer; "off",

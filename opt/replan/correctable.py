@@ -33,9 +33,9 @@ class Correctable:
         return self._shifts is None and self._turns is None
 
     def goal(self, goal: Goal, q: FloatArray, t: float) -> tuple[Goal, float]:
-        """Return the goal projected on these directions from q (nq,), and its distance [m] at t [s].
+        """Return the goal projected on these directions, and its distance [m] from `goal` at t [s].
 
-        The distance is that between both goals.
+        The projection is from the end effector's pose at the measured q (nq,).
         """
         if self.everything:
             return goal, 0.0

@@ -69,16 +69,16 @@ class ModelledLaw(Protocol):
 class ScaleFactors(Learner):
     """The default `Learner`: factors (n + 1,) on the arm's masses and inertias, and on the base's inertia.
 
-    The total momentum of a floating system is constant and linear in the factors, so each sample gives six
-    equations, for any torques. If wheels hold the attitude, only the linear momentum is constant, and there
-    are three equations. Thrusters change the momentum, so in their modes the model is kept. The scale is
-    unobservable from momentum, so the base's mass is the unit. A prior around the model keeps unobservable
-    factors at 1. With `noisy` sensors the constant momentum is estimated too, because the first sample is as
-    noisy as any other.
+    The total momentum of a floating system is constant and linear in the factors, so each sample adds six
+    equations, which do not depend on the torques. If wheels hold the attitude, only the linear momentum is
+    constant, and there are three equations. Thrusters change the momentum, so in their modes the model is
+    unchanged. The scale is unobservable from momentum, so the base's mass is fixed. A prior keeps
+    unobservable factors at 1. With `noisy` sensors the constant momentum is estimated, too, because the first
+    sample is as noisy as any other.
 
-    If exact measurements give factors out of bounds, errors other than those of masses are present, and the
-    model is kept. Noisy measurements may give such factors if the excitation is low. Then the best factors
-    within the bounds are used, because dropping all of them at once would make the plans jump.
+    If factors from exact measurements are out of bounds, errors other than those of masses are present, and
+    all factors are 1. Factors from noisy measurements may be out of bounds if the excitation is low. Then the
+    best factors within the bounds are used, because a return of all factors to 1 would make the plans jump.
     """
 
     def __init__(self, sms: SpaceManipulator, mode: str = "floating") -> None:
@@ -116,7 +116,7 @@ class ScaleFactors(Learner):
         self._samples, self._first, self._last = 0, None, None
 
     def pushed(self) -> None:
-        """Keep the estimate, and begin another momentum with the next sample, after a push."""
+        """Keep the estimate after a push, and estimate another momentum from the next sample on."""
         self._G, self._g = self._sums()
         self._begin_momentum()
 

@@ -55,6 +55,7 @@ class Replanning(Observer):
     plan : Trajectory, optional
         The first plan; default: that of `opt.solve`.
     options : ReplanOptions, optional
+        The options of re-planning.
     weights : StepWeights, optional
         The weights of single steps.
     learn : Learner, optional
@@ -190,7 +191,7 @@ class Replanning(Observer):
         return "; ".join(notes)
 
     def observe(self, t: float, q: FloatArray, v: FloatArray) -> None:
-        """Plan the next step at t [s] from the measured state, and re-plan the rest, when they are due."""
+        """Plan the next step from the state measured at t [s], and re-plan the rest, if they are due."""
         with self._thread:
             step = int(t / self.problem.dt + 1e-6)
             if step != self._step:
@@ -258,7 +259,7 @@ class Replanning(Observer):
             self._measured = q, v
 
     def observe_wheels(self, momentum: ArrayLike) -> None:
-        """Store the measured momenta (w,) of the wheels that hold the attitude, against the base [N m s].
+        """Store the measured momenta (w,) of the wheels that hold the attitude, relative to the base [N m s].
 
         Call this method before `observe`. Otherwise the momenta follow from conservation, without unloading
         by thrusters.

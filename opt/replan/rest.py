@@ -152,7 +152,7 @@ def replanned(
     accelerations: FloatArray | None = None,
     noisy: bool = False,
 ) -> JointPlan:
-    """Return the plan of a rest of a motion (`rest_of`) from `start` [s] on, a change of the last plan.
+    """Return the plan of the rest of a motion (`rest_of`) from `start` [s] on, a change of the last plan.
 
     A change begins with zero rate and acceleration. There is no change if the rest of the last plan arrives
     and satisfies the limits. The plan continues the rates and `accelerations` (n,) of the command. `joints`
@@ -178,7 +178,8 @@ def replanned(
     problem = replace(problem, goal=goal, terms=terms)
     model = Model(problem, goal, spline, ControlQP(problem, spline))
     motion = linearise(model, np.zeros((1, spline.size, len(joints))), weights, last.damping)
-    enough = 0.9 if noisy and goal.exact else 0.5  # share of the tolerance, since estimates jump by the rest
+    # The plan is not changed within this share of the tolerance, which is larger for noisy estimates.
+    enough = 0.9 if noisy and goal.exact else 0.5
     # The first descent has three iterations, because with two the commands depend on the last bits of the
     # measurements. Up to three stiffer descents of four iterations follow.
     for stage in range(4):

@@ -338,8 +338,8 @@ def follow_fastest(
 ) -> Trajectory:
     """Plan the motion of least time along a geometric path, within the duration of the problem.
 
-    The joint path does not depend on the speed, so a rollout at constant speed gives it. `fastest_law` then
-    gives the time of each point, under the speed bounds of the limits.
+    The joint path does not depend on the speed, so it is computed by a rollout at constant speed. Then
+    `fastest_law` computes the time of each point, under the speed bounds of the limits.
     """
     path = problem.goal
     assert isinstance(path, Path)

@@ -219,7 +219,7 @@ class Search:
         self.found.append(linearise(self.fine, p[None], LAST_WEIGHTS, below=-np.inf)._replace(plan=plan))
 
     def arrived(self, cost: float = np.inf) -> bool:
-        """Return whether there is a plan that arrives, with at most this cost [s]."""
+        """Return whether a plan arrives with at most this cost [s]."""
         return any(
             self.cost(candidate.plan) <= cost for candidate in self.found if self.arrives(candidate.plan)
         )
@@ -232,7 +232,7 @@ class Search:
         return problem.tumbles and still and bool(self.found) and not reached
 
     def out_of_time(self) -> bool:
-        """Return whether there is a plan and the time limit has passed."""
+        """Return whether the time limit has passed and a plan exists."""
         limit = self.options.time_limit
         return limit is not None and bool(self.found) and time.perf_counter() - self._started > limit
 

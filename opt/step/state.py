@@ -189,7 +189,7 @@ def stoppable(limits: Sequence[Limit], step: StepState, rates: FloatArray, slowe
     """Return the joint rates (n,) for the step's end after which the arm can still stop within the limits.
 
     If stopping after this step would violate a limit, the rates are interpolated towards the braking rates
-    `slower` (n,), after which the arm could stop in the last step.
+    `slower` (n,), for which the last step has ensured the limits.
     """
     if not _broken(limits, step, rates).any():
         return rates
