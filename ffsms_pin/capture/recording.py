@@ -233,9 +233,8 @@ def captured(
     conditions = options["conditions"]
     spun = plan.wheel_momentum[-1] if plan.wheel_momentum.size else conditions.wheel_momentum
     planned = mission.predict(plan.q[-1], plan.v[-1], plan.duration, spun)
-    shown = plan.duration + max(
-        mission.handling.after, mission.handling.identify
-    )  # [s] duration of most runs
+    # [s] The duration of most runs.
+    shown = plan.duration + max(mission.handling.after, mission.handling.identify)
     if mission.base_law is not None:
         options["base_controller"] = mission
     report = progress and (lambda share: progress(min(1.0, share * mission.duration / shown)))

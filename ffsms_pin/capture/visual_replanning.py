@@ -72,9 +72,8 @@ class VisualReplanning(Replanning):
         self._follows = isinstance(problem.goal, Path)
         self._rng = np.random.default_rng((sensor.seed, 1))
         self._look, self.until = sensor.period, problem.duration - (0.0 if self._follows else 1.0)
-        self._moves = [
-            (0.0, client.start_pose, client.start_twist)
-        ]  # true motions since the last measurement
+        # Time [s] and true motion of the client since the last measurement.
+        self._moves = [(0.0, client.start_pose, client.start_twist)]
         self._sense = MomentumSense(problem)
         self._pushes: list[Push] = []  # pushes later than the last measurement
 

@@ -1,4 +1,4 @@
-"""Control: joint torques that make a free-floating arm follow a joint motion, and laws of the base."""
+"""Control laws of the joints and of the base."""
 
 from ffsms_pin.control.attitude_laws import Coordinated, MomentumDump, QuaternionFeedback
 from ffsms_pin.control.base_command import BaseCommand, BaseLaw, BaseView, PulseWidth, StationKeeping

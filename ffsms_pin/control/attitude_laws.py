@@ -1,4 +1,4 @@
-"""Laws of the base's attitude: quaternion feedback, with momentum dumping, and arm and base together."""
+"""Laws of the base's attitude: quaternion feedback with momentum dumping, and a law of arm and base."""
 
 from __future__ import annotations
 
@@ -23,13 +23,14 @@ from ffsms_pin.system.dynamics import whole_body
 class QuaternionFeedback:
     """A law that holds the base's attitude by wheels or, if there are none, by thrusters.
 
-    The angular acceleration is that of `AttitudeHold`. The torque for it includes the arm's reaction:
+    The desired angular acceleration is that of `AttitudeHold`. The torque includes a feedforward of the arm's
+    reaction:
 
-    - "plan": the reaction to the reference's joint accelerations, known before the arm moves: R. W. Longman,
-      R. E. Lindberg, M. F. Zedd, "Satellite-mounted robot manipulators: new kinematics and reaction moment
-      compensation", International Journal of Robotics Research 6 (1987).
+    - "plan": the reaction to the joint accelerations of the reference (R. W. Longman, R. E. Lindberg, M. F.
+      Zedd, "Satellite-mounted robot manipulators: new kinematics and reaction moment compensation",
+      International Journal of Robotics Research 6, 1987).
     - "torque": the reaction to the joint torques of this control step, for any motion of the joints.
-    - "none": no reaction; the torque is the whole system's inertia times the acceleration. This is the
+    - "none": no reaction. The torque is the inertia of the whole system times the acceleration; this is the
       textbook law, for comparison.
 
     Parameters
@@ -41,12 +42,12 @@ class QuaternionFeedback:
     damping : float
         Damping ratio of the loop; 1 is critical.
     attitude : array_like, shape (3, 3), optional
-        Rotation matrix of the root frame to hold, inertial axes. Default: that at the start of the run.
+        The desired rotation matrix of the root frame, inertial axes. Default: that at the start of the run.
     feedforward : {"torque", "plan", "none"}
-        The reaction that the torque includes: to the joint torques ("torque"), to the planned joint motion
-        ("plan"), or "none".
+        The reaction in the torque: to the joint torques ("torque"), to the planned joint motion ("plan"), or
+        none ("none").
     dump : MomentumDump, optional
-        The schedule by which thrusters unload the wheels. Default: never.
+        The schedule by which thrusters unload the wheels. Default: they do not.
 
     Raises
     ------
@@ -68,7 +69,7 @@ class QuaternionFeedback:
         if sms.wheels is None and sms.thrusters is None:
             raise InvalidValue("sms", sms, "must have wheels or thrusters: sms.with_actuators(wheels=...)")
         if dump is not None and (sms.wheels is None or sms.thrusters is None):
-            raise InvalidValue("dump", dump, "needs wheels and thrusters")
+            raise InvalidValue("dump", dump, "requires wheels and thrusters")
         self.sms, self.dump = sms, dump
         self.hold = AttitudeHold(bandwidth, damping, attitude)
         self.feedforward = one_of("feedforward", feedforward, ("torque", "plan", "none"))
@@ -87,7 +88,7 @@ class QuaternionFeedback:
         return self.shared(view, turn, self._torque(view, turn))
 
     def shared(self, view: BaseView, turn: FloatArray, torque: FloatArray) -> BaseCommand:
-        """Return the command for `torque` (3,) [N m] on the base, which turns it by `turn` (3,) [rad/s^2]."""
+        """Return the command for a torque (3,) on the base and its desired acceleration `turn` (3,)."""
         if self._wheels is None:
             assert self._thrusters is not None  # checked by `__init__`
             return BaseCommand(thruster_force=self._thrusters.forces(np.zeros(3), torque))
@@ -104,9 +105,9 @@ class QuaternionFeedback:
         if self.feedforward == "plan":
             return held_dynamics(self.sms, view.q, view.v, turn, view.wanted[2])[0]
         if self.feedforward == "torque":
-            moved, eye = np.concatenate([np.zeros(3), turn, np.zeros(self.sms.n)]), np.eye(self.sms.nv)
-            ways = np.delete(eye, slice(3, 6), axis=1)  # the joints' accelerations are unknowns
-            return partly_held(self.sms, view.q, view.v, moved, ways, view.tau)[3:6]
+            prescribed, eye = np.concatenate([np.zeros(3), turn, np.zeros(self.sms.n)]), np.eye(self.sms.nv)
+            free = np.delete(eye, slice(3, 6), axis=1)  # linear acceleration of the base, and joints
+            return partly_held(self.sms, view.q, view.v, prescribed, free, view.tau)[3:6]
         inertia = whole_body(dynamics.inertia_matrix(self.sms, view.q)).inertia
         return np.asarray(inertia @ turn)
 
@@ -115,10 +116,11 @@ class QuaternionFeedback:
 class MomentumDump:
     """A schedule by which thrusters unload the wheels.
 
-    The moment on the base is -a h / time_constant, with a h the wheels' momentum as a vector; the attitude
-    law compensates it by wheel torques, which slow the wheels down. The moment is reduced if a wheel would
-    need more than half of its largest torque. Source: M. J. Sidi, "Spacecraft Dynamics and Control",
-    Cambridge University Press 1997, chapter 7.
+    The moment of the thrusters on the base is -h / time_constant, with the wheels' total momentum h. The
+    attitude law compensates this moment by wheel torques, which slow the wheels down. The moment is reduced
+    if a wheel would need more than half of its largest torque.
+
+    Source: M. J. Sidi, "Spacecraft Dynamics and Control", Cambridge University Press 1997, chapter 7.
 
     Raises
     ------
@@ -127,9 +129,9 @@ class MomentumDump:
     """
 
     above: Annotated[Positive, Unit()] = 0.8
-    """The share of its largest momentum beyond which a wheel starts the dump."""
+    """The share of its largest momentum above which a wheel starts the dump."""
     below: Annotated[NotNegative, Unit()] = 0.1
-    """The share of their largest momenta below which all wheels end it."""
+    """The share of their largest momenta below which all wheels must be for the dump to end."""
     time_constant: Annotated[Positive, Unit("s")] = 20.0
     """The time constant with which the momentum decays."""
 
@@ -150,35 +152,35 @@ class MomentumDump:
         self._on = share > (self.below if self._on else self.above)
         if not self._on:
             return np.zeros(3)
-        wanted = -wheels.total(momentum) / self.time_constant
-        needed = float((np.abs(allocation.changes(wanted)) / (0.5 * wheels.torque)).max())
-        return wanted / max(1.0, needed)
+        desired = -wheels.total(momentum) / self.time_constant
+        needed = float((np.abs(allocation.changes(desired)) / (0.5 * wheels.torque)).max())
+        return desired / max(1.0, needed)
 
 
 class Coordinated(ComputedTorque):
     """A computed torque law of the joints and the base's attitude together; the base's position is free.
 
-    With u = qdd_d - K_d qd_e - K_p q_e for the joints and w' of `AttitudeHold` for the base, the inverse
-    dynamics of the whole system, no force acting on it, give the joint torques and the torque on the base.
-    A law for a floating arm assumes a base that reacts freely and ignores the wheel torques; this law
-    includes them. Give the same object to `simulate` as `controller` and as `base_controller`.
+    The joint torques and the torque on the base follow from the inverse dynamics of the whole system, without
+    an external force. The accelerations are qdd_d - K_d qd_e - K_p q_e for the joints, and w' of
+    `AttitudeHold` for the base. A law for a floating arm assumes that the base reacts freely, and ignores the
+    wheel torques; this law includes them. Pass the same object to `simulate` as `controller` and as
+    `base_controller`.
 
-    Proof: with an exact model and wheels within their limits both errors follow linear equations of their
-    own: that of `ComputedTorque`, and that of `AttitudeHold`.
+    Proof: with an exact model and wheels within their limits, the joint errors follow the equation of
+    `ComputedTorque`, and the attitude error that of `AttitudeHold`, independently of each other.
 
-    Source: R. W. Longman, R. E. Lindberg, M. F. Zedd (1987), the arm's reaction moment compensated by wheels;
-    the coordination of arm and attitude control flown on ETS-VII: M. Oda, "Coordinated control of spacecraft
-    attitude and its manipulator", IEEE International Conference on Robotics and Automation (1996), K.
-    Yoshida, "Engineering Test Satellite VII flight experiments for space robot dynamics and control",
-    International Journal of Robotics Research 22 (2003).
+    Sources: R. W. Longman, R. E. Lindberg, M. F. Zedd (1987), for the compensation of the arm's reaction
+    moment by wheels. M. Oda, "Coordinated control of spacecraft attitude and its manipulator", IEEE
+    International Conference on Robotics and Automation (1996), and K. Yoshida, "Engineering Test Satellite
+    VII flight experiments for space robot dynamics and control", International Journal of Robotics Research
+    22 (2003), for the coordinated control of arm and attitude on ETS-VII.
 
     Parameters
     ----------
     sms : SpaceManipulator
         The model, with wheels or thrusters.
     K_p, K_d : array_like
-        Stiffness [1/s^2] and damping [1/s] of the
-        joints, as for `ComputedTorque`.
+        Stiffness [1/s^2] and damping [1/s] of the joints, as for `ComputedTorque`.
     torque_limit : array_like, optional
         See `JointLaw`.
     coulomb, viscous, adaptive

@@ -24,16 +24,16 @@ class BaseView(NamedTuple):
     Attributes
     ----------
     t : float
-        [s]
+        Time [s].
     q, v : ndarray, shape (nq,), (6 + n,)
-        Measured, Pinocchio's.
+        Measured configuration and velocity, Pinocchio's.
     wheel_momentum : ndarray, shape (w,)
-        Measured spin momenta against the base [N m s]; empty if there are no wheels.
+        Measured spin momenta relative to the base [N m s]; empty without wheels.
     wanted : tuple of ndarray, shape (n,) each
         Joint positions [rad], rates [rad/s] and accelerations [rad/s^2] of the reference.
     tau : ndarray, shape (n,)
-        Joint torques [N m] of this control step, without those that compensate friction: these cancel within
-        the joint and do not act on the base.
+        Joint torques [N m] of this control step, without the part that compensates friction. That part
+        cancels with friction in the joint, so it does not act on the base.
     """
 
     t: float
@@ -50,9 +50,9 @@ class BaseCommand(NamedTuple):
     Attributes
     ----------
     wheel_torque : ndarray, shape (w,), optional
-        Motor torques on the wheels [N m]; the opposite torques act on the base. Default: none.
+        Motor torques on the wheels [N m]; the opposite torques act on the base. Default: zero.
     thruster_force : ndarray, shape (k,), optional
-        Thruster forces [N]; negative values count as zero. Default: none.
+        Thruster forces [N]; negative values are replaced by zero. Default: zero.
     """
 
     wheel_torque: FloatArray | None = None
@@ -63,7 +63,7 @@ class BaseCommand(NamedTuple):
 class BaseLaw(Protocol):
     """A control law of the base.
 
-    A law with a memory has a method ``reset(dt)`` as well, called before a run.
+    A law with internal state also has a method ``reset(dt)``, which `simulate` calls before a run.
     """
 
     def command(self, view: BaseView) -> BaseCommand:
@@ -80,17 +80,17 @@ class HoldsBase(Protocol):
 
 @dataclass(eq=False)
 class AttitudeHold:
-    """An attitude to hold, and the angular acceleration that turns the base to it.
+    """A desired attitude of the base, and the angular acceleration towards it.
 
-    With eps and eta the vector and scalar part of the quaternion from the desired attitude to the true one,
-    and w the base's angular velocity,
+    With the vector part eps and the scalar part eta of the quaternion from the desired to the measured
+    attitude, and the base's angular velocity w,
 
         w' = -2 bandwidth^2 sign(eta) eps - 2 damping bandwidth w.
 
     Proof: V = w.w / 2 + 4 bandwidth^2 (1 - |eta|) has V' = -2 damping bandwidth w.w, since eta' = -eps.w / 2.
-    Small errors decay like those of a mass and spring with that bandwidth [rad/s] and damping ratio, 1 being
-    critical. If no `attitude` (3, 3), inertial axes, is given, the attitude at the first control step is
-    held.
+    Small errors decay as those of a mass on a spring, with the frequency `bandwidth` [rad/s] and the damping
+    ratio `damping`. `attitude` (3, 3) is the desired rotation matrix of the root frame, inertial axes, by
+    default that of the first control step.
 
     Source: B. Wie, H. Weiss, A. Arapostathis, "Quaternion feedback regulator for spacecraft eigenaxis
     rotations", Journal of Guidance, Control, and Dynamics 12 (1989).
@@ -108,7 +108,7 @@ class AttitudeHold:
         self._held: FloatArray | None = self.attitude
 
     def reset(self) -> None:
-        """Clear the attitude of the last run."""
+        """Clear the default attitude of the last run."""
         self._held = self.attitude
 
     def acceleration(self, q: FloatArray, v: FloatArray) -> FloatArray:
@@ -124,18 +124,24 @@ class AttitudeHold:
 
 
 def partly_held(
-    sms: SpaceManipulator, q: FloatArray, v: FloatArray, moved: FloatArray, ways: FloatArray, tau: Any = 0.0
+    sms: SpaceManipulator,
+    q: FloatArray,
+    v: FloatArray,
+    prescribed: FloatArray,
+    free: FloatArray,
+    tau: Any = 0.0,
 ) -> FloatArray:
     """Return the force (6 + n,) on base and joints for partly prescribed accelerations.
 
-    The force is M v' + c with v' = moved + ways x. The unknowns x follow because only the joint torques `tau`
-    (n,) [N m] act along `ways` (6 + n, k). Accelerations are Pinocchio's, root axes [m/s^2; rad/s^2].
+    The force is M v' + c with v' = prescribed + free x. Only the joint torques `tau` (n,) [N m] act along the
+    directions `free` (6 + n, k), which determines the unknowns x. Accelerations are Pinocchio's, root axes
+    [m/s^2; rad/s^2].
     """
     M, effects = dynamics.inertia_matrix(sms, q), dynamics.velocity_effects(sms, q, v)
-    acting = -M @ moved - effects
+    acting = -M @ prescribed - effects
     acting[6:] += tau
-    x = np.linalg.solve(ways.T @ M @ ways, ways.T @ acting)
-    force: FloatArray = M @ (moved + ways @ x) + effects
+    x = np.linalg.solve(free.T @ M @ free, free.T @ acting)
+    force: FloatArray = M @ (prescribed + free @ x) + effects
     return force
 
 
@@ -147,22 +153,22 @@ def held_dynamics(
     `turn` (3,) is the desired angular acceleration of the base [rad/s^2], root axes. The torques are T (3,)
     on the base and tau (n,) of the joints [N m].
     """
-    moved = np.concatenate([np.zeros(3), turn, qdd])
-    force = partly_held(sms, q, v, moved, np.eye(sms.nv)[:, :3])
+    prescribed = np.concatenate([np.zeros(3), turn, qdd])
+    force = partly_held(sms, q, v, prescribed, np.eye(sms.nv)[:, :3])
     return force[3:6], force[6:]
 
 
 class StationKeeping:
     """A law that holds the position of the base's centre of mass by thrusters.
 
-    With p the place and p_0 the one to hold, its acceleration is to be
+    With the position p and the desired position p_0, the desired acceleration is
 
         p'' = -bandwidth^2 (p - p_0) - 2 damping bandwidth p'.
 
-    Force and moment for it include the reaction to the joint torques of this control step. The attitude is
-    held too ("both"), by wheels, or by the thrusters where there are no wheels; or it is free ("place"), and
-    the thrusters give no moment about the base's centre of mass. These are the modes "flying" and
-    "translation-flying" of `opt.Problem`.
+    Force and moment include the reaction to the joint torques of this control step. With `holds="both"` the
+    attitude is controlled as well, by the wheels or, without wheels, by the thrusters. With `holds="place"`
+    the attitude is free, and the thrusters exert no moment about the base's centre of mass. These are the
+    modes "flying" and "translation-flying" of `opt.Problem`.
 
     Parameters
     ----------
@@ -175,10 +181,10 @@ class StationKeeping:
     attitude
         See `QuaternionFeedback`.
     place : array_like, shape (3,), optional
-        The position of the base's centre of mass to hold, inertial axes [m]. Default: that at the start of
+        The desired position of the base's centre of mass, inertial axes [m]. Default: that at the start of
         the run.
     holds : {"both", "place"}
-        The part of the base's pose that is held: place and attitude ("both"), or the place alone ("place").
+        The controlled part of the base's pose: position and attitude ("both"), or the position ("place").
 
     Raises
     ------
@@ -224,15 +230,15 @@ class StationKeeping:
         )
 
     def _acceleration(self, q: FloatArray, v: FloatArray) -> FloatArray:
-        """Return the rate of Pinocchio's v[:3] (3,), root axes, at a constant angular velocity."""
+        """Return the desired rate of Pinocchio's v[:3] (3,), root axes, at a constant angular velocity."""
         R, c, spin = pin.Quaternion(q[3:7]).toRotationMatrix(), self.sms.base_com, v[3:6]
         place, velocity = q[:3] + R @ c, v[:3] + np.cross(spin, c)
         if self._held is None:
             self._held = place
         k, drag = self.hold.bandwidth**2, 2.0 * self.hold.damping * self.hold.bandwidth
-        wanted = -k * R.T @ (place - self._held) - drag * velocity
+        desired = -k * R.T @ (place - self._held) - drag * velocity
         # The acceleration of the centre of mass is v' + w x v + w' x c + w x (w x c).
-        acceleration: FloatArray = wanted - np.cross(spin, velocity)
+        acceleration: FloatArray = desired - np.cross(spin, velocity)
         return acceleration
 
     def _wrench(self, view: BaseView, turn: FloatArray | None) -> tuple[FloatArray, FloatArray]:
@@ -243,20 +249,21 @@ class StationKeeping:
         from scipy.linalg import block_diag  # slow to load
 
         n, about = self.sms.n, np.vstack([pin.skew(self.sms.base_com), np.eye(3)])
-        moved = np.concatenate([self._acceleration(view.q, view.v), np.zeros(3 + n)])
+        prescribed = np.concatenate([self._acceleration(view.q, view.v), np.zeros(3 + n)])
         if turn is not None:
-            moved[:6] += about @ turn
-        ways = block_diag(about if turn is None else np.zeros((6, 0)), np.eye(n))
-        wrench = partly_held(self.sms, view.q, view.v, moved, ways, view.tau)[:6]
+            prescribed[:6] += about @ turn
+        free = block_diag(about if turn is None else np.zeros((6, 0)), np.eye(n))
+        wrench = partly_held(self.sms, view.q, view.v, prescribed, free, view.tau)[:6]
         return wrench[:3], np.asarray(about.T @ wrench)
 
 
 class PulseWidth:
-    """A modulator of desired forces into pulses, one per period, each from the period's start.
+    """A modulator of desired forces into pulses: at most one per period, from the period's start on.
 
     A pulse is a whole number of control steps and no shorter than the least on-time. An impulse that is too
-    small for a pulse is carried over to the next periods, so that the mean force is the desired one. If more
-    than a whole period's impulse is missing, the excess is dropped, because the thruster is too weak.
+    small for a pulse is carried over to the next periods, so that the mean force equals the desired force. If
+    the missing impulse exceeds that of a whole period, the excess is dropped, because the thruster is too
+    weak.
 
     Source: the pulse-width modulation of W. E. Vander Velde and J. He, "Design of space structure control
     systems using on-off thrusters", Journal of Guidance, Control, and Dynamics 6 (1983), with the remainder
@@ -272,28 +279,29 @@ class PulseWidth:
     Raises
     ------
     InvalidValue
-        The least on-time is no longer than the period allows, or the control step exceeds it.
+        The thrusters have no period, or a period shorter than the control step.
     """
 
     def __init__(self, thrusters: Thrusters, dt: float) -> None:
         if thrusters.period is None or thrusters.period < dt * (1.0 - 1e-9):
-            raise InvalidValue("thrusters.period", thrusters.period, f"must be at least a step of {dt:g} s")
+            raise InvalidValue(
+                "thrusters.period", thrusters.period, f"must be at least the control step, {dt:g} s"
+            )
         self._force = thrusters.force
         self._steps = max(1, round(thrusters.period / dt))
         self._least = min(self._steps, max(1, int(np.ceil(thrusters.least_on_time / dt - 1e-9))))
-        self._wanted = np.zeros(len(thrusters))  # sum of the desired shares since the last period began
-        self._on = np.zeros(len(thrusters))  # steps of the pulse
+        self._desired = np.zeros(len(thrusters))  # sum of the desired shares since the last period began
+        self._on = np.zeros(len(thrusters))  # number of control steps of the present pulse
         self._step = 0
 
     def apply(self, force: FloatArray) -> FloatArray:
-        """Return the forces (k,) [N] of this control step, zero or the largest; `force` (k,) is desired."""
+        """Return the forces (k,) [N] of this control step, zero or the largest, for desired forces (k,)."""
         if self._step == 0:
-            # The desired force of the last period decides on this period's pulse; in the first period, that
-            # of now.
-            wish = np.round(self._wanted + 1e-9)
-            self._on = np.where(wish >= self._least, np.minimum(wish, self._steps), 0.0)
-            self._wanted = np.minimum(self._wanted - self._on, float(self._steps))
-        self._wanted = self._wanted + np.clip(force / self._force, 0.0, 1.0)
+            # The desired forces of the last period determine the pulse, so the first period has none.
+            steps = np.round(self._desired + 1e-9)
+            self._on = np.where(steps >= self._least, np.minimum(steps, self._steps), 0.0)
+            self._desired = np.minimum(self._desired - self._on, float(self._steps))
+        self._desired = self._desired + np.clip(force / self._force, 0.0, 1.0)
         burning = self._step < self._on
         self._step = (self._step + 1) % self._steps
         return frozen(np.where(burning, self._force, 0.0))

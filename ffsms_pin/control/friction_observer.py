@@ -1,4 +1,4 @@
-"""An estimate of the joints' Coulomb friction while a law moves them."""
+"""An estimate of the joints' Coulomb friction during a controlled motion."""
 
 from __future__ import annotations
 
@@ -14,26 +14,26 @@ from ffsms_pin.control.step_observer import StepObserver
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.system import dynamics
 
-# The estimate stays within this share of a joint's torque: bearings and gears take some per cent.
+# Upper bound of the estimate as a share of a joint's torque limit; bearings and gears take some per cent.
 _SHARE = 0.25
-_SMOOTHING, _WINDOW = 0.05, 1.0  # [s] of the smoothed measurements, and of the averages that are compared
-# Shares of the torque's variance that friction explains: the estimate is used from the first share on, and in
-# full from the second on.
+_SMOOTHING, _WINDOW = 0.05, 1.0  # [s] time constants of the smoothed measurements and of their averages
+# Shares of the torque's variance that friction explains: below the first the estimate is not used, above the
+# second it is used in full.
 _EXPLAINED = 0.5, 0.8
-_ENOUGH = 0.2  # least measured share of a window of averages, because any model fits a few samples
+_ENOUGH = 0.2  # measured share of the window below which the estimate is reduced: any model fits few samples
 
 
 class FrictionObserver(StepObserver):
     """An estimate of Coulomb friction by regression of the missing torque on the direction of motion.
 
-    Over a control step the measured rates change by dt qdd. The model needs tau_m = H_q qdd + C_q for that at
-    the middle of the step if the base floats. For a robot with wheels or thrusters tau_m is the joint torque
-    for qdd and the measured acceleration of the base, for any force on it. The applied torque is tau. With
-    the known friction tau_k (negative for positive rates) the missing torque w = tau + tau_k - tau_m of each
-    joint is fitted by F s + I qdd over the last second, with s = tanh(qd / 0.01 rad/s) and F at least zero. I
-    takes up the effect of a wrong inertia, such as that of an unknown payload, whose compensation as friction
-    would drive the arm into oscillations. F is weighted by the share of the rest of w that it explains, the
-    squared partial correlation.
+    Over a control step the measured rates change by dt qdd. For a floating base, the model's torque for this
+    change is tau_m = H_q qdd + C_q, at the middle of the step. For a robot with wheels or thrusters, tau_m is
+    the joint torque for qdd and the measured acceleration of the base, for any force on the base. With
+    the applied torque tau and the known friction tau_k (negative for positive rates), each joint misses the
+    torque w = tau + tau_k - tau_m. It is fitted by F s + I qdd over the last second, with s = tanh(qd / 0.01
+    rad/s) and F at least zero. I absorbs the effect of a wrong inertia, such as that of an unknown payload;
+    compensated as friction, this effect would make the arm oscillate. F is weighted by the squared partial
+    correlation, the share of the remaining variance of w that F explains.
 
     Parameters
     ----------
@@ -41,9 +41,9 @@ class FrictionObserver(StepObserver):
     dt : float
         Control step [s].
     limit : ndarray, shape (n,)
-        Largest joint torques [N m], infinite for none.
+        Largest joint torques [N m], infinite for no limit.
     viscous, coulomb : array_like
-        The friction [N m s/rad], [N m] that the law compensates already; F is beyond it.
+        The known friction [N m s/rad], [N m], which the law compensates; F is additional friction.
     """
 
     def __init__(
@@ -59,8 +59,8 @@ class FrictionObserver(StepObserver):
         self._driven = sms.wheels is not None or sms.thrusters is not None
         self._quick, self._slow = -math.expm1(-dt / _SMOOTHING), -math.expm1(-dt / _WINDOW)
         self._smooth = np.zeros((3, sms.n))  # w, s and qdd
-        self._means = np.zeros((3, 3, sms.n))  # means of the products of w, s and qdd
-        self._filled = 0.0  # measured share of the averages
+        self._means = np.zeros((3, 3, sms.n))  # averages of the products of w, s and qdd
+        self._filled = 0.0  # measured share of the window
 
     @property
     def friction(self) -> FloatArray:
@@ -89,5 +89,5 @@ class FrictionObserver(StepObserver):
         self._means += self._slow * (self._smooth[:, None] * self._smooth - self._means)
 
     def torque(self, commanded: FloatArray) -> FloatArray:
-        """Return the torques (n,) [N m] that compensate friction at commanded joint rates (n,)."""
+        """Return the torques (n,) [N m] that compensate F at commanded joint rates (n,)."""
         return self.friction * np.tanh(commanded / SLOW)

@@ -53,17 +53,19 @@ class JointLaw(Observer, ABC):
     sms : SpaceManipulator
         The model that the law uses.
     torque_limit : array_like, optional
-        Largest size of each torque [N m], one number or (n,), infinite for none; default
+        The largest size of each torque [N m], one number or (n,), infinite for no limit. Default:
         `sms.limits.torque`.
 
     Attributes
     ----------
     sms : SpaceManipulator
+        The model that the law uses.
     torque_limit : ndarray, shape (n,)
+        The largest size of each torque [N m].
     """
 
-    compensates_friction: ClassVar[bool] = False  # true if it compensates the friction of the file
-    _gains: ClassVar[tuple[str, ...]] = ()  # the attributes that `__repr__` shows
+    compensates_friction: ClassVar[bool] = False  # true if the law compensates the file's friction
+    _gains: ClassVar[tuple[str, ...]] = ()  # attributes that `__repr__` shows and that cannot be set again
 
     def __init__(self, sms: SpaceManipulator, torque_limit: ArrayLike | None = None) -> None:
         self.sms = sms
@@ -73,7 +75,9 @@ class JointLaw(Observer, ABC):
 
     def __setattr__(self, name: str, value: Any) -> None:
         if name in self._gains and name in vars(self):
-            raise AttributeError(f"{name} was checked when the law was made: make another one")
+            raise AttributeError(
+                f"{name} cannot be changed, because it is checked when a law is created: create another law"
+            )
         super().__setattr__(name, value)
 
     def __repr__(self) -> str:
@@ -87,7 +91,7 @@ class JointLaw(Observer, ABC):
 
     @property
     def friction_torque(self) -> FloatArray:
-        """The part (n,) of the last torque that compensates friction [N m]; it acts on no other body."""
+        """The part (n,) of the last torque that compensates friction [N m] in the joints."""
         return np.zeros(self.sms.n)
 
     def reset(self, dt: float | None = None) -> None:
@@ -110,8 +114,8 @@ class JointLaw(Observer, ABC):
         Returns
         -------
         ndarray, shape (n,)
-            Joint torques [N m] within `torque_limit`. NaN or overflow in the state gives NaN, and `simulate`
-            ends the run there.
+            Joint torques [N m] within `torque_limit`. They are NaN if the state has NaN or overflows;
+            `simulate` then ends the run.
         """
         with np.errstate(over="ignore", invalid="ignore"):
             tau = self._law(Motion(self.sms, q, v, q_d, qd_d, qdd_d))
@@ -123,7 +127,7 @@ class JointLaw(Observer, ABC):
 
     @abstractmethod
     def time_constants(self, q: ArrayLike) -> FloatArray:
-        """Return the time constants of the error near zero, at a configuration (nq,): [s], ascending."""
+        """Return the time constants [s], ascending, of small errors at a configuration q (nq,)."""
 
     @abstractmethod
     def _law(self, motion: Motion) -> FloatArray:
@@ -132,18 +136,20 @@ class JointLaw(Observer, ABC):
 
 def gain_matrix(name: str, value: ArrayLike, n: int) -> FloatArray:
     """Return a symmetric positive definite gain matrix (n, n) from one number, a diagonal or a matrix."""
-    given = np.array(value, dtype=np.float64)
-    if given.shape not in ((), (n,), (n, n)) or not np.isfinite(given).all():
-        raise InvalidValue(name, value, f"must be one finite number, {n} of them, or a matrix ({n}, {n})")
-    gain = given if given.ndim == 2 else np.diag(np.broadcast_to(given, n))
+    array = np.array(value, dtype=np.float64)
+    if array.shape not in ((), (n,), (n, n)) or not np.isfinite(array).all():
+        raise InvalidValue(
+            name, value, f"must be one finite number, {n} finite numbers, or a matrix ({n}, {n})"
+        )
+    gain = array if array.ndim == 2 else np.diag(np.broadcast_to(array, n))
     if np.abs(gain - gain.T).max() > 1e-12 * np.abs(gain).max() or np.linalg.eigvalsh(gain)[0] <= 0.0:
-        kind = "above zero" if given.ndim < 2 else "symmetric positive definite"
+        kind = "above zero" if array.ndim < 2 else "symmetric positive definite"
         raise InvalidValue(name, value, f"must be {kind}")
     return frozen(gain)
 
 
 def gain_text(gain: ArrayLike) -> str:
-    """Return a short text for a gain: one number if all joints have the same, its diagonal, or its shape."""
+    """Return a short text for a gain: a number if all joints have the same, the diagonal, or the shape."""
     values = np.asarray(gain)
     if values.ndim == 2:
         diagonal = np.diag(values)
@@ -191,23 +197,23 @@ class SlidingModeController(JointLaw):
 
     tau = H_q (qdd_d - Gamma qd_e) + C_q - K_s sat(s / boundary),  s = qd_e + Gamma q_e,
 
-    with q_e = q - q_d and qd_e = qd - qd_d, and every entry of sat cut off at -1 and 1 (paper,
-    Eq. sliding_surface and control_torque). The torque is then cut off at `torque_limit`. H_q and C_q are
-    those of the measured q and v.
+    with q_e = q - q_d and qd_e = qd - qd_d. sat limits every entry to -1 and 1 (paper, Eq. sliding_surface
+    and control_torque). The torque is then limited to `torque_limit`. H_q and C_q are those of the measured q
+    and v.
 
-    With an exact model and torques within their limits the error obeys H_q ds/dt = -K_s sat(s / boundary),
-    and on s = 0 it dies out as exp(-Gamma t). K_s alone determines how fast s = 0 is reached:
+    With an exact model and torques within their limits, H_q ds/dt = -K_s sat(s / boundary), and on s = 0 the
+    error decays as exp(-Gamma t). K_s determines how fast s = 0 is reached:
 
-    - outside the boundary layer s decreases at the constant rate H_q^-1 K_s;
-    - inside, exponentially, with time constants of about H_q boundary / K_s: see `time_constants`.
+    - Outside the boundary layer ds/dt = -H_q^-1 K_s sign(s), so the rate does not depend on the size of s.
+    - Inside, s decays exponentially, with time constants of about H_q boundary / K_s (`time_constants`).
 
-    The defaults are the paper's gains for its planar system. They follow a plan that starts where the arm is,
-    but they do not remove an initial error: 20 mrad are still there after 12 s. Ten times the paper's
-    K_s removes them. In a sampled loop, the shortest time constant should stay above the control step: below
-    half of it the torque chatters.
+    The defaults are the paper's gains for its planar system. With these gains the arm follows a plan from its
+    own configuration, but an initial error of 20 mrad remains for longer than 12 s. With ten times the
+    paper's K_s it is removed. In a sampled loop, the shortest time constant should be longer than the control
+    step; below half of the control step, the torque chatters.
 
     Proof (paper, appendix): V = s^T H_q s / 2 has dV/dt = -s^T K_s sat(s / boundary) + s^T (dH_q/dt) s / 2.
-    The paper neglects the last term, so V is only certain to decrease if the first one dominates, with slow
+    The paper neglects the last term, so V certainly decreases only if the first term dominates, with slow
     joints or a large K_s. The proof by passivity in docs/simulate.md neglects nothing.
 
     Parameters
@@ -216,12 +222,12 @@ class SlidingModeController(JointLaw):
         The model that the law uses.
     K_s : array_like
         Switching gain [N m]: one number, a vector (n,) for a diagonal, or a matrix (n, n), symmetric positive
-        definite. The paper's proof holds for a diagonal one; a matrix must be diagonally dominant to drive
-        every s towards zero.
+        definite. The paper's proof holds for a diagonal matrix; another matrix must be diagonally dominant to
+        drive every entry of s towards zero.
     Gamma : array_like
-        Slope of the sliding surface [1/s]; in the same forms.
+        Slope of the sliding surface [1/s], in the same forms as K_s.
     boundary : array_like
-        The paper's lambda, thickness of the boundary layer in s [rad/s]: one number, or (n,) where K_s is
+        The paper's lambda, the thickness of the boundary layer in s [rad/s]: one number, or (n,) if K_s is
         diagonal.
     torque_limit : array_like, optional
         See `JointLaw`.
@@ -247,11 +253,11 @@ class SlidingModeController(JointLaw):
         self.Gamma = gain_matrix("Gamma", Gamma, sms.n)
         self.boundary = one_each("boundary", boundary, sms.n, "rad/s")
         if np.ndim(boundary) > 0 and np.any(self.K_s != np.diag(np.diag(self.K_s))):
-            raise InvalidValue("boundary", boundary, "must be one number where K_s is not diagonal")
+            raise InvalidValue("boundary", boundary, "must be one number if K_s is not diagonal")
 
     def _law(self, motion: Motion) -> FloatArray:
-        wanted = motion.qdd_d - self.Gamma @ motion.qd_e
-        torque = dynamics.floating_torque(self.sms, motion.q, motion.v, wanted)
+        desired = motion.qdd_d - self.Gamma @ motion.qd_e
+        torque = dynamics.floating_torque(self.sms, motion.q, motion.v, desired)
         s = motion.qd_e + self.Gamma @ motion.q_e
         return torque - self.K_s @ np.minimum(np.maximum(s / self.boundary, -1.0), 1.0)
 
@@ -273,13 +279,12 @@ class PD(JointLaw):
 
     tau = -K_p q_e - K_d qd_e
 
-    Proof, for a constant q_d and zero momentum: V = qd^T H_q qd / 2 + q_e^T K_p q_e / 2 has
-    dV/dt = qd^T tau + qd^T K_p q_e = -qd^T K_d qd <= 0, since dH_q/dt - 2 C is skew, and by LaSalle the
-    joints come to rest at q_d, because there is no gravity load in orbit. A moving q_d is followed with a
-    lag.
+    Proof, for a constant q_d and zero momentum: V = qd^T H_q qd / 2 + q_e^T K_p q_e / 2 has dV/dt = qd^T tau
+    + qd^T K_p q_e = -qd^T K_d qd <= 0, since dH_q/dt - 2 C is skew-symmetric. There is no gravity load in
+    orbit, so by LaSalle the joints come to rest at q_d. The joints lag behind a moving q_d.
 
     Source: M. Takegaki and S. Arimoto, "A new feedback method for dynamic control of manipulators", Journal
-    of Dynamic Systems, Measurement, and Control 103 (1981), on the reduced system.
+    of Dynamic Systems, Measurement, and Control 103 (1981), here for the reduced system.
 
     Parameters
     ----------
@@ -288,8 +293,8 @@ class PD(JointLaw):
     K_p : array_like
         Stiffness [N m/rad]: one number, a diagonal (n,), or a symmetric positive definite matrix.
     K_d : array_like
-        Damping [N m s/rad]; in the same forms. The default suits the paper's planar system at a control step
-        of 1 ms: its smallest H_q is 0.002 kg m^2, and K_d dt must stay below it.
+        Damping [N m s/rad], in the same forms as K_p. K_d dt must be smaller than the smallest H_q. The
+        default suits the paper's planar system, with 0.002 kg m^2, at a control step of 1 ms.
     torque_limit : array_like, optional
         See `JointLaw`.
 
@@ -326,44 +331,44 @@ class ComputedTorque(JointLaw):
     tau = H_q (qdd_d - K_d qd_e - K_p q_e) + C_q + viscous qd_d + coulomb tanh(qd_d / 0.01 rad/s)
           + F tanh(u / 0.01 rad/s),  u = qd_d - K_d^-1 K_p q_e
 
-    F is the estimated Coulomb friction beyond `coulomb` (`FrictionObserver`). Without it a
-    friction of 0.05 N m leaves a wrist of 0.001 kg m^2 a radian off. H_q and C_q include the estimated
-    payload (`PayloadObserver`, the law's `robot`). Without it a wrist that carries an unknown payload
-    diverges from its reference. Friction and payload are estimated from `reset` on, which `simulate` calls
-    before a run; a single call of `torque` includes neither.
+    F is the estimated Coulomb friction in addition to `coulomb` (`FrictionObserver`). Without F, a friction
+    of 0.05 N m leaves an error of 1 rad at a wrist of 0.001 kg m^2. H_q and C_q include the estimated payload
+    (`PayloadObserver`, the law's `robot`). Without this estimate, a wrist with an unknown payload diverges
+    from its reference. Both estimates begin with `reset`, which `simulate` calls before a run; a single call
+    of `torque` includes neither.
 
-    After `joint_failed` for a limp joint, H_q and C_q are those of the other joints, with the limp one moving
-    passively.
+    After `joint_failed` for a limp joint, H_q and C_q are those of the other joints, while the limp joint
+    moves passively.
 
     Proof: with an exact model qdd_e + K_d qd_e + K_p q_e = 0. V = qd_e^T qd_e / 2 + q_e^T K_p q_e / 2 has
-    dV/dt = -qd_e^T K_d qd_e <= 0, and by LaSalle the error goes to zero; exponentially, the
-    loop being linear.
+    dV/dt = -qd_e^T K_d qd_e <= 0. By LaSalle the error goes to zero, exponentially because the loop is
+    linear.
 
     Source: J. Y. S. Luh, M. W. Walker, R. P. C. Paul, "Resolved-acceleration control of mechanical
-    manipulators", IEEE Transactions on Automatic Control 25 (1980), on the reduced system of a floating base:
-    Y. Umetani and K. Yoshida (1989) for its kinematics.
+    manipulators", IEEE Transactions on Automatic Control 25 (1980), here for the reduced system of a floating
+    base, with the kinematics of Y. Umetani and K. Yoshida (1989).
 
     Parameters
     ----------
     sms : SpaceManipulator
     K_p : array_like
-        Stiffness [1/s^2]: one number, a diagonal (n,), or a symmetric positive definite matrix. The defaults
-        are critically damped with 0.2 s.
+        Stiffness [1/s^2]: one number, a diagonal (n,), or a symmetric positive definite matrix. With the
+        defaults the error is critically damped with a time constant of 0.2 s.
     K_d : array_like
-        Damping [1/s]; in the same forms.
+        Damping [1/s], in the same forms as K_p.
     torque_limit : array_like, optional
         See `JointLaw`.
     coulomb : array_like, optional
-        The expected Coulomb friction of the joints [N m], one number or (n,): see `simulation.JointFriction`.
+        The expected Coulomb friction of the joints [N m], one number or (n,), see `simulation.JointFriction`.
         Default: that of the robot's file (`sms.joint_friction`). If several joints turn about nearly the same
-        axis, their relative motion has almost no inertia, so a small torque that is not modelled turns them
-        far.
+        axis, their relative motion has almost no inertia, so a small torque that is not modelled causes a
+        large error.
     viscous : array_like, optional
         The expected viscous friction of the joints [N m s/rad]. Default: that of the robot's file
         (`sms.joint_damping`).
     adaptive : bool
-        True if friction and payload are estimated. Switch it off if the end effector is in contact, because
-        contact forces are not in the law's model. Default: True.
+        True if friction and payload are estimated. If the end effector is in contact, it must be False,
+        because contact forces are not in the law's model. Default: True.
 
     Raises
     ------
@@ -398,7 +403,7 @@ class ComputedTorque(JointLaw):
         self._kept = Kept({"observer": None, "payload": None, "friction": np.zeros(sms.n), "limp": none})
 
     def reset(self, dt: float | None = None) -> None:
-        """Begin a run with control steps of dt [s]; if None, friction and payload are not estimated."""
+        """Begin a run with control steps of dt [s]; if dt is None, friction and payload are not estimated."""
         observer = payload = None
         if dt is not None and self.adaptive:
             known = self.viscous, self.coulomb
@@ -416,13 +421,13 @@ class ComputedTorque(JointLaw):
         return self.sms if payload is None else payload.robot
 
     def joint_failed(self, joint: int, locked: bool) -> None:
-        """Treat a failed joint (index from 0) as one without torque, unless it is locked, until `reset`."""
+        """Treat a failed joint (index from 0) as passive until `reset`, unless it is locked."""
         if not locked:
             self._kept.limp = self._kept.limp | (np.arange(self.sms.n) == joint)
 
     @property
     def friction_torque(self) -> FloatArray:
-        """The part (n,) of the last torque that compensates friction [N m]; it acts on no other body."""
+        """The part (n,) of the last torque that compensates friction [N m] in the joints."""
         friction: FloatArray = self._kept.friction
         return friction
 
@@ -432,14 +437,14 @@ class ComputedTorque(JointLaw):
         return time_constants(np.eye(self.sms.n), self.K_d, self.K_p)
 
     def _wanted(self, motion: Motion) -> FloatArray:
-        """Return the joint accelerations (n,) [rad/s^2] with which the error decays."""
+        """Return the joint accelerations (n,) [rad/s^2] at which the error decays."""
         wanted: FloatArray = motion.qdd_d - self.K_d.dot(motion.qd_e) - self.K_p.dot(motion.q_e)
         return wanted
 
     def _inverse_dynamics(self, motion: Motion) -> FloatArray:
-        """Return the torques (n,) that give the joints the desired accelerations without friction.
+        """Return the torques (n,) for the joint accelerations of `_wanted`, without friction.
 
-        Limp joints have the accelerations that result from those of the others.
+        The accelerations of limp joints result from those of the other joints.
         """
         torque = dynamics.floating_torque(self.robot, motion.q, motion.v, self._wanted(motion))
         limp: NDArray[np.bool_] = self._kept.limp
@@ -450,7 +455,7 @@ class ComputedTorque(JointLaw):
         return torque - H[:, limp] @ np.linalg.solve(H[limp][:, limp], torque[limp])
 
     def _friction(self, motion: Motion) -> FloatArray:
-        """Return the torques (n,) that compensate friction at the desired rates."""
+        """Return the torques (n,) that compensate the expected friction at the desired rates."""
         return -friction_torque(motion.qd_d, self.viscous, self.coulomb)
 
     def _law(self, motion: Motion) -> FloatArray:

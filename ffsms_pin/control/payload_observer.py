@@ -1,4 +1,4 @@
-"""An estimate of the payload that the end effector carries while a law moves the joints."""
+"""An estimate of a payload on the end effector during a controlled motion."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.system import dynamics
 from ffsms_pin.system.regressors import PER_BODY, parameters_of, pseudo_inertia, torque_regressor
 
-_SMOOTHING, _WINDOW = 0.05, 2.0  # [s] of the smoothed measurements, and of the sums
-_PERIOD = 0.02  # [s] between two solutions
+_SMOOTHING, _WINDOW = 0.05, 2.0  # [s] time constants of the smoothed measurements and of the sums
+_PERIOD = 0.02  # [s] between two least squares solutions
 _SHARE = 0.1  # prior deviation from no payload, as a share of the robot's mass and of the arm's length
 _NOISE = 2e-3  # [m/s^2, rad/s^2] standard deviation of the averages
 _LEAST = 1e-5  # [m/s^2, rad/s^2] least size of the base's rows, above rounding and errors of differences
 _EXPLAINED = 0.9  # adjusted coefficient of determination above which a payload is accepted
 _WORSE = 2.0  # factor on the variance without a payload above which an accepted payload is rejected
 _ROUNDS = 10  # iterations of a solution, warm-started from the last one
-_CONVERGED = 1e-4  # relative change of a round
+_CONVERGED = 1e-4  # relative change in an iteration at convergence
 _CHANGE = 0.02  # relative change of the payload above which the robot model is updated
 
 
@@ -31,13 +31,15 @@ class PayloadObserver(StepObserver):
 
     Over a control step the measured velocities change by dt a. With the inertia matrix M and the nonlinear
     effects b at the middle of the step, the torques tau less the expected friction, and no force on the base,
-    the missing force w = [0; tau] - M a - b is Y(q, v, a) phi for a payload phi fixed to the body that
-    carries the end effector. Rows are divided by the diagonal of M and averaged over 0.05 s. phi is the least
-    squares solution over the last 2 s, with a prior around zero, among the physically consistent parameters.
+    the missing force is w = [0; tau] - M a - b. It equals Y phi for a payload with the parameters phi on the
+    end effector's link, whose regressor is Y(q, v, a). Rows are divided by the diagonal of M and averaged
+    over 0.05 s. phi is the least squares solution over the last 2 s, with a prior around zero, among the
+    physically consistent parameters.
 
-    phi is accepted if it explains 90 % of the variance of the base's rows. No torque enters these rows, so
-    friction, weak drives and failed joints cannot be mistaken for a payload, but external forces can. The
-    moments on the base are left out for a robot with wheels, because wheel torques are unknown here.
+    phi is accepted if it explains 90 % of the variance of the base's rows. Joint torques do not enter these
+    rows, so friction, weak drives and failed joints cannot be mistaken for a payload, but external forces
+    can. For a robot with wheels the moments on the base are left out, because the wheel torques are not
+    measured.
 
     Parameters
     ----------
@@ -51,6 +53,7 @@ class PayloadObserver(StepObserver):
     Attributes
     ----------
     sms : SpaceManipulator
+        The robot without the payload.
     robot : SpaceManipulator
         `sms` with the estimated payload; `sms` itself until a payload is accepted.
     """
@@ -123,10 +126,10 @@ class PayloadObserver(StepObserver):
         return float(x @ self._of_base @ x) / max(float(self._of_base[-1, -1]), 1e-300)
 
     def _consistent(self, inverse: FloatArray) -> FloatArray:
-        """Return the physically consistent parameters (10,) that fit best, in deviations of the prior.
+        """Return the physically consistent parameters (10,) that fit best, in prior standard deviations.
 
-        The fit, by the `inverse` (10, 10) of its matrix with the prior around the last estimate, alternates
-        with a projection on the consistent parameters, so that mainly unobservable parameters are changed.
+        Least squares with a prior around the last estimate, by the `inverse` (10, 10) of the normal matrix,
+        alternate with projections on the consistent parameters. So mainly unobservable parameters change.
         """
         units, share = np.outer(self._length, self._length), self._near
         for _ in range(_ROUNDS):

@@ -1,4 +1,4 @@
-"""The control step from which observers of friction and payload learn."""
+"""The measured control steps for the observers of friction and payload."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ class StepObserver:
         self._last: tuple[FloatArray, FloatArray, FloatArray] | None = None
 
     def acted(self, q: FloatArray, v: FloatArray, tau: FloatArray) -> None:
-        """Store the measured state and the torque of a step that begins."""
+        """Store the measured state and the torques (n,) at the beginning of a control step."""
         self._last = q.copy(), v.copy(), tau
 
     def _measured(self, q: FloatArray, v: FloatArray) -> MeasuredStep | None:

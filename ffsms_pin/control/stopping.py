@@ -13,31 +13,31 @@ from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.system import dynamics
 from ffsms_pin.system.dynamics import floating_motion
 
-_TIME = 0.5  # [s]
+_TIME = 0.5  # [s] default time constant of braking
 _CORRECTION = 0.02  # [s] time constant of the correction by measured rates; delays of drives must be shorter
 _SHARE = 0.5  # least dissipated power, as a share of that of braking without the correction
 _RESERVE = 1e-3  # [rad or m] safety margin before a stop
-STEPS = 4.0  # control steps of the fastest braking
+STEPS = 4.0  # control steps in the shortest time constant of braking
 
 
 class StoppingLaw:
-    """A joint torque law that brakes all joints within their torques; one law for each braking.
+    """A joint torque law that brakes all joints within their torque limits; each braking needs a new law.
 
-    Without limits the torque is tau* = -k H_q qd: with the reduced inertia matrix H_q all joints slow down
-    alike, as qdd = -k qd. With limits it is the torque within them that is nearest to tau* in the metric of
-    H_q^-1, the kinetic energy of the change of velocity. The rate k is 1 / `time`, and larger if a joint
-    would otherwise reach its stop, at most 1 / (4 dt).
+    Without limits the torque is tau* = -k H_q qd, with the reduced inertia matrix H_q, so all joints
+    decelerate alike: qdd = -k qd. With limits it is the torque nearest to tau* within the limits, in the
+    metric of H_q^-1. The rate k is 1 / `time`, or larger if a joint would otherwise reach its stop, but at
+    most 1 / (4 dt).
 
-    Limp joints have no torque. The others are braked with the inertia matrix of the arm whose limp joints
-    move passively, the Schur complement of H_q.
+    Limp joints have no torque. The other joints are braked with the inertia matrix of an arm whose limp
+    joints move passively, the Schur complement of H_q.
 
-    With wrong masses, such as an unknown payload, that torque alone lets light joints speed up while the
+    With wrong masses, such as an unknown payload, this torque alone would accelerate light joints while the
     others slow down. So each call after the first adds H_q times the difference between the measured rates
     and those of qdd = -k qd, with a time constant of 0.02 s.
 
-    The torque dissipates energy for any masses, because a further constraint requires that the power qd^T tau
-    is at most half of that of tau* scaled into the limits, which is negative because H_q is positive
-    definite. The scaled torque satisfies all of these constraints.
+    The torque dissipates energy for any masses. A constraint requires that the power qd^T tau is at most half
+    of that of tau* scaled down into the limits, which is negative because H_q is positive definite. The
+    scaled torque satisfies all constraints, so the problem is feasible.
 
     Parameters
     ----------
@@ -45,7 +45,7 @@ class StoppingLaw:
     dt : float
         Control step [s].
     torque_limit : array_like
-        Largest size of each torque [N m], one number or (n,), infinite for none.
+        Largest size of each torque [N m], one number or (n,), infinite for no limit.
     time : float
         Time constant of braking [s].
     """
@@ -61,7 +61,7 @@ class StoppingLaw:
             1.0 / (STEPS * positive("dt", dt, "s")),
         )
         self._dt, self._gain = dt, -math.expm1(-dt / _CORRECTION)
-        self._last: tuple[FloatArray, FloatArray] | None = None  # rates and correction of the step before
+        self._last: tuple[FloatArray, FloatArray] | None = None  # rates and correction of the last step
 
     def torque(self, q: FloatArray, v: FloatArray, limp: NDArray[np.bool_] | None = None) -> FloatArray:
         """Return the joint torques (n,) [N m] at a measured state; those of `limp` joints (n,) are zero."""
@@ -73,12 +73,12 @@ class StoppingLaw:
             H = H[driven][:, driven] - H[driven][:, ~driven] @ along
         k = self._rate(q, np.where(driven, v[6:], 0.0))
         braking = -k * (H @ rates)
-        wanted = braking + self._correction(H, k, rates)
+        desired = braking + self._correction(H, k, rates)
         safe = _scaled(braking, most)
         power = _SHARE * float(rates @ safe)
-        torque = wanted
-        if np.isfinite(wanted).all() and ((np.abs(wanted) > most).any() or rates @ wanted > power):
-            nearest = _nearest(H, wanted, most, rates, power)
+        torque = desired
+        if np.isfinite(desired).all() and ((np.abs(desired) > most).any() or rates @ desired > power):
+            nearest = _nearest(H, desired, most, rates, power)
             torque = safe if nearest is None else nearest
         self._last = rates.copy(), torque - braking
         whole = np.zeros(self.sms.n)
@@ -86,7 +86,7 @@ class StoppingLaw:
         return whole
 
     def _correction(self, H: FloatArray, k: float, rates: FloatArray) -> FloatArray:
-        """Return the torques (n,) that compensate errors of the model's masses."""
+        """Return the torques (n,) that compensate the effect of wrong masses in the model."""
         if self._last is None or self._last[0].shape != rates.shape:  # a joint has become limp
             return np.zeros_like(rates)
         before, correction = self._last
@@ -96,8 +96,8 @@ class StoppingLaw:
     def _rate(self, q: FloatArray, rates: FloatArray) -> float:
         """Return the rate k [1/s]: 1 / `time`, or more if a joint would reach its stop."""
         limits, joints = self.sms.limits, self.sms.layout.positions(q)
-        room = np.where(rates > 0.0, limits.upper - joints, joints - limits.lower)
-        needed = np.abs(rates) / np.maximum(room - _RESERVE, 1e-6)
+        slack = np.where(rates > 0.0, limits.upper - joints, joints - limits.lower)
+        needed = np.abs(rates) / np.maximum(slack - _RESERVE, 1e-6)
         slowest = min(self._slowest, self._fastest)
         return float(np.clip(needed.max(initial=0.0), slowest, self._fastest))
 
@@ -108,26 +108,26 @@ def _scaled(torque: FloatArray, most: FloatArray) -> FloatArray:
 
 
 def _nearest(
-    H: FloatArray, wanted: FloatArray, most: FloatArray, rates: FloatArray, power: float
+    H: FloatArray, desired: FloatArray, most: FloatArray, rates: FloatArray, power: float
 ) -> FloatArray | None:
-    """Return the torques within +-most (n,) that are nearest to desired ones in the metric of H^-1.
+    """Return the torques within +-most (n,) that are nearest to `desired` (n,) in the metric of H^-1.
 
-    Their power at `rates` (n,) is at most `power` [W]. None if none are found.
+    Their power at `rates` (n,) is at most `power` [W]. Return None if the solver fails.
     """
     bound = np.flatnonzero(np.isfinite(most))
     try:
         L = np.linalg.cholesky(H)
     except np.linalg.LinAlgError:
         return None
-    size = float(np.linalg.norm(np.linalg.solve(L, wanted)))
-    # With tau = wanted + size L z, |z| is minimised; every row is scaled by the limit of its joint.
-    unit = np.maximum(most[bound], 1e-9 * np.abs(wanted).max())
-    rows, at, room = size * L[bound] / unit[:, None], wanted[bound] / unit, most[bound] / unit
-    scale = max(float(np.abs(rates) @ np.abs(wanted)), 1e-300)
+    size = float(np.linalg.norm(np.linalg.solve(L, desired)))
+    # With tau = desired + size L z, |z| is minimised; every row is scaled by the limit of its joint.
+    unit = np.maximum(most[bound], 1e-9 * np.abs(desired).max())
+    rows, at, bounds = size * L[bound] / unit[:, None], desired[bound] / unit, most[bound] / unit
+    scale = max(float(np.abs(rates) @ np.abs(desired)), 1e-300)
     rows = np.vstack([rows, size * (rates @ L) / scale])
-    upper, lower = np.append(room - at, (power - rates @ wanted) / scale), np.append(-room - at, -np.inf)
-    sense = np.where(np.append(room, 1.0) > 0.0, 0, 5).astype(np.int32)  # 5: an equation
+    upper, lower = np.append(bounds - at, (power - rates @ desired) / scale), np.append(-bounds - at, -np.inf)
+    sense = np.where(np.append(bounds, 1.0) > 0.0, 0, 5).astype(np.int32)  # DAQP's 5: an equality constraint
     z, _, status, _ = daqp.solve(None, np.zeros(len(L)), rows, upper, lower, sense)
     if status != 1 or not np.isfinite(z).all():
         return None
-    return np.asarray(np.clip(wanted + size * (L @ z), -most, most))
+    return np.asarray(np.clip(desired + size * (L @ z), -most, most))

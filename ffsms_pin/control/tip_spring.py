@@ -1,11 +1,11 @@
-"""A spring between the end effectors of two joint motions, each rolled out with the base reacting.
+"""A spring between the end effectors of two joint motions, both with a reacting base.
 
-Except for the drift by momentum, joint motions alone determine the motion of a floating base and its end
-effector. So both motions are rolled out from one base, in a frame C that drifts with the system: its origin
-is the centre of mass, and it has the part of the base's rotation that the joints do not cause. Relative to C
-the first end effector moves with J_star qd, for any external forces and any true masses, because J_star and C
-belong to one model. Hence the joint torques J_star^T f of a force f = -dU/dx are the gradient of the same
-potential U: a spring in this frame is passive.
+Except for the drift by momentum, the joint motion alone determines the motion of a floating base and its end
+effector. So both motions are rolled out from one base, in a frame C that drifts with the system. The origin
+of C is the centre of mass, and C rotates with the part of the base's rotation that the joints do not cause.
+Relative to C the first end effector moves with J_star qd, for any external forces and any true masses,
+because J_star and C belong to the same model. The joint torques J_star^T f of a force f = -dU/dx are hence
+the negative gradient of U with respect to the joints, so the spring is passive.
 """
 
 from __future__ import annotations
@@ -26,8 +26,8 @@ from ffsms_pin.system.dynamics import floating_motion, whole_body
 class Posture(NamedTuple):
     """A posture of a robot with its root at the origin; all quantities are in root axes.
 
-    `q` (nq,), inertia matrix `M`, `N` of `floating_motion`, the system's centre of mass `com` (3,) and the
-    end effector's `pose`.
+    The fields are the configuration `q` (nq,), the inertia matrix `M`, `N` of `floating_motion`, the system's
+    centre of mass `com` (3,) and the end effector's `pose` (pinocchio.SE3).
     """
 
     q: FloatArray
@@ -52,37 +52,40 @@ def posture(sms: SpaceManipulator, q: FloatArray) -> Posture:
     return Posture(q, M, floating_motion(M), whole_body(M).lever.copy(), dynamics.frame_pose(sms, q))
 
 
-class Apart(NamedTuple):
-    """A pair of joint motions at one time; `turn` (3, 3) is the second base's attitude in the first's axes.
+class MotionPair(NamedTuple):
+    """A pair of joint motions at one time.
 
-    `wound` (n,) is the displacement of the first joints from the second ones. In every step, its user
-    projects out the part that moves the end effector.
+    `turn` (3, 3) is the attitude of the second base in the axes of the first. `nullspace` (n,) is the
+    displacement of the first joints from the second; in each step a law keeps only its part in the end
+    effector's nullspace (`Pull.nullspace`).
     """
 
     first: Posture
     second: Posture
     turn: FloatArray
-    wound: FloatArray
+    nullspace: FloatArray
 
 
-def apart(sms: SpaceManipulator, q: FloatArray, q_d: FloatArray, before: Apart | None) -> Apart:
-    """Return both motions one step later, at q (nq,) and joints q_d (n,).
+def advance(sms: SpaceManipulator, q: FloatArray, q_d: FloatArray, before: MotionPair | None) -> MotionPair:
+    """Return both motions one step after `before`, at q (nq,) and joints q_d (n,).
 
-    Without `before`, the second base is reached from the first by the straight joint motion from q to q_d.
+    If `before` is None, the second base results from the straight joint motion from q to q_d.
     """
     at_d = q.copy()
     sms.layout.set_positions(at_d, q_d)
     first, second = posture(sms, q), posture(sms, at_d)
     if before is None:
-        displacement, turn = _way(sms, second, first)
-        return Apart(first, second, turn.T, displacement)
-    displacement, turn = _way(sms, before.first, first)
-    way_d, turn_d = _way(sms, before.second, second)
-    return Apart(first, second, turn.T @ before.turn @ turn_d, before.wound + displacement - way_d)
+        displacement, turn = _displacement(sms, second, first)
+        return MotionPair(first, second, turn.T, displacement)
+    displacement, turn = _displacement(sms, before.first, first)
+    displacement_d, turn_d = _displacement(sms, before.second, second)
+    return MotionPair(
+        first, second, turn.T @ before.turn @ turn_d, before.nullspace + displacement - displacement_d
+    )
 
 
-def _way(sms: SpaceManipulator, start: Posture, end: Posture) -> tuple[FloatArray, FloatArray]:
-    """Return the joints' displacement between two postures (n,), and the base's rotation by it (3, 3)."""
+def _displacement(sms: SpaceManipulator, start: Posture, end: Posture) -> tuple[FloatArray, FloatArray]:
+    """Return the joint displacement (n,) between two postures, and the base's rotation due to it (3, 3)."""
     displacement = sms.layout.difference(end.q, sms.layout.positions(start.q))
     return displacement, pin.exp3(0.5 * (start.N[3:6] + end.N[3:6]) @ displacement)
 
@@ -90,8 +93,8 @@ def _way(sms: SpaceManipulator, start: Posture, end: Posture) -> tuple[FloatArra
 class Pull(NamedTuple):
     """The result of a `TipSpring`: `torque` (n,), joint `stiffness` (n, n) and `energy` [J].
 
-    `J_star` (6, n) and `axes` (3, 3), those of the first end effector, are in its root's axes; `wound` (n,)
-    is the projected displacement of `Apart`.
+    `J_star` (6, n) and the attitude `axes` (3, 3) are those of the first end effector, in its root's axes.
+    `nullspace` (n,) is the displacement of `MotionPair`, projected on the end effector's nullspace.
     """
 
     torque: FloatArray
@@ -99,21 +102,21 @@ class Pull(NamedTuple):
     energy: float
     J_star: FloatArray
     axes: FloatArray
-    wound: FloatArray
+    nullspace: FloatArray
 
 
 class TipSpring:
-    """A spring from one end effector to another, and a weak joint spring in its nullspace.
+    """A spring from one end effector to another, and a weak joint spring in the nullspace.
 
-    With e the displacement from the desired position and phi the rotation vector from the desired attitude,
-    both in the desired end effector's axes,
+    With the displacement e from the desired position and the rotation vector phi from the desired attitude,
+    both in the desired end effector's axes, the energy is
 
-        U = u(e^T K e) + phi^T K_r phi / 2 + k |wound|^2 / 2.
+        U = u(e^T K e) + phi^T K_r phi / 2 + k |q_n|^2 / 2,
 
-    u(s^2) is s^2 / 2 up to the s at which the force -dU/de of the stiffest axis reaches the force limit, and
-    linear in s beyond, so the force stays within the limit in every direction. The moment is -J_r^-T K_r phi
-    in the first end effector's axes, J_r the right Jacobian of SO(3): the exact gradient, also for three
-    different stiffnesses.
+    where q_n is the joint displacement in the nullspace. u(s^2) is s^2 / 2 up to the s at which the force
+    -dU/de of the stiffest axis reaches the force limit, and linear in s beyond, so the force is within the
+    limit in every direction. The moment is -J_r^-T K_r phi in the first end effector's axes, with the right
+    Jacobian J_r of SO(3). It is the exact gradient, also for three different stiffnesses.
     """
 
     def __init__(
@@ -125,16 +128,16 @@ class TipSpring:
         self.force_limit = limit("force_limit", force_limit, "N")
         self._most = self.force_limit / float(np.sqrt(self.stiffness.max()))
 
-    def pull(self, sms: SpaceManipulator, now: Apart, wanted: Any = None) -> Pull:
+    def pull(self, sms: SpaceManipulator, now: MotionPair, desired: Any = None) -> Pull:
         """Return the effect of the spring on the joints of `now.first`.
 
-        `wanted` (pinocchio.SE3) replaces the pose of `now.second`.
+        `desired` (pinocchio.SE3) replaces the end effector's pose of `now.second`.
         """
         first, second = now.first, now.second
-        if wanted is None:
+        if desired is None:
             place = first.com + now.turn @ (second.pose.translation - second.com)
-            wanted = pin.SE3(now.turn @ second.pose.rotation, place)
-        off = wanted.inverse() * first.pose
+            desired = pin.SE3(now.turn @ second.pose.rotation, place)
+        off = desired.inverse() * first.pose
         e, phi = off.translation, pin.log3(off.rotation)
         pushed = self.stiffness * e
         s = float(np.sqrt(e @ pushed))
@@ -142,15 +145,15 @@ class TipSpring:
         J = dynamics.frame_jacobian(sms, first.q) @ first.N
         axes = first.pose.rotation
         moment = pin.Jlog3(off.rotation).T @ (self.turn_stiffness * phi)
-        torque = -(share * (wanted.rotation @ pushed) @ J[:3]) - (axes @ moment) @ J[3:]
-        K = J[:3].T @ ((wanted.rotation * self.stiffness) @ wanted.rotation.T) @ J[:3]
+        torque = -(share * (desired.rotation @ pushed) @ J[:3]) - (axes @ moment) @ J[3:]
+        K = J[:3].T @ ((desired.rotation * self.stiffness) @ desired.rotation.T) @ J[:3]
         K += J[3:].T @ ((axes * self.turn_stiffness) @ axes.T) @ J[3:]
         free = _free(J)
-        wound = free @ now.wound
+        nullspace = free @ now.nullspace
         k = self.posture_stiffness
         energy = s * s / 2.0 if share == 1.0 else self._most * (s - self._most / 2.0)
-        energy += float(phi @ (self.turn_stiffness * phi) + k * (wound @ wound)) / 2.0
-        return Pull(torque - k * wound, K + k * free, energy, J, axes, wound)
+        energy += float(phi @ (self.turn_stiffness * phi) + k * (nullspace @ nullspace)) / 2.0
+        return Pull(torque - k * nullspace, K + k * free, energy, J, axes, nullspace)
 
 
 def _free(J: FloatArray) -> FloatArray:

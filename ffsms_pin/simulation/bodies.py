@@ -1,4 +1,4 @@
-"""The bodies of a run besides the arm: wheels and thrusters with their limits, and a client.
+"""The bodies of a run besides the robot's links: wheels and thrusters with their limits, and a client.
 
 A client is a second free body; loads act between it and the end effector.
 """
@@ -28,10 +28,19 @@ _ALIGNED = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
 class BaseActuators:
     """The wheels and thrusters of a plant in a run under a base law; without a law the base floats.
 
-    A wheel's torque saturates at the motor's limit, and where the wheel would exceed its largest momentum
-    within the control step. On-off thrusters give pulses. `wheel_momentum` (w,) [N m s] are spin momenta
-    relative to the base, `wheel_torque` (w,) [N m] and `thruster_force` (k,) [N] belong to this control step,
-    and `propellant` [kg] is the mass used since the start.
+    A wheel's torque is limited by its motor, and such that the wheel does not exceed its largest momentum
+    within the control step. Thrusters that are only on or off are pulsed.
+
+    Attributes
+    ----------
+    wheel_momentum : ndarray, shape (w,)
+        The wheels' spin momenta relative to the base [N m s].
+    wheel_torque : ndarray, shape (w,)
+        The wheels' torques in this control step [N m].
+    thruster_force : ndarray, shape (k,)
+        The thrusters' forces in this control step [N].
+    propellant : float
+        The propellant used since the start [kg].
     """
 
     def __init__(
@@ -43,7 +52,7 @@ class BaseActuators:
             self.wheels, self.thrusters = plant.wheels, plant.thrusters
             _check_law(sms, plant, law)
         elif wheel_momentum is not None:
-            message = "needs a base_controller: without one the wheels stand still"
+            message = "requires a base_controller, because the wheels stand still otherwise"
             raise InvalidValue("wheel_momentum", wheel_momentum, message)
         w, k = len(self.wheels or ()), len(self.thrusters or ())
         self.wheel_torque, self.thruster_force, self.propellant = np.zeros(w), np.zeros(k), 0.0
@@ -51,7 +60,7 @@ class BaseActuators:
         if wheel_momentum is not None:
             self.wheel_momentum = vector("wheel_momentum", wheel_momentum, w, "N m s")
         if self.wheels is not None and (np.abs(self.wheel_momentum) > self.wheels.momentum).any():
-            message = "must be within the wheels' largest momentum"
+            message = f"must be within the wheels' largest momenta, {self.wheels.momentum} N m s"
             raise InvalidValue("wheel_momentum", wheel_momentum, message)
         if isinstance(law, Resettable):
             law.reset(dt)
@@ -71,20 +80,20 @@ class BaseActuators:
         if self.wheels is not None:
             self.wheel_torque = self._within(view.t, self.wheels, torque)
         if self.thrusters is not None:
-            wanted = np.minimum(np.maximum(force, 0.0), self.thrusters.force)
-            if (wanted >= _AT_LIMIT * self.thrusters.force).any():
+            desired = np.minimum(np.maximum(force, 0.0), self.thrusters.force)
+            if (desired >= _AT_LIMIT * self.thrusters.force).any():
                 self._count_step(view.t, "thrusters at their largest force")
-            self.thruster_force = wanted if self._pulses is None else self._pulses.apply(wanted)
+            self.thruster_force = desired if self._pulses is None else self._pulses.apply(desired)
         return True
 
-    def _within(self, t: float, wheels: ReactionWheels, wanted: FloatArray) -> FloatArray:
-        torque: FloatArray = np.minimum(np.maximum(wanted, -wheels.torque), wheels.torque)
-        self._note_limit(t, "torque", wheels, np.abs(wanted) > wheels.torque)
+    def _within(self, t: float, wheels: ReactionWheels, desired: FloatArray) -> FloatArray:
+        torque: FloatArray = np.minimum(np.maximum(desired, -wheels.torque), wheels.torque)
+        self._note_limit(t, "torque", wheels, np.abs(desired) > wheels.torque)
         lowest = (-wheels.momentum - self.wheel_momentum) / self._dt
         highest = (wheels.momentum - self.wheel_momentum) / self._dt
-        held = np.minimum(np.maximum(torque, lowest), highest)
-        self._note_limit(t, "momentum", wheels, held != torque)
-        acting: FloatArray = np.minimum(np.maximum(held, -wheels.torque), wheels.torque)
+        limited = np.minimum(np.maximum(torque, lowest), highest)
+        self._note_limit(t, "momentum", wheels, limited != torque)
+        acting: FloatArray = np.minimum(np.maximum(limited, -wheels.torque), wheels.torque)
         return acting
 
     def _note_limit(self, t: float, what: str, wheels: ReactionWheels, reached: FloatArray) -> None:
@@ -97,7 +106,7 @@ class BaseActuators:
         self._full[message] = since, steps + 1
 
     def notes(self) -> list[str]:
-        """Return sentences with start and duration of each actuator's saturation."""
+        """Return a text for each saturation of an actuator, with its start and its total duration."""
         return [
             f"t = {since:.6g} s: {message} (for {steps * self._dt:.3g} s in all)"
             for message, (since, steps) in self._full.items()
@@ -112,7 +121,7 @@ class BaseActuators:
             force[:6] = self.thrusters.wrenches @ self.thruster_force
 
     def stepped(self, speed: FloatArray) -> None:
-        """Store the wheels' speeds (w,) [rad/s] at the step's end."""
+        """Store the wheels' speeds (w,) [rad/s] at the end of a step, and the used propellant."""
         if self.wheels is not None:
             self.wheel_momentum = self.wheels.inertia * speed
         if self.thrusters is not None:
@@ -130,12 +139,12 @@ class BaseActuators:
 
 
 def _check_law(sms: SpaceManipulator, plant: SpaceManipulator, law: Any) -> None:
-    """Raise `InvalidValue` unless `law` is a base law and plant and model have matching actuators."""
+    """Raise `InvalidValue` unless `law` is a base law, and plant and model have as many actuators."""
     if not isinstance(law, BaseLaw) or not callable(law.command):
         raise InvalidValue("base_controller", law, "must have a method command(view)")
     sizes = len(plant.wheels or ()), len(plant.thrusters or ())
     if not any(sizes):
-        message = "needs wheels or thrusters on the plant: with_actuators(wheels=...)"
+        message = "requires a plant with wheels or thrusters: sms.with_actuators(wheels=...)"
         raise InvalidValue("base_controller", law, message)
     if sizes != (len(sms.wheels or ()), len(sms.thrusters or ())):
         raise InvalidValue("plant", plant, "must have as many wheels and thrusters as the model")
@@ -151,11 +160,11 @@ def _numbers(name: str, value: Any, size: int) -> FloatArray:
 
 
 def client_body(client: Client | None, loads: Any) -> ClientBody | None:
-    """Check the arguments `client` and `loads` of `simulate`."""
+    """Return the client of a run with its loads; None without a client."""
     instance("client", client, Client, optional=True)
     sequence = (loads,) if isinstance(loads, Load) else loads
     if isinstance(sequence, (str, bytes)) or not isinstance(sequence, Sequence):
-        raise InvalidValue("loads", loads, "must be a Load, or a sequence of them")
+        raise InvalidValue("loads", loads, "must be a Load, or a sequence of Loads")
     checked = [checked_load("loads", load) for load in sequence]
     if client is None and checked:
         raise InvalidValue("loads", loads, "act between end effector and client: add the argument client")
@@ -174,8 +183,8 @@ def with_client(model: Any, client: Client) -> Any:
 class ClientBody:
     """The pose and motion of a client in a run; free until it is latched to the end effector.
 
-    `q` (7,) and `v` (6,) are those of its free-flyer, v in body axes. `loads` act throughout the run,
-    `grips` while a gripper is closed.
+    `q` (7,) and `v` (6,) are the configuration and velocity of its free-flyer, v in body axes. `loads` act
+    throughout the run, `grips` while a gripper is closed.
     """
 
     def __init__(self, client: Client, loads: Sequence[Load]) -> None:
@@ -214,16 +223,16 @@ class ClientBody:
         return self.joined
 
     def carried(self, model: Any, data: Any, frame: int, q: FloatArray, v: FloatArray) -> None:
-        """Move the latched client with the end effector; q, v are the robot's, or the combined robot's."""
+        """Move the latched client with the end effector; q and v are the state of `model`."""
         pin.forwardKinematics(model, data, q, v)
         pose = pin.updateFramePlacement(model, data, frame) * self._held
         motion = self._held.actInv(pin.getFrameVelocity(model, data, frame))
         self.q, self.v = pin.SE3ToXYZQUAT(pose), motion.vector
 
     def carrying(self, model: Any, data: Any, frame: int, *motion: FloatArray) -> FloatArray:
-        """Return the inertial wrench (6,) of the latched client on the end effector, in the axes of `wrench`.
+        """Return the wrench (6,) of the latched client's inertia on the end effector, inertial axes.
 
-        `motion` is q, v and acceleration of the robot, or of the combined robot.
+        `motion` is q, v and the acceleration of `model`.
         """
         pin.forwardKinematics(model, data, *motion)
         tool = pin.updateFramePlacement(model, data, frame)
@@ -235,9 +244,10 @@ class ClientBody:
     def wrench(
         self, model: Any, data: Any, frame: int, q: FloatArray, v: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """Return the wrench on the end effector [force; moment] (6,), inertial axes, and its reaction.
+        """Return the wrenches [force; moment] (6,) of all loads on the end effector and on the client.
 
-        The reaction acts on the client, about its centre of mass. q and v belong to the model `with_client`.
+        Both are in inertial axes, the second about the client's centre of mass. q and v are the state of
+        `model`, see `with_client`.
         """
         pin.forwardKinematics(model, data, q, v)
         tool, body = pin.updateFramePlacement(model, data, frame), data.oMi[model.njoints - 1]
@@ -254,7 +264,7 @@ class ClientBody:
         return on_tool, on_client
 
     def generalised(self, model: Any, data: Any, frame: int, q: FloatArray, v: FloatArray) -> FloatArray:
-        """Return the loads as a generalised force of the model `with_client`, on both bodies."""
+        """Return the generalised force of all loads on `model`, see `with_client`."""
         on_tool, on_client = self.wrench(model, data, frame, q, v)
         if not on_tool.any():
             return np.zeros(v.size)

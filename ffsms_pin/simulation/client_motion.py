@@ -17,16 +17,16 @@ from ffsms_pin.simulation import Tracking
 
 @dataclass(frozen=True, eq=False)
 class ClientMotion:
-    """The poses of a client's body frame, inertial axes; linear and spherical interpolation between instants.
+    """The poses of a client's body frame, inertial axes, interpolated between instants.
 
     Attributes
     ----------
     t : ndarray, shape (k,)
-        [s]
+        Times [s].
     position : ndarray, shape (k, 3)
-        The positions of its centre of mass [m].
+        Positions of the client's centre of mass [m].
     quaternion : ndarray, shape (k, 4)
-        (x, y, z, w)
+        Attitudes as quaternions (x, y, z, w).
     shapes : tuple of Shape
         The visual shapes of the client.
     """

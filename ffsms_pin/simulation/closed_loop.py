@@ -1,4 +1,4 @@
-"""The closed loop: reference, controller and plant under forward dynamics."""
+"""The simulation of a closed loop of reference, controller and plant."""
 
 from __future__ import annotations
 
@@ -76,11 +76,11 @@ def simulate(
     """Simulate the plant, from the start of the reference to its end, under the controller's torques.
 
     In each control step the controller receives the plant's state and the reference's joint motion at the
-    step's start, and its torque is held over the step. The plant moves by its articulated-body dynamics with
-    the generalised force [0 (6); tau], so nothing acts on the base, integrated by one Runge-Kutta step of
-    order 4 (see `rk4_step`). With a `base_controller` the plant's wheels and thrusters act on the base as
-    well, and the wheels' speeds are part of the state. The `conditions` add imperfections; the recording
-    holds the plant's true motion and the torques after the actuators.
+    step's start, and its torque is held over the step. The generalised force [0 (6); tau] acts on the plant,
+    so no external force acts on the base. One Runge-Kutta step of order 4 (`rk4_step`) integrates the
+    articulated-body dynamics. With a `base_controller` the plant's wheels and thrusters act on the base as
+    well, and the wheels' speeds are part of the state. The `conditions` add imperfections. The recording has
+    the plant's true motion and the torques after the actuators.
 
     Parameters
     ----------
@@ -94,9 +94,9 @@ def simulate(
     dt : float
         Control and integration step [s]. It is changed to the nearest step that divides the duration.
     q0 : array_like, shape (nq,), optional
-        Start of the plant; default: that of the reference.
+        Initial configuration of the plant. Default: that of the reference.
     plant : SpaceManipulator, optional
-        The simulated robot, with the same joints as `sms`, such as one with other masses. Default: `sms`.
+        The simulated robot, with the same joints as `sms` but, for example, other masses. Default: `sms`.
     progress : callable, optional
         A function called with the completed share of the run, 0 to 1.
     conditions : Conditions, optional
@@ -107,7 +107,7 @@ def simulate(
         with a method ``command(view)``. Default: none; the wheels stand still and the base floats.
     client : Client, optional
         A second free body, which starts with its pose and twist of time zero.
-    loads : Load or sequence of them
+    loads : Load or sequence of Load
         The forces between end effector and client, see `ffsms_pin.simulation.Load`.
     supervisor : Supervisor, optional
         An object that chooses the next events during the run.
@@ -116,15 +116,15 @@ def simulate(
     -------
     Tracking
         Its `note` lists events, joints at their torque limits, and a change of the total momentum without an
-        external force, which a too large step or too steep friction causes. `stopped` holds the reason if a
-        guard stopped the flight.
+        external force, which a too large step or too steep friction causes. If a guard stopped the flight,
+        `stopped` has the reason.
 
     Raises
     ------
     InvalidValue
         A shape is wrong, a number is out of range, or the plant has other joints.
     SimulationDiverged
-        The state or a torque is no longer finite; the error holds the recording until then.
+        The state or a torque is no longer finite; the error has the recording until then.
     ResultError
         The file of the guards cannot be written; raised before the run.
     """
@@ -189,7 +189,7 @@ def simulate(
         return v
 
     def ended(rows: int) -> Tracking:
-        """Return the first rows as a recording, with its verdict unless the supervisor computes it."""
+        """Return the first rows as a recording, with its verdict if there is no supervisor."""
         recorded = replace(record.tracking(rows, saturation.notes()), stopped=stopped)
         return recorded if supervisor is not None else judged(recorded, reference, plant)
 
@@ -206,7 +206,7 @@ def simulate(
         try:
             record = Record(world, t, setup.target)
         except MemoryError:
-            message = f"makes {steps} steps, too many for this memory; use a longer one, or a shorter motion"
+            message = f"makes {steps} steps, too many for the memory: use a longer dt, or a shorter motion"
             raise InvalidValue("dt", dt, message) from None
         for k in range(steps + 1):
             now = float(t[k])

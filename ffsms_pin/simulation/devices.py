@@ -58,7 +58,7 @@ def _late(name: str, delay: float, dt: float, duration: float) -> Callable[[Any]
 
 @dataclass(frozen=True, eq=False)
 class Actuator:
-    """The joints' drives, which delay the commanded torque and limit it and its rate in each control step.
+    """The joints' drives, which delay the commanded torques and limit the torques and their rates.
 
     Raises
     ------
@@ -94,9 +94,9 @@ class Actuator:
 class JointFriction:
     """The friction of joints: a torque -(viscous qd + coulomb tanh(qd / transition)) in each joint.
 
-    The tanh replaces Coulomb's step by a steep slope, which can be integrated, in substeps if necessary. A
-    joint under a torque below `coulomb` therefore creeps instead of sticking. Backlash and flexible joints
-    are not modelled.
+    The tanh replaces the step of Coulomb friction by a steep slope, which can be integrated, in substeps if
+    necessary. A joint under a torque below `coulomb` therefore creeps instead of sticking. Backlash and
+    flexible joints are not modelled.
 
     Raises
     ------
@@ -109,11 +109,11 @@ class JointFriction:
     coulomb: Annotated[PerJointNotNegative, Unit("N m")] = 0.0
     """The Coulomb torque; per joint."""
     transition: Annotated[Positive, Angle("rad/s")] = 1e-2
-    """The rate at which friction reaches three quarters of the Coulomb torque; smaller is stiffer. If a
-    control step would need more than 40 substeps, linearly implicit steps are used (`extrapolated_step`)."""
+    """The rate at which friction reaches three quarters of the Coulomb torque; smaller values are stiffer.
+    Linearly implicit steps (`extrapolated_step`) replace more than 40 substeps of a control step."""
 
     def steepest(self, n: int) -> FloatArray:
-        """Return the largest slopes (n,) of the friction torques over the rates [N m s/rad]."""
+        """Return the largest slopes (n,) of the friction torques with respect to the rates [N m s/rad]."""
         return per_joint("viscous", self.viscous, n) + per_joint("coulomb", self.coulomb, n) / self.transition
 
     def slopes(self, n: int) -> Callable[[FloatArray], FloatArray]:
@@ -133,7 +133,7 @@ class JointFriction:
 
 @dataclass(frozen=True)
 class Sensors:
-    """The sensors of controller and reference. Their noise is Gaussian and the same in every run.
+    """The sensors of controller and reference. The noise is Gaussian and the same in every run.
 
     Raises
     ------
@@ -172,7 +172,7 @@ class Sensors:
         return math.hypot(self.joint_noise, self.joint_resolution / math.sqrt(12.0))
 
     def start(self, plant: SpaceManipulator, dt: float, duration: float) -> Measure:
-        """Return a function for one run from true q (nq,) and v (6 + n,) to measured ones."""
+        """Return a function for one run from the true q (nq,) and v (6 + n,) to the measured q and v."""
         for name, value in vars(self).items():
             if name != "seed":
                 at_least_zero(f"sensors.{name}", value)
@@ -205,9 +205,9 @@ class Sensors:
 class WristSensor:
     """A wrist sensor of [force; moment] on the end effector, at the end-effector frame and in its axes.
 
-    It measures the wrenches of a client and of disturbances on the end effector: the client's loads or, once
-    the client is latched, the wrench that carries it under the torques of the previous step. The end
-    effector's own inertial load is not included. The noise is Gaussian and the same in every run.
+    Before a client is latched, the sensor measures the wrench of the client's loads; afterwards, the wrench
+    that accelerates the client under the torques of the previous step. Disturbances on the end effector are
+    included; the end effector's own inertial load is not. The noise is Gaussian and the same in every run.
 
     Raises
     ------

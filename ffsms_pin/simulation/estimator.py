@@ -20,17 +20,17 @@ from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.simulation.devices import Sensors
 from ffsms_pin.system.dynamics import inertia_matrix, over_base
 
-_SETTLED = 5.0  # [s] after which a filter's gains hardly change
-_SURPRISE = 5.0  # standard deviations, exceeded by noise once in a million measurements
+_SETTLED = 5.0  # [s] time after which a filter's gains hardly change
+_SURPRISE = 5.0  # number of standard deviations that noise exceeds once in a million measurements
 
 
 @dataclass(frozen=True)
 class Estimator:
-    """The estimator of the state from sensors; noise and delay are those of the sensors.
+    """The parameters of an estimator of the state; noise and latency are those of the `Sensors`.
 
-    Each number is the error of the nominal model's acceleration as white noise (the square root of its
-    spectral density). Larger numbers give the sensors more weight. The defaults suit mass errors of 30 % on
-    arms that move at some 0.1 rad/s.
+    The acceleration error of the nominal model is modelled as white noise. Each number is the square root of
+    its spectral density. With larger numbers the measurements have more weight. The defaults suit mass errors
+    of 30 % on arms that move at some 0.1 rad/s.
 
     Raises
     ------
@@ -39,7 +39,7 @@ class Estimator:
     """
 
     joint_acceleration: Annotated[NotNegative, Unit("rad/s^1.5")] = 5e-3
-    """The error of the joint accelerations ([m/s^1.5] for sliding joints)."""
+    """The error of the joint accelerations ([m/s^1.5] for prismatic joints)."""
     base_acceleration: Annotated[NotNegative, Unit("m/s^1.5")] = 5e-4
     """The error of the base's acceleration in the momentum equation."""
     base_angular_acceleration: Annotated[NotNegative, Unit("rad/s^1.5")] = 5e-4
@@ -47,12 +47,12 @@ class Estimator:
 
 
 class RunningEstimator:
-    """An estimator in a run.
+    """The state estimator of a run.
 
-    The joints are filtered with the model's acceleration under the torque that acts. The base's twist
-    follows from the momentum equation for these joints, v = -M_b^-1 M_bm qd, plus a bias that is filtered
-    from the delayed measurements. Its pose is filtered at the instant of measurement and integrated from
-    there to the present with that twist.
+    The joints are filtered with the model's acceleration under the applied torques. The base's twist is that
+    of the momentum equation for the filtered joints, v = -M_b^-1 M_bm qd, plus a bias that is filtered from
+    the delayed measurements. The base's pose is filtered at the instant of the measurement, and integrated to
+    the present with that twist.
     """
 
     def __init__(self, estimator: Estimator, sms: SpaceManipulator, sensors: Sensors, dt: float) -> None:
@@ -71,14 +71,14 @@ class RunningEstimator:
         self._joints = self._rates = self._bias = np.empty(0)
         self._spinning = np.zeros(3)
         self._pose = pin.SE3.Identity()  # the root's pose at the instant of the latest measurement
-        self._modelled: deque[FloatArray] = deque()  # root velocities by the momentum equation since then
-        self._travel = np.zeros(6)  # their integral
+        self._modelled: deque[FloatArray] = deque()  # root velocities (momentum equation) since then
+        self._travel = np.zeros(6)  # integral of these velocities [m; rad]
 
     @property
     def settled_deviations(self) -> tuple[float, float, float]:
         """The standard deviations of joint positions [rad], base position [m] and attitude [rad], per axis.
 
-        They are the filters' steady-state values, from their own covariance.
+        They are the steady-state values of the filters' covariances.
         """
         filters = [PositionAndRate(*noise) for noise in self._noises]
         for filtering in filters:
@@ -94,8 +94,8 @@ class RunningEstimator:
         """Return the present estimates of q (nq,) and v (6 + n,) as new arrays; called once per control step.
 
         In the measured `q` and `v` the base is delayed, the joints are not. `tau` (n,) [N m] are the torques
-        since the last call, ignored at the first one. `spinning` (3,) is the present momentum of the wheels
-        in root axes [N m s], which is not part of the momentum of base and arm.
+        since the last call; the first call ignores them. `spinning` (3,) is the present momentum of the
+        wheels in root axes [N m s].
         """
         before, self._spinning = self._spinning, np.zeros(3) if spinning is None else spinning
         if tau is None or not self._modelled:
@@ -120,7 +120,7 @@ class RunningEstimator:
         self._modelled.append(modelled)
 
     def _momentum_equation(self, q: FloatArray) -> FloatArray:
-        """Return the root velocity (6,) at zero momentum for the estimated joints, root axes."""
+        """Return the root velocity (6,), root axes, at which joints and wheels have zero total momentum."""
         at = q.copy()
         self._sms.layout.set_positions(at, self._joints)
         M = inertia_matrix(self._sms, at)
@@ -129,7 +129,7 @@ class RunningEstimator:
         return -over_base(M, momentum)
 
     def _filter_joints(self, q: FloatArray, v: FloatArray, tau: FloatArray, taken: FloatArray) -> None:
-        """Predict the joints from `tau` and from the wheels' change of momentum, and correct by q and v."""
+        """Predict the joints under `tau` and the wheels' torque `taken` (3,), and correct them by q and v."""
         sms, dt = self._sms, self._dt
         before, velocity, force = q.copy(), np.empty(sms.nv), np.zeros(sms.nv)
         sms.layout.set_positions(before, self._joints)
@@ -141,7 +141,7 @@ class RunningEstimator:
         rates = self._rates + dt * acceleration
         off, too_fast = sms.layout.difference(q, joints), v[6:] - rates
         self._joint.predict(dt)
-        self._joint.doubt(float(np.abs(too_fast).max()))
+        self._joint.inflate(float(np.abs(too_fast).max()))
         K_pp, K_pr, K_rp, K_rr = self._joint.gains()
         self._joints = joints + K_pp * off + K_pr * too_fast
         self._rates = rates + K_rp * off + K_rr * too_fast
@@ -176,7 +176,7 @@ class RunningEstimator:
         too_fast = v[:6] - modelled[0] - self._bias
         for filtering, error in ((self._shift, too_fast[:3]), (self._turn, too_fast[3:])):
             filtering.predict(dt)
-            filtering.doubt(float(np.abs(error).max()))
+            filtering.inflate(float(np.abs(error).max()))
         shift, turn = self._shift.gains(), self._turn.gains()
         K_pp, K_pr, K_rp, K_rr = (np.repeat(pair, 3) for pair in zip(shift, turn, strict=True))
         step = K_pp * off + K_pr * too_fast
@@ -188,10 +188,9 @@ class RunningEstimator:
 def place_deviation(
     sms: SpaceManipulator, q: FloatArray, sensors: Sensors, estimator: RunningEstimator | None
 ) -> float:
-    """Return the standard deviation of the end effector's measured position [m].
+    """Return the standard deviation of the end effector's measured position [m] at q (nq,).
 
-    It depends on the configuration q (nq,), because attitude errors act with the arm's lever. Without an
-    estimator it is that of the raw measurements.
+    Without an estimator it is that of the raw measurements.
     """
     if estimator is None:
         joint, shift, turn = sensors.joint_deviation, sensors.base_position_noise, sensors.base_attitude_noise
@@ -199,17 +198,18 @@ def place_deviation(
         joint, shift, turn = estimator.settled_deviations
     state = sms.at(q)
     lever = float(np.linalg.norm(state.end_effector_pose.translation - q[:3]))
-    # Position errors count on each axis, attitude errors on the two axes across the lever; J_m is the arm's.
+    # Position errors act on each axis, attitude errors on the two axes across the lever, joint errors by J_m.
     joints = joint * float(np.linalg.norm(state.J_m[:3]))
     return math.sqrt(3.0 * shift**2 + 2.0 * (turn * lever) ** 2 + joints**2)
 
 
 class PositionAndRate:
-    """A Kalman filter of the state (p, r), p' = r, r' = known + white noise, with p and r measured.
+    """The covariance and gains of a Kalman filter for a position p and its rate r, both measured.
 
-    The gains depend on the noise and on time alone, so one filter serves all joints, or all axes.
-    Measurements have standard deviations, zero for a perfect one; `acceleration_noise` is the square root of
-    the spectral density of the unknown part of r' [x/s^1.5].
+    The model is p' = r, r' = known acceleration + white noise; `acceleration_noise` is the square root of the
+    spectral density of this noise [rad/s^1.5 or m/s^1.5]. The noises of the measurements are standard
+    deviations, zero for perfect measurements. The gains depend on noise and time alone, so one filter serves
+    all joints, or all axes.
     """
 
     def __init__(self, position_noise: float, rate_noise: float, acceleration_noise: float) -> None:
@@ -220,30 +220,31 @@ class PositionAndRate:
 
     @property
     def deviation(self) -> tuple[float, float]:
-        """The standard deviations of the present estimate of p and r."""
+        """The standard deviations of the present estimates of p and r."""
         return max(self._pp, 0.0) ** 0.5, max(self._rr, 0.0) ** 0.5
 
     def predict(self, dt: float) -> None:
-        """Predict the state `dt` [s] ahead."""
+        """Propagate the covariance by `dt` [s]."""
         pp, pr, rr, S = self._pp, self._pr, self._rr, self._density
         self._pp = pp + 2.0 * dt * pr + dt * dt * rr + S * dt**3 / 3.0
         self._pr = pr + dt * rr + 0.5 * S * dt * dt
         self._rr = rr + S * dt
 
-    def doubt(self, rate_error: float) -> None:
-        """Reset to the measurements where measured rates deviate from the predicted ones by more than noise.
+    def inflate(self, rate_error: float) -> None:
+        """Increase the covariance if the noise does not explain the error of a predicted rate.
 
-        The model is then worse than assumed, for example because a body was captured.
+        The model is then worse than assumed, for example because a body was captured. The next gains follow
+        the measurements.
         """
         if self._R_r > 0.0 and rate_error * rate_error > _SURPRISE**2 * (self._rr + self._R_r):
             self._pp, self._pr = max(self._pp, self._R_p), 0.0
             self._rr = max(self._rr, rate_error * rate_error)
 
     def gains(self) -> tuple[float, float, float, float]:
-        """Update the estimate by a measurement of p and r with the gains K_pp, K_pr, K_rp, K_rr.
+        """Update the covariance by a measurement of p and r, and return the gains K_pp, K_pr, K_rp, K_rr.
 
-        p += K_pp e_p + K_pr e_r and r += K_rp e_p + K_rr e_r, with the innovations e, measured less
-        predicted.
+        They correct the estimate as p += K_pp e_p + K_pr e_r and r += K_rp e_p + K_rr e_r; the innovations
+        e_p and e_r are the measured less the predicted values.
         """
         pp, pr, rr, R_p, R_r = self._pp, self._pr, self._rr, self._R_p, self._R_r
         if R_p == 0.0 and R_r == 0.0:
@@ -257,6 +258,6 @@ class PositionAndRate:
         K_pr = pr * R_p / determinant
         K_rp = pr * R_r / determinant
         K_rr = (rr * a - pr * pr) / determinant
-        # After the update K R is the covariance: exact, symmetric and positive semidefinite.
+        # K R is the updated covariance, exactly, symmetric and positive semidefinite.
         self._pp, self._pr, self._rr = K_pp * R_p, K_pr * R_r, K_rr * R_r
         return K_pp, K_pr, K_rp, K_rr

@@ -30,7 +30,7 @@ from ffsms_pin.simulation.loads import Load
 
 # A function of t [s], q (nq,), v (6 + n,) that returns a generalised force (6 + n,).
 GeneralisedForce: TypeAlias = Callable[[float, FloatArray, FloatArray], FloatArray]
-# A force held over a step, or such a function.
+# A generalised force held over a step, or a function that returns it.
 Force: TypeAlias = FloatArray | GeneralisedForce
 
 
@@ -48,14 +48,14 @@ class Wrench:
     """The force and moment (6 numbers), inertial axes; in Python also a function of time [s] that returns
     them."""
     on: Annotated[Literal["base", "end-effector"], Unit()] = "base"
-    """The point of attack: "base", its centre of mass; "end-effector", the origin of its frame."""
+    """The body: the "base", at its centre of mass, or the "end-effector", at the origin of its frame."""
     start: Annotated[Number, Unit("s")] = 0.0
     """The time at which the wrench begins."""
     end: Annotated[AnyTime, Unit("s")] = math.inf
     """The time at which the wrench ends."""
 
     def force(self, plant: SpaceManipulator) -> GeneralisedForce:
-        """Return the generalised force, conjugate to Pinocchio's v."""
+        """Return the wrench as a generalised force, conjugate to Pinocchio's v; a function of t, q and v."""
         one_of("wrench.on", self.on, ("base", "end-effector"))
         start, end = number("wrench.start", self.start), self.end
         if not (isinstance(end, (int, float)) and end > start):
@@ -91,9 +91,9 @@ class Wrench:
 class Capture:
     """An event: from `time` on the end effector holds a rigid body, such as a payload or a client.
 
-    The capture is a plastic impact: the client takes the end effector's motion at once, and the joint rates
-    jump, because drives bear no impulse (locked joints do). The momentum of robot and client together is
-    conserved; energy is lost. The reference and the controller do not observe it.
+    The capture is a plastic impact: the body takes on the end effector's velocity, and the joint rates jump,
+    because drives cannot transmit an impulse (locked joints can). The momentum of robot and body together is
+    conserved; energy is lost. Reference and controller do not observe the event.
 
     Raises
     ------
@@ -102,7 +102,7 @@ class Capture:
     """
 
     time: Annotated[NotNegative, Unit("s")]
-    """The time; the capture happens at the first control step from then on."""
+    """The time of the capture, which happens at the first control step from this time on."""
     mass: Annotated[Positive, Unit("kg")]
     """The mass of the body."""
     inertia: Annotated[Inertia, Unit("kg m²")]
@@ -115,7 +115,7 @@ class Capture:
     inertial axes. With the default the capture has no impact."""
 
     def client(self, tool: Any, tool_twist: FloatArray) -> Client:
-        """Return the grasped body of an end effector at a pose (pinocchio.SE3) with a twist (6,)."""
+        """Return the captured body, for an end effector with a pose (pinocchio.SE3) and a twist (6,)."""
         mass, tensor, com = rigid_body("capture", self.mass, self.inertia, self.com)
         pose, twist = carried(tool, tool_twist, pin.SE3(np.eye(3), com))
         if self.twist is not None:
@@ -125,7 +125,7 @@ class Capture:
     def apply(
         self, plant: SpaceManipulator, q: FloatArray, v: FloatArray, locked: list[int]
     ) -> tuple[SpaceManipulator, FloatArray]:
-        """Return the plant with the client attached, and its velocity (6 + n,); `locked` indexes v."""
+        """Return the plant with the captured body, and its velocity; `locked` has indices in v."""
         now = plant.at(q, v)
         client = self.client(now.end_effector_pose, now.end_effector_twist)
         joined = after_capture(plant, q, v, client, locked=locked)
@@ -137,10 +137,10 @@ class Capture:
 
 @dataclass(frozen=True)
 class JointFault:
-    """An event: from `time` on a joint is locked at its position, or limp, which means without torque.
+    """An event: from `time` on a joint is locked at its position, or limp (without torque).
 
-    A locking joint stops at once; momentum is conserved, energy is lost. Friction still acts on a limp
-    joint, and stops hold it at its position limits.
+    A joint that locks is stopped by an impact: momentum is conserved, energy is lost. Friction acts on a limp
+    joint, and mechanical stops keep it within its position limits.
 
     Raises
     ------
@@ -149,7 +149,7 @@ class JointFault:
     """
 
     time: Annotated[NotNegative, Unit("s")]
-    """The time; the joint fails at the first control step from then on."""
+    """The time of the fault, which happens at the first control step from this time on."""
     joint: Annotated[NameOrIndex, Unit()]
     """The joint's name, or its index from 0."""
     kind: Annotated[Literal["locked", "limp"], Unit()] = "locked"
@@ -172,44 +172,44 @@ class JointFault:
 
 
 @dataclass(frozen=True)
-class _Told:
-    """An event at a `time` [s], and its text."""
+class _TimedEvent:
+    """An event at a `time` [s], with a text."""
 
     time: float
-    words: ClassVar[str]
+    text: ClassVar[str]
 
     def __str__(self) -> str:
-        return self.words
+        return self.text
 
 
 @dataclass(frozen=True)
-class Close(_Told):
+class Close(_TimedEvent):
     """An event: from `time` [s] on a load acts between end effector and client, such as a gripper's."""
 
     load: Load
-    words = "the gripper closes"
+    text = "the gripper closes"
 
 
 @dataclass(frozen=True)
-class Open(_Told):
+class Open(_TimedEvent):
     """An event: at `time` [s] the loads of all `Close` events end."""
 
-    words = "the gripper opens"
+    text = "the gripper opens"
 
 
 @dataclass(frozen=True)
-class Latch(_Told):
+class Latch(_TimedEvent):
     """An event: from `time` [s] on the client is rigidly attached to the end effector at its present pose.
 
     A plastic impact ends the remaining relative velocity, see `ffsms_pin.client.after_capture`.
     """
 
-    words = "latched"
+    text = "latched"
 
 
 @dataclass(frozen=True)
 class Phase:
-    """An event that only marks the beginning of another phase of the run at `time` [s], and its reason."""
+    """An event that only marks the beginning of a phase of the run at `time` [s], with a reason."""
 
     time: float
     name: str
@@ -221,9 +221,9 @@ class Phase:
 
 @dataclass(frozen=True)
 class Freeze:
-    """An event: from `time` [s] on the joints are braked within their torques to the end of the run.
+    """An event: from `time` [s] on `control.StoppingLaw` brakes the joints, until the end of the run.
 
-    The controller is not called any more (`control.StoppingLaw`); a controller of the base goes on.
+    The controller is no longer called; the law of the base is.
     """
 
     time: float
@@ -234,10 +234,10 @@ class Freeze:
 
 
 @dataclass(frozen=True)
-class End(_Told):
-    """The run ends at `time` [s], before its reference does."""
+class End(_TimedEvent):
+    """An event: the run ends at `time` [s], before the end of its reference."""
 
-    words = "ended"
+    text = "ended"
 
 
 Event: TypeAlias = Capture | JointFault | Close | Open | Latch | Phase | Freeze | End

@@ -24,9 +24,9 @@ from ffsms_pin.simulation.tracking import Tracking
 from ffsms_pin.system.dynamics import floating_motion, inertia_matrix
 
 _ENERGY_PERIOD = 0.02  # [s] between two checks of the energy, because each needs an inertia matrix
-_ENERGY_FLOOR = 0.5  # share of the rate limits below which no motion counts as too fast
-_RATE = 1.0  # [rad/s or m/s] assumed in this floor for a joint without a rate limit
-_RELEASE = 1.0  # [s] for a supervisor to end a contact that is too strong
+_ENERGY_FLOOR = 0.5  # share of the rate limits; slower motions do not trip the energy guard
+_RATE = 1.0  # [rad/s or m/s] rate limit that this guard assumes for a joint without a rate limit
+_RELEASE = 1.0  # [s] time in which a supervisor can end a contact that is too strong
 _CUT = 1.0 - 1e-9  # share of a torque limit from which a torque counts as saturated
 
 
@@ -34,10 +34,9 @@ _CUT = 1.0 - 1e-9  # share of a torque limit from which a torque counts as satur
 class Guards:
     """The limits of a flight; a flight that exceeds one is stopped.
 
-    When a guard trips, the joints are braked within their torques (`control.StoppingLaw`) until the end of
-    the run, while the base's controller continues. The recording's `stopped` holds time, value and limit,
-    and the flight counts as not arrived. Each guard is switched off by None or an infinite number. A state
-    that is not finite raises `SimulationDiverged` in any case.
+    When a guard trips, `control.StoppingLaw` brakes the joints until the end of the run, while the base's
+    law continues. The recording's `stopped` has time, value and limit, and the flight has not arrived. None
+    or an infinite number switches a guard off. A state that is not finite always raises `SimulationDiverged`.
 
     Raises
     ------
@@ -46,14 +45,14 @@ class Guards:
     """
 
     position_margin: Annotated[Margin | None, Angle("rad or m")] = POSITION_MARGIN
-    """The distance of a joint beyond its stop. The guard also trips if a joint can no longer brake before its
-    stop with half its torque. Limp joints do not count, because their stops hold them."""
+    """The largest distance of a joint beyond its stop. The guard also trips if a joint can no longer brake
+    before its stop with half of its torque. Limp joints are ignored, because their stops hold them."""
     rate_margin: Annotated[Margin | None, Unit()] = RATE_MARGIN
     """The share by which a joint may exceed its rate limit. Re-planned motions with wrong masses exceed the
-    limit by up to 0.02; braking should stay below 0.05."""
+    limit by up to 0.02. With the default, braking can keep the excess below 0.05."""
     saturation: Annotated[Margin | None, Unit("s")] = 0.3
-    """The longest time of a joint at its torque limit; time below the limit is subtracted again. The limit
-    is the smaller one of the `Actuator` and of the law, or the robot's if the law has no `torque_limit`."""
+    """The longest time of a joint at its torque limit; later time below the limit is subtracted. The limit is
+    that of the law, or the robot's if the law has no `torque_limit`, but at most that of the `Actuator`."""
     joint_error: Annotated[Margin | None, Angle("rad or m")] = 1.0
     """The largest deviation of a joint from its reference. An unmodelled payload of 10 kg on a seven-joint
     arm under control causes half of the default."""
@@ -69,9 +68,9 @@ class Guards:
     """The largest angular velocity of the base. The default is about the range of a satellite's gyroscopes,
     and more than twice the rate in any plan of a packaged robot."""
     energy: Annotated[Margin | None, Unit()] = 1.0
-    """The excess of the joint motion's kinetic energy over the largest one of the reference so far, as a
-    share of the latter. In free motion the motors have added this energy. Motions slower than half of the
-    rate limits do not count. The default allows rates 40 % above the desired ones."""
+    """The largest excess of the kinetic energy of the joint motion over that of the reference so far, as a
+    share of the reference's. In free motion the motors have added this energy. Motions slower than half of
+    the rate limits are ignored. The default allows rates 40 % above the desired rates."""
     failed_steps: Annotated[AtLeastOne | None, Unit()] = 10
     """The number of consecutive planning steps without a solution (the reference's `failed_in_a_row`)."""
     path: Annotated[Text | os.PathLike[str] | None, Unit("", "none")] = None
@@ -114,7 +113,7 @@ class Trip(NamedTuple):
     Attributes
     ----------
     guard : str
-        Its name, a field of `Guards`.
+        The name of the guard, a field of `Guards`.
     reason : str
         One line with the value and the limit.
     """
@@ -155,7 +154,7 @@ class Saturation:
         self._level, self._steps = np.zeros(plant.n), 0
 
     def commanded(self, torque: FloatArray) -> None:
-        """Update by the torques (n,) that the law commands in a control step."""
+        """Update the times at the limits by the torques (n,) that the law commands in a control step."""
         self._steps += 1
         reached = np.abs(torque) >= self._from
         if reached.any():
@@ -197,7 +196,8 @@ class Watch:
         self._lower, self._upper = limits.lower - margin, limits.upper + margin
         self._stops = bool(np.isfinite([self._lower, self._upper]).any())
         self._reaction = 2.0 * STEPS * dt  # [s] twice the time constant of `StoppingLaw` at its fastest
-        self._braking = 0.25 / limits.acceleration  # times rate^2: distance to brake
+        # [s^2/rad] braking distance at twice the acceleration limit, divided by rate^2
+        self._braking = 0.25 / limits.acceleration
         self._most_rate = (1.0 + guards.limit("rate_margin")) * limits.velocity
         share = math.inf if wrist is None else guards.limit("contact_share")
         force, moment = (math.inf, math.inf) if wrist is None else (wrist.force_limit, wrist.moment_limit)
@@ -205,7 +205,7 @@ class Watch:
         self._torque = min(guards.limit("contact_torque"), math.inf if share == math.inf else share * moment)
         self._from, self._release = 0, max(1, round(_RELEASE / dt))
         self._every = max(1, round(_ENERGY_PERIOD / dt))
-        self._asked = 0.0  # [J] the largest kinetic energy of the reference so far
+        self._reference_energy = 0.0  # [J] the largest so far
         self._rates = np.where(np.isfinite(limits.velocity), limits.velocity, _RATE) * _ENERGY_FLOOR
 
     def trip(
@@ -225,7 +225,7 @@ class Watch:
         """Return the guard that trips at row k, None if all limits are kept; `limp` is (n,)."""
         guards, rates = self._guards, v[6:]
         if k >= self._from and felt.any() and (trip := self._of_contact(plant, q, felt, latched)):
-            return trip  # other violations follow from this one
+            return trip  # a contact causes other violations
         if reason := self._of_stops(plant, q, rates, saturation.limit, limp):
             return Trip("position_margin", reason)
         if reason := self._of_rates(rates):
@@ -276,7 +276,7 @@ class Watch:
         return f"joint '{self._names[i]}' is {beyond_by}"
 
     def _beyond(self, joints: FloatArray, rates: FloatArray, displacement: FloatArray) -> FloatArray:
-        """Return each joint's penetration beyond stop and margin after a displacement (n,), at least 0."""
+        """Return how far each joint is beyond its stop and margin after a displacement (n,); zero inside."""
         ahead = joints + np.sign(rates) * displacement
         return np.maximum(np.maximum(ahead - self._upper, self._lower - ahead), 0.0)
 
@@ -308,13 +308,13 @@ class Watch:
     def _of_contact(
         self, plant: SpaceManipulator, q: FloatArray, felt: FloatArray, latched: bool
     ) -> Trip | None:
-        for name, most, load, verb, unit in (
-            ("contact_force", self._force, felt[:3], "pushes", "N"),
-            ("contact_torque", self._torque, felt[3:], "turns", "N m"),
+        for name, most, load, kind, unit in (
+            ("contact_force", self._force, felt[:3], "force", "N"),
+            ("contact_torque", self._torque, felt[3:], "torque", "N m"),
         ):
             size = math.sqrt(load @ load)
             if size > most:
-                return Trip(name, f"the contact {verb} with {size:.3g} {unit}, {most:.3g} {unit} are allowed")
+                return Trip(name, f"the contact {kind} is {size:.3g} {unit}, {most:.3g} {unit} are allowed")
         share = self._guards.limit("contact_share")
         if latched or share == math.inf:  # the joints' own torques carry a latched client
             return None
@@ -338,12 +338,12 @@ class Watch:
             return ""
         M = inertia_matrix(plant, q)
         H = M[6:] @ floating_motion(M)
-        self._asked = max(self._asked, 0.5 * float(wanted_rates @ H @ wanted_rates))
+        self._reference_energy = max(self._reference_energy, 0.5 * float(wanted_rates @ H @ wanted_rates))
         energy, floor = 0.5 * float(rates @ H @ rates), 0.5 * float(self._rates**2 @ np.diag(H))
-        if energy <= floor + (1.0 + share) * self._asked:
+        if energy <= floor + (1.0 + share) * self._reference_energy:
             return ""
-        asked = f"the reference required at most {self._asked:.3g} J so far"
-        return f"the joint motion was driven to {energy:.3g} J, {asked}"
+        planned = f"that of the reference was at most {self._reference_energy:.3g} J"
+        return f"the kinetic energy of the joint motion is {energy:.3g} J, {planned}"
 
 
 def _of_planning(most: float, observers: Sequence[Observer]) -> str:

@@ -1,4 +1,4 @@
-"""The integrators of the forward dynamics by name; all work on the configuration manifold."""
+"""Integrators of the forward dynamics on the configuration manifold, by name."""
 
 from __future__ import annotations
 
@@ -17,18 +17,19 @@ from ffsms_pin.simulation.events import Force
 Step: TypeAlias = tuple[FloatArray, FloatArray, float]
 
 # Limits of the adaptive integrators.
-_TOLERANCE = 1e-12
+_TOLERANCE = 1e-12  # of each inner step, relative and absolute
 _MOST_PARTS = 10_000  # largest number of parts of a step; a state that needs more counts as diverged
-_MOST_SLOPES = 100_000  # largest number of slopes in a part; a state that needs more counts as diverged
+_MOST_SLOPES = 100_000  # largest number of evaluations in a part; a state that needs more counts as diverged
 _REACH = 0.3  # [rad or m] distance at which the chart is re-centred, so that the series below converge
 
-# Fourth order from the symmetric second-order step: Yoshida's triple jump.
+# Yoshida's triple jump: the lengths of three symmetric second-order steps that make a step of order 4.
 _OUTER = 1.0 / (2.0 - 2.0 ** (1.0 / 3.0))
 _JUMPS = (_OUTER, 1.0 - 2.0 * _OUTER, _OUTER)
-_ITERATIONS = 40
-# Relative: smaller changes may be rounding, which a light wrist on a heavy base amplifies.
+_ITERATIONS = 40  # largest number of Newton iterations of a second-order step
+# [rad/s or m/s] changes below which the iteration may end, because rounding of a light wrist on a heavy base
+# can be that large.
 _LARGEST = 1e-10
-# Relative: accepted changes if a force jumps at the edge of a contact, where the equations have no solution.
+# Accepted relative changes if a force jumps at the edge of a contact, where the equations have no solution.
 _JUMP = 1e-5
 
 
@@ -46,22 +47,25 @@ def rk4_step(
     model, data : pinocchio.Model, pinocchio.Data
         The model's first joint is a free-flyer, every other joint has one degree of freedom.
     q : ndarray, shape (nq,)
+        Configuration at the step's start.
     v : ndarray, shape (nv,)
+        Velocity at the step's start.
     tau : ndarray, shape (nv,), or callable
         Generalised force, held over the step, or a function of time, configuration and velocity that returns
         it; the first six entries are zero without an external force on the base.
     dt : float
-        [s]
+        Step [s].
     t : float
-        Time at the step's start [s], for a force that depends on it.
+        Time at the step's start [s], for a force that depends on time.
 
     Returns
     -------
     q : ndarray, shape (nq,)
-        Configuration at the step's end, its quaternion of unit length.
+        Configuration at the step's end, with a unit quaternion.
     v : ndarray, shape (nv,)
+        Velocity at the step's end.
     work : float
-        Integral of tau . v over the step [J], by the same quadrature.
+        The integral of tau . v over the step [J], by the quadrature of the method.
 
     References
     ----------
@@ -71,7 +75,7 @@ def rk4_step(
     """
     second, third, fourth, end = _weights(dt)
     aba, integrate, rows = pin.aba, pin.integrate, np.empty((5, v.size))
-    held: Any = tau  # if it is an array
+    held: Any = tau  # the generalised force, if it is an array
     force = tau if callable(tau) else None
 
     rows[0] = v
@@ -105,13 +109,14 @@ def rk4_step(
 
 @lru_cache(maxsize=64)
 def _weights(dt: float) -> tuple[FloatArray, ...]:
-    """Return the coefficients of the stages: each row combines v and the accelerations so far.
+    """Return the coefficients of the stages; each row combines v and the accelerations of earlier stages.
 
-    Second stage: its velocity v2; the move to q2, dt / 2 v; the move to q3, dt / 2 v2. Third: v3; the move
-    from q2 to q4, dt v3 - dt / 2 v. Fourth: v4; the two moves to the end; dt times the mean velocity. Last is
-    the velocity at the end.
+    - Second stage: the velocity v2, the move dt / 2 v to q2, and the move dt / 2 v2 to q3.
+    - Third stage: the velocity v3, and the move dt v3 - dt / 2 v from q2 to q4.
+    - Fourth stage: the velocity v4, the two moves to the end, and their sum.
+    - End: the velocity at the end.
     """
-    v1, v2, v3, v4 = np.zeros((4, 5))  # the stages' velocities, of v and the accelerations
+    v1, v2, v3, v4 = np.zeros((4, 5))  # coefficients of the stage velocities
     v1[0] = v2[0] = v3[0] = v4[0] = 1.0
     v2[1] = v3[2] = 0.5 * dt
     v4[3] = dt
@@ -141,8 +146,9 @@ def _by_solver(
 ) -> Step:
     """Make a step of any length by a method of `scipy.integrate.solve_ivp`; arguments as for `rk4_step`.
 
-    The unknowns are the chart's xi in q(t) = q exp(xi), the velocity and the work. In body axes dxi/dt =
-    dexp^-1(-xi) v. The error of each inner step is kept below 1e-12, relative and absolute, with Radau 1e-8.
+    The unknowns are the coordinates xi of the chart q(t) = q exp(xi), the velocity and the work. In body axes
+    dxi/dt = dexp^-1(-xi) v. The error of each inner step is kept below 1e-12, relative and absolute; with
+    Radau below 1e-8.
     """
     from scipy.integrate import solve_ivp  # slow to load, and this integrator is not the default
 
@@ -155,12 +161,12 @@ def _by_solver(
 
     for k in range(parts):
         start, begin = q, t + k * h
-        asked = count()
+        calls = count()
 
         def slope(
-            s: float, y: FloatArray, start: FloatArray = start, begin: float = begin, asked: Any = asked
+            s: float, y: FloatArray, start: FloatArray = start, begin: float = begin, calls: Any = calls
         ) -> FloatArray:
-            if next(asked) == _MOST_SLOPES:
+            if next(calls) == _MOST_SLOPES:
                 raise _TooLong
             xi, velocity = y[:nv], y[nv : 2 * nv]
             place = pin.integrate(model, start, xi)
@@ -194,13 +200,13 @@ def variational_step(
 ) -> Step:
     """Make a step of order 4 of a Lie group variational integrator; arguments as for `rk4_step`.
 
-    The action of a step h is taken at its middle, q exp(h v / 2), with a constant velocity v. With T the
-    kinetic energy, m = dT/dv there, and p the momentum in body axes at the ends, its stationarity means
-    p_0 = dexp^-T(h v) m - h/2 dT/dr and p_1 = dexp^-T(-h v) m + h/2 dT/dr, where dT/dr is the derivative by
-    the joints, C^T v with the Coriolis matrix C. The total momentum in inertial axes, about the inertial
-    origin, is the same at both ends for every h. The step is symmetric, so three of them make one of order
-    4; it is symplectic, so without forces the energy oscillates but does not drift. Forces act at the middle
-    of each step.
+    The action of a step h is evaluated at its middle, q exp(h v / 2), with a constant velocity v. With the
+    kinetic energy T, m = dT/dv at the middle, and the momenta p_0 and p_1 at the ends in body axes, the
+    action is stationary if p_0 = dexp^-T(h v) m - h/2 dT/dr and p_1 = dexp^-T(-h v) m + h/2 dT/dr. Here dT/dr
+    = C^T v is the derivative with respect to the joints, with the Coriolis matrix C. The total momentum about
+    the inertial origin is the same at both ends for every h. The step is symmetric, so three such steps make
+    a step of order 4. It is symplectic, so without forces the energy oscillates but does not drift. Forces
+    act at the middle of each step.
 
     References
     ----------
@@ -271,11 +277,10 @@ def extrapolated_step(
 ) -> Step:
     """Make one step with steep friction: linearly implicit Euler steps, extrapolated to order 5.
 
-    The force is linearised by the slopes -d of each velocity's own friction, so a step h solves (M + h D) dv
-    = h (tau - b) with the inertia matrix M and the nonlinear effects b, and no friction is too steep for it.
-    A step is halved, at most 14 times, if its two best extrapolations differ by more than 1e-6 rad/s or m/s.
-    Steps of 2 ms of `satellite_xarm7` take less than a fourth of the time of "stiff", with errors below 1e-5
-    rad/s each.
+    The friction of each velocity is linearised with its slope -d. With D = diag(d), the inertia matrix M and
+    the nonlinear effects b, a step h solves (M + h D) dv = h (tau - b), so no friction is too steep. A step
+    is halved, at most 14 times, if its two best extrapolations differ by more than 1e-6 rad/s or m/s. Steps
+    of 2 ms of `satellite_xarm7` take less than a fourth of the time of "stiff", with errors below 1e-5 rad/s.
 
     Parameters
     ----------
@@ -287,7 +292,7 @@ def extrapolated_step(
         True if no external force acts on the robot. The base's velocity is then corrected so that the total
         momentum is kept to rounding.
     locked : tuple of int
-        Indices in v of locked joints: their rates stay zero. `tau` does not include the locks' torques.
+        Indices in v of locked joints, whose rates stay zero. `tau` does not include the locks' torques.
 
     References
     ----------
@@ -313,7 +318,7 @@ def extrapolated_step(
 
 
 _ROWS = (1, 2, 3, 4, 5)  # numbers of linearly implicit steps that are extrapolated
-_SMALL, _MOST_HALVED = 1e-6, 14  # [rad/s or m/s]; the largest number of halvings of a step
+_SMALL, _MOST_HALVED = 1e-6, 14  # [rad/s or m/s] tolerance; largest number of halvings of a step
 
 
 def _extrapolated(
@@ -328,7 +333,7 @@ def _extrapolated(
     locked: tuple[int, ...],
     last: bool,
 ) -> Step | None:
-    """Return the extrapolated step; None if it is not exact enough, unless it is the `last` attempt."""
+    """Return the extrapolated step; None if its error is too large, unless it is the `last` attempt."""
     nv = v.size
     before: list[FloatArray] = []
     first = _linearised(model, data, q, v, tau, t, slopes)  # the same in all rows
@@ -402,13 +407,13 @@ def _solver() -> Callable[..., Any]:
 def _with_momentum(
     model: Any, data: Any, q: FloatArray, v: FloatArray, q_end: FloatArray, v_end: FloatArray
 ) -> FloatArray:
-    """Return v_end with the base's velocity that keeps the total momentum of q and v."""
+    """Return v_end with another base velocity, so that the total momentum is that of q and v."""
     before = pin.crba(model, data, q)[:6] @ v
     H = pin.crba(model, data, q_end)[:6]
     start, end = (pin.XYZQUATToSE3(place[:7]) for place in (q, q_end))
-    wanted = end.actInv(start.act(pin.Force(before))).vector
+    momentum = end.actInv(start.act(pin.Force(before))).vector
     kept: FloatArray = v_end.copy()
-    kept[:6] += np.linalg.solve(H[:, :6], wanted - H @ v_end)
+    kept[:6] += np.linalg.solve(H[:, :6], momentum - H @ v_end)
     return kept
 
 

@@ -39,18 +39,31 @@ class CompensatesFriction(Protocol):
 
 @runtime_checkable
 class EstimatesRobot(Protocol):
-    """A controller with the robot that it was made with and the one that it has estimated."""
+    """A controller with its nominal model `sms` and the estimated `robot`."""
 
     sms: SpaceManipulator
     robot: SpaceManipulator
 
 
 class Instant(NamedTuple):
-    """The true state of plant and client that a supervisor receives.
+    """The true state of plant and client that a supervisor receives; without a client, `client_pose` is None.
 
-    q (nq,) and v (6 + n,) are the plant's. If there is a client, `pose` is its pose (pinocchio.SE3), `twist`
-    its twist (6,) and `wrench` its wrench (6,) on the end effector, about the end effector's origin; all in
-    inertial axes. `joined` is the robot that plant and client form after a `Latch`.
+    Attributes
+    ----------
+    t : float
+        Time [s].
+    q, v : ndarray, shape (nq,), (6 + n,)
+        Configuration and velocity of the plant.
+    client_pose : pinocchio.SE3
+        Pose of the client's body frame, inertial axes.
+    client_twist : ndarray, shape (6,)
+        Twist of the client, inertial axes.
+    wrench : ndarray, shape (6,)
+        Wrench of the client on the end effector, about the end-effector frame's origin, inertial axes.
+    wheel_momentum : ndarray, shape (w,)
+        Spin momenta of the base's wheels [N m s].
+    joined : AfterCapture, optional
+        Plant and client as one robot; None before a `Latch`.
     """
 
     t: float
@@ -65,14 +78,14 @@ class Instant(NamedTuple):
 
 @runtime_checkable
 class Supervisor(Protocol):
-    """An object that decides in each control step which events happen: a gripper closes, opens, latches.
+    """An object that chooses the events of each control step, such as the closing of a gripper.
 
     Derive from this class, or write all three members.
 
     Attributes
     ----------
     model : SpaceManipulator
-        The robot in the estimator; read again after a client is latched.
+        The robot model for estimation and braking; `simulate` reads it again after a latch.
     """
 
     model: SpaceManipulator
@@ -82,7 +95,7 @@ class Supervisor(Protocol):
         ...
 
     def guard_tripped(self, now: Instant, trip: Trip) -> Sequence[Event]:
-        """Return the events that happen after a guard has tripped. Default: a `Freeze`.
+        """Return the events after a guard has tripped. Default: a `Freeze`.
 
         A `Freeze` stops the flight. Without a `Freeze` the flight goes on, with one second to end a contact
         that is too strong.

@@ -43,8 +43,8 @@ def simulate_many(
     progress : callable, optional
         A function called with the completed share of the simulations, 0 to 1.
     jobs : int, optional
-        The number of processes; 1 works in this one. Default: the number of cores. With more than one, a
-        script must call this function below `if __name__ == "__main__":`, because the processes import the
+        The number of processes; 1: the present process. Default: the number of cores. With several processes
+        a script must call this function below `if __name__ == "__main__":`, because the processes import the
         script.
 
     Returns
@@ -73,11 +73,11 @@ def simulate_many(
     # Each task contains the manipulator, so a controller made with it still shares it in another process.
     tasks = [(sms, {**arguments, **{name: values[i] for name, values in rows.items()}}) for i in range(count)]
     runs = map_in_processes(_simulate, tasks, jobs, progress)
-    return [replace(run) for run in runs]  # arrays from another process are writable
+    return [replace(run) for run in runs]  # read-only arrays; those from another process are writable
 
 
 def _simulate(task: tuple[SpaceManipulator, dict[str, Any]]) -> Tracking:
-    """Simulate one of the closed loops."""
+    """Simulate one closed loop."""
     sms, arguments = task
     return simulate(sms, **arguments)
 

@@ -1,4 +1,4 @@
-"""A plant that differs from the model by its masses, inertias and centres of mass."""
+"""Plants whose masses, inertias and centres of mass differ from those of the model."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ from ffsms_pin.robot import SpaceManipulator
 class InertialError:
     """The differences of a plant's inertial parameters from the model's.
 
-    A body's inertia about its centre of mass scales with its mass, as for another density, unless an inertia
-    factor is given.
+    Without an inertia factor, a body's inertia about its centre of mass scales with its mass, as for another
+    density.
 
     Raises
     ------
@@ -50,7 +50,7 @@ def perturb(sms: SpaceManipulator, error: InertialError | None = None, **errors:
     ----------
     sms : SpaceManipulator
     error : InertialError, optional
-        The differences; or its fields as keywords: ``perturb(sms, arm_mass=1.2, base_mass=0.9)``.
+        The differences. Instead, its fields may be keywords: ``perturb(sms, arm_mass=1.2, base_mass=0.9)``.
 
     Returns
     -------

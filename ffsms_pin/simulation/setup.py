@@ -63,13 +63,13 @@ class Conditions:
     sensors: Sensors | None = None
     """The sensors through which controller and reference measure the state."""
     wrist: WristSensor | None = None
-    """A force sensor that reference and controller observe (`Observer.observe_wrench`)."""
+    """A force and moment sensor that reference and controller observe (`Observer.observe_wrench`)."""
     estimator: Estimator | bool | None = None
-    """The filter of the measurements, which also predicts them over the sensors' latency with the model.
+    """The filter of the measurements, which also predicts the state over the sensors' latency with the model.
     True: `Estimator()`; False: none. Default: True for a reference that re-plans in the loop
     (`Observer.replans`), False for any other. Perfect sensors never get a filter."""
     disturbances: Wrench | Sequence[Wrench] = ()
-    """External forces."""
+    """External forces and moments on base and end effector."""
     events: Event | Sequence[Event] = ()
     """Captures and joint faults; the recording's `note` lists them."""
     guards: Guards | None = GUARDS
@@ -139,7 +139,7 @@ class ConditionFields(TypedDict, total=False):
 
 
 def with_fields(conditions: Conditions, by_name: Mapping[str, Any]) -> Conditions:
-    """Return the conditions with further fields set; raise `InvalidValue` if one of them is set already."""
+    """Return the conditions with further fields set; raise `InvalidValue` if a field is set already."""
     defaults = {field.name: field.default for field in fields(Conditions)}
     for name, value in by_name.items():
         if getattr(conditions, name) is not defaults[name]:
@@ -324,7 +324,7 @@ def warn_of_friction(plant: SpaceManipulator, controller: Any) -> None:
         return
     unit, law = "N m" if plant.layout.turns[i] else "N", type(controller).__name__
     text = f"the file's friction acts in joint '{plant.joint_names[i]}', up to {friction[i]:.3g} {unit}, and"
-    remedy = "ComputedTorque does; conditions=Conditions(friction=JointFriction()) leaves friction out"
+    remedy = "use ComputedTorque, or no friction: conditions=Conditions(friction=JointFriction())"
     warnings.warn(f"{text} {law} does not compensate it: {remedy}", FfsmsWarning, stacklevel=5)
 
 
@@ -394,7 +394,7 @@ def first_sample(reference: Reference, n: int) -> Sample:
         positions, rates, accelerations = sample
     except (TypeError, ValueError):
         raise InvalidValue(
-            "reference", reference, "must give positions, rates and accelerations: sample(0)"
+            "reference", reference, "must return joint positions, rates and accelerations by sample(0)"
         ) from None
     return (
         vector("joint positions of reference.sample(0)", positions, n),
@@ -404,10 +404,10 @@ def first_sample(reference: Reference, n: int) -> Sample:
 
 
 def target_function(target: Any) -> Callable[[float], FloatArray]:
-    """Return the target's position as a function of time; a target may be a position or a pose."""
+    """Return the position (3,) of a target, which is a position or a pose, as a function of time [s]."""
 
-    def place(given: Any) -> FloatArray:
-        pose = from_homogeneous("target", given)
+    def place(value: Any) -> FloatArray:
+        pose = from_homogeneous("target", value)
         return vector("target", pose.translation if isinstance(pose, pin.SE3) else pose, 3, "m")
 
     if callable(target):
@@ -417,7 +417,7 @@ def target_function(target: Any) -> Callable[[float], FloatArray]:
 
 
 def checked_events(events: Any, plant: SpaceManipulator, duration: float) -> list[Event]:
-    """Check the argument `events` of `simulate` and sort it by time."""
+    """Return the checked argument `events` of `simulate`, in order of time."""
     try:
         several = [events] if isinstance(events, EVENTS) else list(events)
     except TypeError:

@@ -1,4 +1,4 @@
-"""The mechanical stops of limp joints, which have no drive that keeps them from their limits."""
+"""The mechanical stops of limp joints, which no drive keeps within their position limits."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ _RATE = 1.0  # [rad/s or m/s] assumed for a joint without a rate limit
 
 
 class Stops:
-    """The springs and dampers at the position limits of limp joints: they push, and do not pull.
+    """Springs and dampers at the position limits of limp joints, which push but do not pull.
 
-    The torque is I (w^2 x + 2 w dx/dt) at a depth x beyond the limit, critically damped, with the joint's
-    inertia I while all others are free. A joint that hits its stop at the rate r penetrates it by at most r
-    / (e w) and leaves it at the rate r / e^2; w makes this depth 0.5 mrad at the joint's rate limit. The
-    torque acts between two bodies of the robot, so the total momentum is kept.
+    At a depth x beyond the limit the torque is I (w^2 x + 2 w dx/dt), critically damped, where I is the
+    joint's inertia with all other joints free. A joint that hits its stop at the rate r penetrates it by at
+    most r / (e w), and leaves it at the rate r / e^2. The frequency w makes this depth 0.5 mrad at the
+    joint's rate limit. The torque acts between two bodies of the robot, so the total momentum is constant.
 
     Attributes
     ----------

@@ -51,7 +51,7 @@ class Tracking:
     Attributes
     ----------
     t : ndarray, shape (N + 1,)
-        [s]
+        Times [s].
     q : ndarray, shape (N + 1, nq)
         Configuration of the plant in Pinocchio's layout.
     v : ndarray, shape (N + 1, 6 + n)
@@ -70,13 +70,13 @@ class Tracking:
         Total momentum [linear; angular] [kg m/s; kg m^2/s], inertial axes, about the total centre of mass,
         spinning wheels and a client included.
     kinetic_energy : ndarray, shape (N + 1,)
-        [J]
+        Total kinetic energy, spinning wheels and a client included [J].
     work : ndarray, shape (N + 1,)
         Work done on the plant since the start [J] by torques, friction and external forces, less the energy
         lost in captures and in locking joints.
     arrived : bool
-        True if every goal and limit of the reference's problem is met, as judged by `opt.flown.judge`; if
-        the reference has no problem, if its target is met.
+        True if every goal and limit of the reference's problem is met (`opt.flown.judge`), or the target of a
+        reference without a problem.
     note : str
         Events with their times, missed goals, violated clearances and joints at their torque limits, with
         their values; never empty if the motion has not arrived.
@@ -84,12 +84,12 @@ class Tracking:
         The time at which a guard stopped the flight, with value and limit; empty if no guard tripped. A
         stopped flight has not arrived.
     wheel_momentum : ndarray, shape (N + 1, w)
-        Spin momenta of the base's wheels [N m s], inertia times speed relative to the base. w = 0 if there
-        are none, or if they stand still because the run has no law for the base.
+        Spin momenta of the base's wheels [N m s], inertia times speed relative to the base. w = 0 without
+        wheels, or if the wheels stand still because the run has no base law.
     wheel_torque : ndarray, shape (N, w)
         Motor torques on the wheels [N m], each held over its step.
     thruster_force : ndarray, shape (N, k)
-        Forces of the thrusters [N], each held over its step; k = 0 if there are none.
+        Forces of the thrusters [N], each held over its step; k = 0 without thrusters or a base law.
     propellant : ndarray, shape (N + 1,)
         Propellant used since the start [kg].
     impulse : ndarray, shape (N + 1, 6)
@@ -100,7 +100,8 @@ class Tracking:
         client.
     contact_wrench : ndarray, shape (N + 1, 6)
         The client's wrench on the end effector [N; N m], about the end-effector frame's origin, inertial
-        axes: that of the loads, or the one that carries the latched client. No columns without a client.
+        axes: the sum of the loads or, after a latch, the wrench that accelerates the client. No columns
+        without a client.
     orientation_error : ndarray, shape (N + 1,)
         Angle from the plant's end effector to the desired attitude [rad]; zero if the attitude is free.
     frames : tuple of str, length f
@@ -160,7 +161,7 @@ class Tracking:
 
     @property
     def reached(self) -> bool:
-        """The paper's const8 of the simulated motion: within 20 mm of the target in the last 10 % of time.
+        """True if the end effector is within 20 mm of the target in the last 10 % of time (paper, const8).
 
         `Trajectory.reached` of a plan also covers attitude, clearances and contact, with the goal's own
         tolerance.
@@ -181,7 +182,7 @@ class Tracking:
 
     @property
     def base_translation(self) -> FloatArray:
-        """The displacement of the base frame's origin from its start (N + 1, 3), inertial axes [m]."""
+        """The displacement of the root frame's origin from its start (N + 1, 3), inertial axes [m]."""
         return self.q[:, :3] - self.q[0, :3]
 
     @property
@@ -192,7 +193,7 @@ class Tracking:
 
     @property
     def momentum_error(self) -> FloatArray:
-        """The change of `momentum` less `impulse` (N + 1, 6): the integrator's error and rounding.
+        """The change of `momentum` less `impulse` (N + 1, 6), due to integration and rounding.
 
         A body attached by a `Capture` adds its own momentum, which counts as an error here; a client's
         momentum is in `momentum` from the start.
@@ -219,7 +220,8 @@ class Tracking:
         start, end = number("start", start), number("end", end)
         first, last = np.searchsorted(self.t, [start - 1e-9, end + 1e-9]).tolist()
         if last - first < 2:
-            raise InvalidValue("end", end, f"must be a step after {start:g} s, and both within the recording")
+            message = f"must be at least a step after start, {start:g} s, and both within the recording"
+            raise InvalidValue("end", end, message)
         values: dict[str, Any] = {name: getattr(self, name) for name in ("arrived", *_TEXTS, *_JSON)}
         for name in (*SHAPES, *OPTIONAL):
             value, rows = getattr(self, name), slice(first, last)
@@ -227,7 +229,7 @@ class Tracking:
         return Tracking(**{**values, "t": values["t"] - self.t[first]})
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write to an npz file, atomically."""
+        """Write the recording to an npz file, atomically."""
         values = {name: getattr(self, name) for name in _NAMES}
         save_arrays(path, _FORMAT, values | {name: json.dumps(values[name]) for name in _JSON})
 
@@ -262,7 +264,7 @@ JUDGED = ("orientation_error", "frame_error")  # arrays computed from the others
 
 
 class Record:
-    """The states and torques of a run by rows; `target` returns the target's position (3,) at a time [s]."""
+    """The recorded rows of a run; `target` returns the target's position (3,) at a time [s]."""
 
     def __init__(self, world: World, t: FloatArray, target: Callable[[float], FloatArray]) -> None:
         self._world, self._target, self.t = world, target, t
@@ -327,9 +329,9 @@ class Record:
     def check_momentum(self, rows: int) -> None:
         """Note changes of the total momentum without an external force from the last event to row `rows` - 1.
 
-        A change is compared with the momentum of a body that has the plant's mass m, its largest inertia I
-        and the largest kinetic energy E since then, without the wheels' spin: sqrt(2 m E) and sqrt(2 I E). No
-        part of the plant has more.
+        A change is compared with sqrt(2 m E) and sqrt(2 I E), which no part of the plant exceeds. E is the
+        largest kinetic energy since the event, without the wheels' spin; m and I are the plant's mass and
+        largest principal inertia.
         """
         first, last, plant = self._since, rows - 1, self._world.plant
         if last <= first or self._world.pushed:
@@ -373,9 +375,9 @@ class _HasProblem(Protocol):
 def judged(tracking: Tracking, reference: Reference, plant: SpaceManipulator) -> Tracking:
     """Return a recording with its verdict. A flight that a guard stopped has not arrived.
 
-    For a `Trajectory` and an `opt.Replanning` every goal and limit of their problem counts. For another
-    reference only the final distance to the target counts, with the paper's r_th of 20 mm and, if the target
-    is a pose, 0.02 rad.
+    A `Trajectory` or an `opt.Replanning` is judged by every goal and limit of its problem. Another reference
+    is judged by the final error to its target only: 20 mm (the paper's r_th) and, if the target is a pose,
+    0.02 rad.
     """
     if not len(tracking.t):
         return replace(
@@ -425,7 +427,11 @@ def _by_target(tracking: Tracking, reference: Reference, plant: SpaceManipulator
         )
     if angles[-1] > ORIENTATION_REACH:
         both = math.degrees(angles[-1]), math.degrees(ORIENTATION_REACH)
-        misses.append("its attitude ends {:.3g} deg off, {:.3g} deg are allowed".format(*both))
+        misses.append(
+            "the end effector's attitude ends {:.3g} deg from its target, {:.3g} deg are allowed".format(
+                *both
+            )
+        )
     return Verdict(tuple(misses), orientation_error=angles)
 
 

@@ -1,4 +1,4 @@
-"""The plant in a run: its dynamics under all forces, and its events."""
+"""The plant of a run, with its dynamics under all forces and its events."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ from ffsms_pin.simulation.stops import Stops
 from ffsms_pin.system.dynamics import frame_pose
 
 _FINER = 8  # factor on the number of substeps if a load is too stiff for the step
-_MOST_PARTS = 40  # substeps for friction; above this number an implicit integrator is faster
+_MOST_PARTS = 40  # largest number of substeps for friction; an implicit integrator is faster than more
 
 
 class World:
@@ -79,7 +79,7 @@ class World:
         self.base = base
         self._wheels = base.wheels
         self._nq, self._nv = plant.nq, plant.nv
-        self._with = plant.nv + base.wheel_torque.size  # velocities before the client's
+        self._with = plant.nv + base.wheel_torque.size  # number of velocities before the client's
         self._rubs = self._wheels is not None and self._wheels.rubs
         self._tau = np.zeros(self._with + 6)
         self._take(plant)
@@ -142,14 +142,14 @@ class World:
         if steep > _MOST_PARTS:
             integrate, acting = self._steep_step()
         if self._pushing is not None and integrate is variational_step:
-            integrate = rk4_step  # the variational step integrates backwards, unstable with dampers
+            integrate = rk4_step  # the backward substep of the variational step is unstable with dampers
         parts = max(parts, at_stops, 1 if steep > _MOST_PARTS else steep)
         q_end, v_end, work = self._in_parts(t, q, v, acting, dt, parts, integrate)
         if loaded and not self._contact and self._touches(q_end, v_end):  # contact began within the step
             self._contact, self.impulse, parts = True, impulse, max(self._substeps, parts)
             integrate = stiff_step if steep > _MOST_PARTS else integrate
             q_end, v_end, work = self._in_parts(t, q, v, self._force, dt, parts, integrate)
-        if self._contact and not np.isfinite(v_end).all():  # too stiff for an implicit step of this length
+        if self._contact and not np.isfinite(v_end).all():  # a load is too stiff for this step
             self.impulse = impulse
             q_end, v_end, work = self._in_parts(t, q, v, self._force, dt, _FINER * parts, integrate)
         q, v = q_end, v_end
@@ -177,7 +177,7 @@ class World:
         """
         if self._contact or self._pushing is not None or self._rubs:
             return stiff_step, self._force
-        closed = not self._forces and self.base.thrusters is None  # without client contact here
+        closed = not self._forces and self.base.thrusters is None  # without client contact
         locked = tuple(self._locked)
         step = partial(extrapolated_step, slopes=self._slopes, closed=closed, locked=locked)
         return step, self._applied
@@ -238,7 +238,7 @@ class World:
         return q, v
 
     def _applied(self, t: float, q: FloatArray, v: FloatArray) -> FloatArray:
-        """Return the generalised force (6 + n,) without locks' torques, then that on wheels and client."""
+        """Return the generalised force on plant, wheels and client, without the torques of locks."""
         force, nq, nv = self._tau.copy(), self._nq, self._nv
         if self._friction is not None:
             force[6:nv] += self._friction(v[6:nv])
@@ -254,7 +254,7 @@ class World:
         return force
 
     def _force(self, t: float, q: FloatArray, v: FloatArray) -> FloatArray:
-        """Return the total generalised force (6 + n,), followed by that on wheels (w,) and a client (6,)."""
+        """Return the generalised force (6 + n,) on the plant, then on wheels (w,) and a free client (6,)."""
         force = self._applied(t, q, v)
         if self._locked:
             model, data = self._model, self._own
@@ -266,7 +266,7 @@ class World:
         return force
 
     def _from_outside(self, t: float, h: float, *ends: tuple[FloatArray, FloatArray]) -> FloatArray:
-        """Return the impulse (6,) of thrusters and disturbances in a step, by Simpson's rule."""
+        """Return the impulse (6,) of thrusters and disturbances in a step of h [s], by Simpson's rule."""
         (q0, v0), (q1, v1) = ends
         middle = pin.interpolate(self._model, q0, q1, 0.5), 0.5 * (v0 + v1)
         whole = np.zeros(6)
@@ -284,7 +284,7 @@ class World:
     def wrench(self, t: float, q: FloatArray, v: FloatArray) -> FloatArray:
         """Return the wrench (6,) of the client on the end effector, about its origin, inertial axes.
 
-        It is the wrench of the loads or, if the client is latched, the wrench that carries it under the last
+        It is the sum of the loads or, after a latch, the wrench that accelerates the client under the last
         torques.
         """
         if self.client is None or not (self.client.joined or self.client.acting):
@@ -296,7 +296,7 @@ class World:
         return self.client.carrying(model, data, frame, q, v, acceleration)
 
     def wrist(self, t: float, q: FloatArray, wrench: FloatArray) -> FloatArray:
-        """Return the wrench (6,) of the client and of disturbances on the end effector, in its own axes."""
+        """Return the wrench (6,) of client and disturbances on the end effector, in end-effector axes."""
         acting = sum(
             (disturbance.value(t) for disturbance in self._disturbances if disturbance.on != "base"), wrench
         )
@@ -309,7 +309,7 @@ class World:
             return v
         if isinstance(event, (Close, Open, Latch)):
             if self._free is None:
-                message = "needs a client that is free: simulate(client=...)"
+                message = "requires a free client: simulate(client=...)"
                 raise InvalidValue("events", str(event), message)
             if isinstance(event, Latch):
                 client, joined = self._free, self._free.latch(self.plant, q, v, self._locked)

@@ -15,7 +15,7 @@ from pressing import PANDA, Press, Wall, held, massive
 
 import ffsms_pin as ffsms
 from ffsms_pin.control import Admittance, ComputedTorque, Impedance, JointLaw
-from ffsms_pin.control.tip_spring import TipSpring, apart, modal_damping
+from ffsms_pin.control.tip_spring import TipSpring, advance, modal_damping
 from ffsms_pin.errors import FfsmsError, InvalidValue
 from ffsms_pin.simulation import Conditions, Wrench, WristSensor, perturb, simulate
 
@@ -35,10 +35,10 @@ class Watched:
         self.motions: Any = None
 
     def torque(self, q: Array, v: Array, q_d: Array, qd_d: Array, qdd_d: Array) -> Array:
-        now = apart(self.law.sms, q, q_d, self.motions)
+        now = advance(self.law.sms, q, q_d, self.motions)
         wanted = None if self.pose is None else pin.XYZQUATToSE3(q[:7]).inverse() * self.pose
         pull = self.law.spring.pull(self.law.sms, now, wanted)
-        self.motions = now._replace(wound=pull.wound)
+        self.motions = now._replace(nullspace=pull.nullspace)
         self.energy.append(pull.energy)
         return self.law.torque(q, v, q_d, qd_d, qdd_d)
 
@@ -98,12 +98,12 @@ def test_torques_are_the_gradient_of_the_energy(
         joints = rng.uniform(-1.5, 1.5, 7)
         q, h = panda.configuration(joints, random_pose(rng)), 1e-5
         wanted = joints + rng.uniform(-0.4, 0.4, 7)
-        begin = apart(panda, q, wanted, None)
+        begin = advance(panda, q, wanted, None)
         pull = spring.pull(panda, begin)
-        begin = begin._replace(wound=pull.wound)
+        begin = begin._replace(nullspace=pull.nullspace)
         for way in np.eye(7):
             ends = (
-                apart(panda, panda.configuration(joints + s * h * way), wanted, begin) for s in (1.0, -1.0)
+                advance(panda, panda.configuration(joints + s * h * way), wanted, begin) for s in (1.0, -1.0)
             )
             more, less = (spring.pull(panda, end).energy for end in ends)
             assert (less - more) / (2.0 * h) == pytest.approx(pull.torque @ way, rel=1e-5, abs=1e-4)
@@ -111,7 +111,7 @@ def test_torques_are_the_gradient_of_the_energy(
 
 def test_every_mode_has_the_damping_ratio(panda: ffsms.SpaceManipulator) -> None:
     law, q = Impedance(panda, damping_ratio=0.6), panda.configuration(PANDA)
-    here = apart(panda, q, PANDA, None)
+    here = advance(panda, q, PANDA, None)
     H, K = here.first.H_q, law.spring.pull(panda, here).stiffness
     D = modal_damping(H, K, 0.6)
     np.testing.assert_allclose(D, D.T, atol=1e-12)

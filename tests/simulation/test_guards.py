@@ -274,7 +274,7 @@ def test_energy_that_is_pumped_in_trips(planar: ffsms.SpaceManipulator) -> None:
     kept = simulate(
         robot, Hold(planar), Pumping(), dt=2e-3, q0=q0, conditions=Conditions(guards=only(energy=1.0))
     )
-    assert "the joint motion was driven to" in kept.stopped
+    assert "the kinetic energy of the joint motion is" in kept.stopped
     k = int(np.searchsorted(kept.t, stop_time(kept)))
     assert kept.kinetic_energy.max() <= kept.kinetic_energy[k] < 0.1 * free.kinetic_energy.max()
     assert np.diff(kept.kinetic_energy[k:]).max() <= 0.0
@@ -303,9 +303,9 @@ def test_planning_steps_that_fail_trip(planar: ffsms.SpaceManipulator, law: Comp
 @pytest.mark.parametrize(
     ("given", "words"),
     [
-        ({"guards": only(contact_force=1.0)}, "the contact pushes with 1.25 N, 1 N are allowed"),
-        ({"guards": only(contact_torque=0.1)}, "the contact turns with"),
-        ({"wrist": WristSensor(force_limit=1.0)}, "the contact pushes with 1.25 N, 1 N are allowed"),
+        ({"guards": only(contact_force=1.0)}, "the contact force is 1.25 N, 1 N are allowed"),
+        ({"guards": only(contact_torque=0.1)}, "the contact torque is"),
+        ({"wrist": WristSensor(force_limit=1.0)}, "the contact force is 1.25 N, 1 N are allowed"),
         ({"weak": True}, "the contact loads joint 'panda_joint"),
         ({}, ""),
     ],

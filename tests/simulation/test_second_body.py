@@ -238,8 +238,8 @@ def test_a_part_of_a_recording_and_its_file(tmp_path: Any) -> None:
         ({"loads": "grip"}, "Load"),
         ({"loads": [3]}, "wrench"),
         ({"client": 3}, "client"),
-        ({"client": None}, "needs a client"),
-        ({"events": [Latch(0.1), Latch(0.2)]}, "needs a client that is free"),
+        ({"client": None}, "requires a free client"),
+        ({"events": [Latch(0.1), Latch(0.2)]}, "requires a free client"),
         ({"events": [Close(0.0, 3)]}, "wrench"),  # type: ignore[arg-type]
         ({"substeps": 0}, "substeps"),
     ],

@@ -204,7 +204,9 @@ def test_the_attitude_of_a_moving_pose_counts(planar: ffsms.SpaceManipulator) ->
     hold.target = lambda t: pin.SE3(pose.rotation @ pin.exp3(np.array([0.0, 0.0, t])), pose.translation)
     turning = simulate(planar, hold, controller, dt=0.01)
     np.testing.assert_allclose(turning.orientation_error, turning.t, atol=1e-9)
-    assert turning.misses == ("its attitude ends 5.73 deg off, 1.15 deg are allowed",)
+    assert turning.misses == (
+        "the end effector's attitude ends 5.73 deg from its target, 1.15 deg are allowed",
+    )
 
 
 def test_progress_rises_to_one(planar: ffsms.SpaceManipulator) -> None:
