@@ -35,7 +35,7 @@ _WIDEST = np.pi / 2.0  # [rad or m] largest displacement to either side
 _SHARE = 0.95  # used share of ranges, rates and accelerations
 _SIZES = (1.0, 0.8, 0.6, 0.45, 0.3, 0.2, 0.1)  # scale factors, tried in this order until all limits are kept
 _NODES = 80  # number of instants at which a candidate is evaluated
-_SAMPLES = 100.0  # [1/s] assumed sampling rate of the measurements
+SAMPLES = 100.0  # [1/s] assumed sampling rate of the measurements
 _WORST = 8.0  # exponent of the power mean of the deviations; a large exponent emphasises the largest
 _TRIED = 3  # number of random candidates that are checked against all limits
 
@@ -163,7 +163,7 @@ class _Search:
         problem = self.problem
         motion = rolled_out(self.sms, problem.stack, problem.q0, rates, dt, problem.momentum)
         q, v = configurations(self.sms, problem.q0, motion), velocities(motion)
-        G = self.identifier.expected_information(q, v) * (_SAMPLES * problem.duration / len(q))
+        G = self.identifier.expected_information(q, v) * (SAMPLES * problem.duration / len(q))
         return np.sqrt(np.diag(np.linalg.inv(G + np.eye(len(G)))))
 
     def misfit(self, rates: FloatArray, dt: float) -> float:

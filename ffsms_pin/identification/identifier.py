@@ -282,6 +282,17 @@ class Identifier(Learner):
         The information is in units of the prior deviations. The total momentum is unknown unless `at_rest`,
         and all states have the weight of the first state.
         """
+        root, Y = self.expected_equations(q, v)
+        if not self.at_rest:
+            Y = Y - Y.mean(axis=0)
+        flat = (root @ Y).reshape(-1, Y.shape[2])
+        return np.asarray(flat.T @ flat)
+
+    def expected_equations(self, q: FloatArray, v: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the root (6, 6) of the weight of the first state, and the regressors (N, 6, k) of all.
+
+        The regressors are in units of the prior deviations.
+        """
         about = q[0, :3]
         first = q[0].copy()
         first[:3] = 0.0
@@ -291,11 +302,7 @@ class Identifier(Learner):
         self._pose_noise = None
         bodies = [body.index for body in self.bodies]
         Y = momentum_regressors(self.robot, q, v, about, bodies)[:, :, self._columns] * self._scales
-        if not self.at_rest:
-            Y = Y - Y.mean(axis=0)
-        weighted = np.linalg.cholesky(self._weight).T @ Y
-        flat = weighted.reshape(-1, Y.shape[2])
-        return np.asarray(flat.T @ flat)
+        return np.linalg.cholesky(self._weight).T, Y
 
     def _momentum_map(self, q: FloatArray) -> FloatArray:
         """Return the momentum about the origin per unit velocity (6, 6 + n)."""

@@ -1,0 +1,138 @@
+"""A cost term that makes a motion show the unknown inertial parameters.
+
+The information of a motion is M = sum_k Y_k^T W Y_k, with the regressor Y_k of the momentum at instant k. A
+criterion F(M) of experiment design is no sum over instants, but its linearisation -trace(G M) about a plan
+is, with G = -dF/dM. With G = sum_j g_j g_j^T it is the integral of -|y_j|^2, where y_j = W^1/2 Y g_j is the
+weighted momentum of bodies with the parameters g_j. Its majorant at the plan, |y_j - 2 y_j0|^2 but for
+constants, is a sum of squares and has the same gradient there.
+
+References
+----------
+V. V. Fedorov, "Theory of Optimal Experiments", Academic Press, 1972, for the linearised criterion. D. R.
+Hunter and K. Lange, "A tutorial on MM algorithms", The American Statistician 58 (2004), for the majorant.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ffsms_pin.checks import FloatArray, at_least_zero, instance, whole
+from ffsms_pin.errors import InvalidValue
+from ffsms_pin.identification.exciting import SAMPLES
+from ffsms_pin.identification.identifier import Identifier
+from ffsms_pin.opt.costs import Term
+from ffsms_pin.opt.derivatives import FrameVariable, Variables
+from ffsms_pin.opt.trajectory import Trajectory
+from ffsms_pin.system.regressors import joint_axes
+
+_WORST = 4  # power of the variances in the criterion: a large one emphasises the largest
+_SHOWN = 0.9  # largest deviation of a parameter that counts as observable, as a share of the prior one
+
+
+class Excitation(Term):
+    """The excitation of the unknown inertial parameters, mostly of the least known ones.
+
+    The term is linearised about a plan. Solve a problem without it, then with it, and repeat two or three
+    times with the newest plan. The end effector still reaches the goal of the problem.
+
+    Parameters
+    ----------
+    identifier : Identifier
+        The unknown bodies, their prior deviations, and the sensors; its samples are not used.
+    plan : Trajectory
+        The plan about which the term is linearised, of a moving arm.
+    weight : float
+        The weight of the excitation, relative to that of the plan [1/s].
+    directions : int
+        The number of combinations of parameters, the least known ones first.
+
+    Raises
+    ------
+    InvalidValue
+        An argument is of another type or out of range, or the plan shows none of the parameters.
+    """
+
+    name = "excitation"
+
+    def __init__(
+        self, identifier: Identifier, plan: Trajectory, weight: float = 0.1, directions: int = 3
+    ) -> None:
+        instance("identifier", identifier, Identifier)
+        instance("plan", plan, Trajectory)
+        self.weight, self.identifier = at_least_zero("weight", weight), identifier
+        directions = whole("directions", directions, 1)
+        root, Y = identifier.expected_equations(plan.q, plan.v)
+        information = identifier.expected_information(plan.q, plan.v) * (SAMPLES * plan.duration / len(Y))
+        C = np.linalg.inv(information + np.eye(len(information)))
+        variances = np.diag(C)
+        shares = np.where(variances < _SHOWN**2, variances ** (_WORST - 1), 0.0)
+        if not shares.any():
+            raise InvalidValue("plan", plan, "must move the arm: it shows none of the unknown parameters")
+        values, vectors = np.linalg.eigh((C * shares) @ C)  # -dF/dM of F = sum of variances^4
+        chosen = vectors[:, -directions:] * np.sqrt(np.maximum(values[-directions:], 0.0))
+        y = root @ Y @ chosen
+        mean = np.zeros(y.shape[1:]) if identifier.at_rest else y.mean(axis=0)
+        size = np.sqrt(np.mean(np.sum((y - mean) ** 2, axis=(1, 2))))
+        self._root, self._offset = root / size, (2.0 * y - mean) / size
+        self._about, self._times = plan.q[0, :3], plan.t
+        free = np.array([body.free for body in identifier.bodies])
+        scales = np.array([body.deviation for body in identifier.bodies])
+        self._parameters = np.zeros((chosen.shape[1], *free.shape))
+        self._parameters[:, free] = chosen.T
+        self._parameters *= scales
+
+    def residual(self, m: Variables) -> list[Any]:
+        """Return the weighted momentum of each combination of parameters, less twice that of the plan."""
+        bodies = self._bodies(m)
+        times = m.time_offset + np.asarray(m.times)
+        residuals = []
+        for j, parameters in enumerate(self._parameters):
+            linear, angular = (
+                sum(parts) for parts in zip(*map(self._momentum, parameters, bodies), strict=True)
+            )
+            offset = np.array([np.interp(times, self._times, row) for row in self._offset[:, :, j].T])
+            y: Any = self._root[:, :3] @ linear + self._root[:, 3:] @ angular
+            residuals.append(np.sqrt(self.weight) * (y - offset[:, None]))
+        return residuals
+
+    def _bodies(self, m: Variables) -> list[tuple[FrameVariable, Any, Any]]:
+        """Return frame, velocity of its origin and angular velocity of each unknown body, inertial axes."""
+        sms, stack, spin, base = self.identifier.robot, m.stack, m.base_angular_velocity, m.base
+        joints = [m.frame(name) for name in sms.joint_names]
+        axes = [frame.axis(axis) for frame, axis in zip(joints, joint_axes(sms), strict=True)]
+
+        def relative(moves: FloatArray, point: Any) -> tuple[Any, Any]:
+            """Return the velocity of a point and the angular velocity, relative to the base."""
+            velocity, angular = 0.0 * spin, 0.0 * spin
+            for i in np.flatnonzero(moves):
+                rate = m.rates[i : i + 1]
+                if sms.layout.turns[i]:
+                    angular = angular + rate * axes[i]
+                    velocity = velocity + rate * axes[i].cross(point - joints[i])
+                else:
+                    velocity = velocity + rate * axes[i]
+            return velocity, angular
+
+        origin = m.velocity - spin.cross(m.tip - base) - relative(stack.moves_tip, m.tip)[0]
+        bodies = []
+        for body in self.identifier.bodies:
+            if body.index:
+                frame = joints[body.index - 1]
+                velocity, angular = relative(stack.carries[:, body.index - 1], frame)
+            else:
+                frame = m.frame(str(sms.model.names[1]))
+                velocity, angular = 0.0 * spin, 0.0 * spin
+            bodies.append((frame, origin + spin.cross(frame - base) + velocity, spin + angular))
+        return bodies
+
+    def _momentum(self, parameters: FloatArray, body: tuple[FrameVariable, Any, Any]) -> tuple[Any, Any]:
+        """Return the linear and angular momentum of a body with other parameters (10,)."""
+        frame, velocity, spin = body
+        m, cx, cy, cz, xx, xy, yy, xz, yz, zz = parameters
+        moment, inertia = frame.axis([cx, cy, cz]), np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+        linear = m * velocity + spin.cross(moment)
+        pairs = zip(inertia, np.eye(3), strict=True)
+        turning = sum(frame.axis(row) * frame.axis(axis).dot(spin) for row, axis in pairs)
+        return linear, moment.cross(velocity) + turning + (frame - self._about).cross(linear)
