@@ -112,7 +112,7 @@ def _replayed(folder: str, seed: str, allow_import: bool) -> Scenario:
     campaign = Campaign.open(folder, allow_import=allow_import)
     if int(seed) not in campaign.seeds:
         first, last = campaign.seeds[0], campaign.seeds[-1]
-        raise InvalidValue("SEED", seed, f"must be one of the campaign's, {first} to {last}")
+        raise InvalidValue("SEED", seed, f"must be a seed of the campaign, {first} to {last}")
     chosen = campaign.scenario(int(seed))
     return replace(chosen, name=f"{chosen.name}-{int(seed)}")
 

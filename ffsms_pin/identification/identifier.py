@@ -118,14 +118,14 @@ class Identifier(Learner):
         self._Z[:, -7:-1] = -np.eye(6)
         self._sums, self._bias, self._bias_now = (np.zeros((size, size)) for _ in range(3))
         self._weight, self._reweighted = np.eye(6), float(_REWEIGHTED)
-        self._believed = np.zeros(size - 7), np.eye(size - 7)
+        self._weighting = np.zeros(size - 7), np.eye(size - 7)
         self._pose_noise: FloatArray | None = None
         self._origin: FloatArray | None = None
         self._late: deque[tuple[float, FloatArray, FloatArray, FloatArray | None]] = deque()
         self._time = -np.inf
         self._other = np.zeros((size - 6, size - 6))
         self._other_count = 0
-        self._told: FloatArray | None = None
+        self._used: FloatArray | None = None
         self._near: FloatArray | None = None
         self._offset: FloatArray | None = None
         self.samples = self._count = self._freed = 0
@@ -144,9 +144,9 @@ class Identifier(Learner):
         q : array_like, shape (nq,)
             Measured configuration in Pinocchio's layout.
         v : array_like, shape (6 + n,)
-            Measured velocity in Pinocchio's layout. If the linear velocity of the base is not measured, it is
-            NaN; then the angular momentum about the centre of mass gives three equations, in which the linear
-            velocity follows from the masses of `robot`.
+            Measured velocity in Pinocchio's layout. The linear velocity of the base is NaN if it is not
+            measured. Then a sample adds three equations, of the angular momentum about the centre of mass, in
+            which the linear velocity follows from the masses of `robot`.
         wheel_momentum : array_like, shape (w,), optional
             Spin momenta of the robot's wheels relative to the base [N m s]. Default: the wheels stand still.
 
@@ -179,7 +179,7 @@ class Identifier(Learner):
     def _add(self, q: FloatArray, v: FloatArray, spins: FloatArray | None, unseen: bool) -> None:
         model, data, Z, Y = self._model, self._data, self._Z, self._local
         pin.ccrba(model, data, q, v)
-        if unseen:  # in the frame of the centre of mass the linear momentum is zero
+        if unseen:  # relative to the centre of mass, the linear momentum is zero
             q[:3] -= data.com[0]
             v[:3] = _linear_velocity(data.Ag) @ v[3:]
             pin.ccrba(model, data, q, v)
@@ -213,7 +213,7 @@ class Identifier(Learner):
         if self.samples % _PERIOD == 0:
             if self.samples >= self._reweighted:
                 self._reweighted *= 2.0
-                self._believed = self._parameters()
+                self._weighting = self._parameters()
             self._weigh(q, A, unseen)
         weight = self._weight
         self._bias += self._bias_now
@@ -227,14 +227,14 @@ class Identifier(Learner):
         The noise of the momentum is that of the velocities times the parameters, so weights depend on the
         estimate. By default the identifier uses its own estimate.
         """
-        self._believed, self._reweighted = other._parameters(), math.inf
+        self._weighting, self._reweighted = other._parameters(), math.inf
 
     def _parameters(self) -> tuple[FloatArray, FloatArray]:
         solved = self.solution()
         return solved.x, (1.0 - _DOUBT) * solved.covariance + _DOUBT * np.eye(len(solved.x))
 
     def linearise_about(self, estimate: Identification) -> None:
-        """Use an estimate of the same bodies in place of the prior for unmeasured linear velocities."""
+        """Compute unmeasured linear velocities of the base from an estimate instead of the prior."""
         self.robot = estimate.sms
         self._model, self._data = self.robot.model, self.robot.model.createData()
         change = [estimate[body.name].parameters - body.believed for body in self.bodies]
@@ -261,7 +261,7 @@ class Identifier(Learner):
             rows[:, :, 3:] += rows[:, :, :3] @ _linear_velocity(A)
             rows[:, :, :3] = 0.0
         noisy = rows * np.sqrt(self.noise.rates)
-        x, covariance = self._believed
+        x, covariance = self._weighting
         momentum = noisy[-1] + np.tensordot(x, noisy[:-7], 1)
         size = len(x)
         spread = (covariance @ noisy[:-7].reshape(size, -1)).reshape(size, 6, -1)
@@ -348,15 +348,15 @@ class Identifier(Learner):
         """Return the sums (k + 1, k + 1) after elimination of the constant momenta."""
         k = len(sums) - 7
         rest = [*range(k), k + 6]
-        held = k + np.flatnonzero(np.diag(sums)[k : k + 6])
-        across = sums[np.ix_(held, rest)]
+        constant = k + np.flatnonzero(np.diag(sums)[k : k + 6])
+        across = sums[np.ix_(constant, rest)]
         return np.asarray(
-            sums[np.ix_(rest, rest)] - across.T @ np.linalg.solve(sums[np.ix_(held, held)], across)
+            sums[np.ix_(rest, rest)] - across.T @ np.linalg.solve(sums[np.ix_(constant, constant)], across)
         )
 
     @property
     def _constants(self) -> int:
-        """The number of components of the total momentum that the samples show."""
+        """The number of components of the total momentum in the equations."""
         return int(np.count_nonzero(np.diag(self._sums)[-7:-1]))
 
     def _equations(self) -> tuple[FloatArray, FloatArray, float, int]:
@@ -431,11 +431,11 @@ class Identifier(Learner):
             return last
         k, x = len(self._columns), self.solution().x
         G = self._sums[:k, :k]
-        change = x - (np.zeros(k) if self._told is None else self._told)
+        change = x - (np.zeros(k) if self._used is None else self._used)
         whole = x + np.concatenate([body.believed for body in self.bodies])[self._columns] / self._scales
         if float(change @ G @ change) < _CHANGED**2 * float(whole @ G @ whole):
             return last
-        self._told = x
+        self._used = x
         try:
             estimate = identification_of(self, self._near)
         except FfsmsError:  # an external force makes the numbers physically inconsistent
@@ -450,9 +450,9 @@ class Identifier(Learner):
 
 
 def _linear_velocity(A: FloatArray) -> FloatArray:
-    """Return the base's linear velocity per other velocity (3, 3 + n) at zero linear momentum.
+    """Return a map (3, 3 + n) from angular velocity and joint rates to linear velocity of the base.
 
-    `A` (6, 6 + n) maps velocities to momentum.
+    The linear momentum is zero. `A` (6, 6 + n) maps velocities to momentum.
     """
     return -np.linalg.solve(A[:3, :3], A[:3, 3:])
 

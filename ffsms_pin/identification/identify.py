@@ -56,7 +56,7 @@ def identify(
         torques [N m], one row per sample or per step. q and v are in Pinocchio's layout: quaternions (x, y,
         z, w), the root's velocity in the root's axes. If the position or the linear velocity of the base is
         not measured, its columns q[:, :3] or v[:, :3] are NaN. Without the linear velocity the angular
-        momentum alone is used, with two more passes.
+        momentum alone is used, and two passes are added.
     unknown : sequence of str
         The unknown bodies, as in `Identifier`: "base", "payload", links.
     known : mapping, optional
@@ -146,8 +146,8 @@ def torque_equations(
             full = torque_regressor(robot, between, 0.5 * (v[k] + v[k + 1]), rate)
             Y += full[6:] / size
             rates = 0.5 * (v[k] + v[k + 1])[6:]
-            rubbing = friction_torque(rates, robot.joint_damping, robot.joint_friction)
-            force += (tau[k] + rubbing - armature * rate[6:]) / size
+            friction = friction_torque(rates, robot.joint_damping, robot.joint_friction)
+            force += (tau[k] + friction - armature * rate[6:]) / size
         M = pin.crba(robot.model, robot.model.createData(), q[first])[6:]
         span = float(t[first + size] - t[first])
         covariance = (2.0 / span**2) * (M * identifier.noise.rates) @ M.T
@@ -156,6 +156,6 @@ def torque_equations(
         rows.append(W @ Y[:, columns])
         sides.append(W @ (force - Y @ believed))
     if not rows:
-        text = "has no 0.1 s in which all joints are within their limits; set use_torques=False"
+        text = "has no block of 0.1 s with all joints within their limits; set use_torques=False"
         raise InvalidValue("recording q", q[0], text)
     return np.concatenate(rows), np.concatenate(sides)

@@ -1,4 +1,4 @@
-"""The recorded motion for an identification: its arrays, and the checks before the fit.
+"""The recorded motion for an identification, and its checks.
 
 Positions are compared with integrated velocities, channel by channel over windows of the recording. They
 disagree if a sensor froze, if values are in degrees, or if the base's velocity is in other axes.
@@ -19,25 +19,25 @@ from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.simulation import Tracking
 from ffsms_pin.system.batch.stacks import apply, log3, rotations
 
-_GAP = 5.0  # times the usual step is a gap
-_USUAL = 90.0  # percentile of the steps that is the usual one, because samples may be irregular
-_WINDOWS = 24  # number of windows
-_NOISE = 8.0  # times the noise of a window: least motion for a comparison
+_GAP = 5.0  # least length of a gap, as a multiple of the usual step
+_USUAL = 90.0  # percentile of the steps that is the usual step, because samples may be irregular
+_WINDOWS = 24  # least number of windows
+_NOISE = 8.0  # least motion in a window for a comparison, as a multiple of its noise
 _AGREES = 0.2  # allowed difference of positions and integrated velocities, as a share of the motion
-_FARTHEST = 3.0  # times the sum of one radian and the position limit: largest accepted position
-_FASTEST = 10.0  # times the rate limit: largest accepted rate; impacts are below it, rates in degrees above
+_FARTHEST = 3.0  # largest accepted position, as a multiple of one radian plus the position limit
+_FASTEST = 10.0  # largest accepted rate, as a multiple of the limit; impacts are slower, deg/s are faster
 _DEGREES = 180.0 / np.pi
-_TURN = 1.0  # [rad] mean rotation of the base in a window
-_ALTERNATIVE = 0.3  # times the disagreement of positions and velocities that other axes have to leave
-_MILLI = 3.0  # factor between velocities by model and measurement that masses may explain
-_SOME = 200  # number of samples for the size of the base's velocity
+_TURN = 1.0  # [rad] largest mean rotation of the base in a window
+_ALTERNATIVE = 0.3  # largest disagreement in the right axes, as a share of that in the stated axes
+_MILLI = 3.0  # factor by which wrong masses may change the base's velocity of the model
+_SOME = 200  # number of samples for the comparison of the base's velocity with the model's
 
 BASE_VELOCITIES = {
     "local": "linear and angular velocity in the root's axes",
     "mixed": "linear velocity in inertial and angular velocity in the root's axes",
     "inertial": "linear and angular velocity in inertial axes",
 }
-"""The axes of a recorded base velocity."""
+"""The possible axes of a recorded base velocity, by the value of `base_velocity`."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,11 +47,11 @@ class Recording:
     Attributes
     ----------
     t : ndarray, shape (N,)
-        [s]
+        The times of the samples [s].
     q, v : ndarray, shape (N, nq) and (N, 6 + n)
         Configurations and velocities in Pinocchio's layout.
     tau : ndarray, shape (N - 1, n) or None
-        Joint torques [N m], each held from one sample to the next.
+        Joint torques [N m], each constant from a sample to the next sample.
     wheel_momentum : ndarray, shape (N, w) or None
         Spin momenta of the wheels relative to the base [N m s].
     """
@@ -83,7 +83,7 @@ def recording_of(
             text = "must be left out: the Tracking has its own"
             raise InvalidValue("wheel_momentum", wheel_momentum, text)
         if base_velocity != "local":
-            text = 'must be "local", which that of a Tracking is'
+            text = 'must be "local", the axes of the velocity in a Tracking'
             raise InvalidValue("base_velocity", base_velocity, text)
         made = _of_tracking(sms, tracking, torques)
     _check_times(made.t)
@@ -106,7 +106,7 @@ def _in_root_axes(recording: Recording, base_velocity: str) -> Recording:
 
 
 def _with_positions(recording: Recording) -> Recording:
-    """Return the recording with positions of the base that are not measured as integrals of its velocity."""
+    """Return the recording; integrate the base's velocity if its positions are not measured (NaN)."""
     if not np.isnan(recording.q[:, :3]).all():
         return recording
     q, velocity = recording.q.copy(), _inertial_velocity(recording)
@@ -133,10 +133,8 @@ def _of_tracking(sms: SpaceManipulator, tracking: Tracking, torques: bool) -> Re
         touching = np.flatnonzero(tracking.contact_wrench.any(axis=1))
         if len(touching) < len(tracking.t) - 1:
             time = float(tracking.t[touching[0]])
-            text = (
-                f"touches its client from {time:.4g} s on; use the rows before the contact, or those of the"
-            )
-            text += " latched client with unknown=['payload']: tracking.between(start, end)"
+            text = f"touches its client from {time:.4g} s on; use the rows before the contact, or with"
+            text += " unknown=['payload'] the rows of the latched client: tracking.between(start, end)"
             raise InvalidValue("tracking", tracking, text)
     wheels = tracking.wheel_momentum if tracking.wheel_momentum.shape[1] else None
     return Recording(tracking.t, tracking.q, tracking.v, tracking.tau if torques else None, wheels)
@@ -162,7 +160,7 @@ def _of_arrays(sms: SpaceManipulator, recording: Any, wheel_momentum: Any) -> Re
     tau = torque[0] if torque else None
     if tau is not None:
         if tau.ndim == 2 and len(tau) == len(t):
-            tau = tau[:-1]  # the last torque is held beyond the recording
+            tau = tau[:-1]  # the last torque acts after the recording
         shapes.append(("tau", tau, (len(t) - 1, sms.n)))
     for name, array, shape in shapes:
         label = name if name == "wheel_momentum" else f"recording {name}"
@@ -193,7 +191,7 @@ def _check_times(t: FloatArray) -> None:
 
 
 def _check_units(sms: SpaceManipulator, recording: Recording) -> None:
-    """Check quaternions, and joints against their limits, which values in degrees exceed by far."""
+    """Check the lengths of quaternions, and that joint values are not in degrees, far beyond their limits."""
     q, v = recording.q, recording.v
     lengths = np.linalg.norm(q[:, 3:7], axis=1)
     if (wrong := np.abs(lengths - 1.0) > 1e-3).any():
@@ -215,7 +213,7 @@ def _check_units(sms: SpaceManipulator, recording: Recording) -> None:
 
 
 def _check_axes(sms: SpaceManipulator, recording: Recording, base_velocity: str) -> None:
-    """Raise `InvalidValue` if other axes or another order of the quaternion agree much better."""
+    """Check that positions and velocities do not agree much better in other axes or another order."""
     q = recording.q
     order = np.column_stack([q[:, :3], q[:, [4, 5, 6, 3]], q[:, 7:]])
     swapped = replace(recording, q=order)
@@ -233,12 +231,12 @@ def _check_axes(sms: SpaceManipulator, recording: Recording, base_velocity: str)
         return
     if best != base_velocity:
         remedies.append(f'set base_velocity="{best}", {BASE_VELOCITIES[best]}')
-    text = f"and positions of the base agree in other axes or another order; {' and '.join(remedies)}"
+    text = f"does not agree with the base's positions in these axes and order; {' and '.join(remedies)}"
     raise InvalidValue("recording v", base_velocity, text)
 
 
 def _disagreement(sms: SpaceManipulator, recording: Recording) -> float:
-    """Return the difference of the base's positions and integrated velocities, as a share of the noise."""
+    """Return the difference of the base's positions and integrated velocities, as a multiple of the noise."""
     moved, integrated, noise = (x[..., :6] for x in _windows(sms, recording))
     expected = _NOISE * noise + 1e-3 * np.abs(moved).max(axis=0) + 1e-9
     return float(np.sqrt(np.nanmean(((moved - integrated) / expected) ** 2)))
@@ -252,17 +250,16 @@ def _check_agreement(sms: SpaceManipulator, recording: Recording) -> None:
         D, size = moved[:, c], float(np.sqrt(np.mean(moved[:, c] ** 2)))
         expected = integrated[:, c]
         other = float(np.sqrt(np.mean(expected**2)))
-        if not max(size, other) >= _NOISE * noise[c] + 1e-9:  # also NaN: not measured
+        if not max(size, other) >= _NOISE * noise[c] + 1e-9:  # also true for NaN, which is not measured
             continue
         if (window := _frozen(D, expected, noise[c])) is not None:
-            what = "position" if not D[window] else "velocity"
+            kinds = ("position", "velocity") if not D[window] else ("velocity", "position")
             start, end = _spans(recording.q)[window]
-            text = f"holds the {what} of {name} frozen from {t[start]:.4g} to {t[end]:.4g} s, while its"
-            rest = "velocity" if what == "position" else "position"
+            text = f"has a frozen {kinds[0]} of {name} from {t[start]:.4g} to {t[end]:.4g} s, while its"
             raise InvalidValue(
                 "recording",
                 (float(D[window]), float(expected[window])),
-                f"{text} {rest} shows motion: check the sensor",
+                f"{text} {kinds[1]} changes; check the sensor",
             )
         scale = float(expected @ D) / max(float(expected @ expected), 1e-300)
         for factor, text in ((_DEGREES, "positions"), (1.0 / _DEGREES, "velocities")):
@@ -271,17 +268,17 @@ def _check_agreement(sms: SpaceManipulator, recording: Recording) -> None:
                 raise InvalidValue("recording", scale, f"{problem} converts them")
         off = float(np.sqrt(np.mean((D - expected) ** 2)))
         if off > _AGREES * max(size, other) + _NOISE * noise[c]:
-            problem = f"has positions and velocities of {name} that do not agree: they differ by"
+            problem = f"has positions and integrated velocities of {name} that differ by"
             window = float(t[-1] - t[0]) / len(D)
             problem += f" {100.0 * off / max(size, other):.0f} % over windows of {window:.3g} s;"
             if c < 6:
-                problem += " the root's velocity is in the root's own axes, [linear; angular], and its"
-                problem += " quaternion (x, y, z, w);"
+                problem += " the root's velocity must be [linear; angular] in the axes of `base_velocity`,"
+                problem += " and its quaternion (x, y, z, w);"
             raise InvalidValue("recording", scale, f"{problem} check units, axes and order")
 
 
 def _check_size(sms: SpaceManipulator, recording: Recording) -> None:
-    """Check the linear velocity of the base against that of the model at zero momentum."""
+    """Check the base's linear velocity against the model's at zero momentum, for zeros and millimetres."""
     rows = np.unique(np.linspace(0, len(recording.t) - 1, _SOME).astype(int))
     q, v = recording.q[rows], recording.v[rows]
     q[:, :3] = 0.0
@@ -302,7 +299,7 @@ def _check_size(sms: SpaceManipulator, recording: Recording) -> None:
 
 
 def _frozen(D: FloatArray, expected: FloatArray, noise: float) -> int | None:
-    """Return a window in which either position or velocity is frozen while the other one moves."""
+    """Return the index of a window in which position or velocity is frozen while the other changes."""
     least = 4.0 * noise + 1e-3 * float(np.abs(np.concatenate([D, expected])).max()) + 1e-12
     still = ((D == 0.0) & (np.abs(expected) > least)) | ((expected == 0.0) & (np.abs(D) > least))
     return int(np.argmax(still)) if still.any() else None
@@ -315,7 +312,7 @@ def _channels(sms: SpaceManipulator) -> list[str]:
 
 
 def _spans(q: FloatArray) -> list[tuple[int, int]]:
-    """Return windows of rows of q (N, nq), in each of which the base turns by at most about one radian."""
+    """Return first and last rows of windows of q (N, nq), in which the base turns by about 1 rad at most."""
     turned = float(np.linalg.norm(np.diff(q[:, 3:7], axis=0), axis=1).sum()) * 2.0
     count = min(max(_WINDOWS, math.ceil(turned / _TURN)), len(q) - 1)
     edges = np.unique(np.linspace(0, len(q) - 1, count + 1).astype(int))
@@ -323,10 +320,10 @@ def _spans(q: FloatArray) -> list[tuple[int, int]]:
 
 
 def _windows(sms: SpaceManipulator, recording: Recording) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return windows' displacements (K, 6 + n) from positions and velocities, and their noise (6 + n,).
+    """Return displacements (K, 6 + n) in windows, by positions and by velocities, and their noise (6 + n,).
 
     Displacements of the base are in the root's axes at the start of each window. If a velocity is bitwise
-    constant in a window but varies elsewhere, it counts as frozen and its displacement is zero.
+    constant in a window but varies elsewhere, it is treated as frozen and its displacement is zero.
     """
     t, q, v = recording.t, recording.q, recording.v
     R, layout = rotations(q[:, 3:7].T), sms.layout

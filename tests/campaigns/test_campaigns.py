@@ -342,7 +342,7 @@ def test_the_commands(file: Path, folder: Path, tmp_path: Path, capsys: pytest.C
     assert numbers["scenario"] == "small-103"
     assert numbers["tracking"]["final_error_m"] == table["final_error_m"][3]
     assert main(["run", "--replay", str(out), "99"]) == 2
-    assert "SEED must be one of the campaign's, 100 to 111" in capsys.readouterr().err
+    assert "SEED must be a seed of the campaign, 100 to 111" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

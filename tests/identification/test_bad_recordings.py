@@ -79,7 +79,7 @@ def test_damage_is_told(
     damaged("degrees", **both)
     damaged("quaternion", q=other(q, np.s_[:, 3:7], 2.0 * q[:, 3:7]))
     damaged("quaternions (w, x, y, z)", q=other(q, np.s_[:, 3:7], q[:, [6, 3, 4, 5]]))
-    damaged("do not agree", v=other(v, np.s_[:, 6:], v[:, 6:][:, ::-1]))
+    damaged("that differ by", v=other(v, np.s_[:, 6:], v[:, 6:][:, ::-1]))
     damaged("finite", v=other(v, (3, 4), np.nan))
     damaged("shape", v=v[:-1])
 
