@@ -28,7 +28,7 @@ _NOISE = 4.0  # largest mean square of weighted residuals that noise explains
 # weights that their noise outweighs the samples with motion.
 _DOUBT = 0.05**2
 _LEAST_SCALE = 0.5  # lower bound of the noise's variance scale, for exact data
-_ROUNDING = 1e-14  # relative to the largest information
+_ROUNDING = 1e-14  # rounding error of the information, relative to its largest eigenvalue
 _CERTAIN = 0.3  # largest remaining share of the uncertainty at which plans begin to use an estimate
 _CHANGED = 3e-3  # least change of the unknown bodies' momentum, as a share, for which plans use an estimate
 _FEWEST = 10  # number of samples before an estimate is used
@@ -277,7 +277,7 @@ class Identifier(Learner):
         self._bias_now = np.asarray(flat @ weighted.T)
 
     def expected_information(self, q: FloatArray, v: FloatArray) -> FloatArray:
-        """Return the information (k, k) of exact states q (N, nq) and v (N, 6 + n).
+        """Return the expected information (k, k) from measuring the motion q (N, nq) and v (N, 6 + n).
 
         The information is in units of the prior deviations. The total momentum is unknown unless `at_rest`,
         and all states have the weight of the first state.
@@ -403,8 +403,8 @@ class Identifier(Learner):
     def uncertainty(self) -> float:
         """Return the remaining share of the uncertainty about the momentum of the motion so far.
 
-        It is the standard deviation of the momentum due to the estimated parameters over that due to the
-        prior parameters, 1 before the first sample.
+        The share is the standard deviation of the momentum due to the estimated parameters, divided by that
+        due to the prior parameters. Before the first sample it is 1.
         """
         if not self.samples:
             return 1.0
