@@ -454,7 +454,7 @@ def _linear_velocity(A: FloatArray) -> FloatArray:
 
     The linear momentum is zero. `A` (6, 6 + n) maps velocities to momentum.
     """
-    return -np.linalg.solve(A[:3, :3], A[:3, 3:])
+    return np.asarray(-np.linalg.solve(A[:3, :3], A[:3, 3:]))
 
 
 def _significant(

@@ -269,8 +269,8 @@ def _check_agreement(sms: SpaceManipulator, recording: Recording) -> None:
         off = float(np.sqrt(np.mean((D - expected) ** 2)))
         if off > _AGREES * max(size, other) + _NOISE * noise[c]:
             problem = f"has positions and integrated velocities of {name} that differ by"
-            window = float(t[-1] - t[0]) / len(D)
-            problem += f" {100.0 * off / max(size, other):.0f} % over windows of {window:.3g} s;"
+            length = float(t[-1] - t[0]) / len(D)
+            problem += f" {100.0 * off / max(size, other):.0f} % over windows of {length:.3g} s;"
             if c < 6:
                 problem += " the root's velocity must be [linear; angular] in the axes of `base_velocity`,"
                 problem += " and its quaternion (x, y, z, w);"
