@@ -188,14 +188,15 @@ def shape_faults(robot: ElementTree.Element, settings: Settings) -> Iterator[Fau
                 box, mesh = shape.find("geometry/box"), shape.find("geometry/mesh")
                 size = [] if box is None else box.get("size", "0 0 0").split()
                 if len(size) == 3 and all(map(is_number, size)) and min(map(float, size)) <= 0.0:
-                    problem = f"a {kind} box of size {' '.join(size)}"
+                    problem = f"a {kind} box has the size {' '.join(size)}; edges must be above zero"
                     yield Fault(where, problem, True, f"{kind} shape removed", partial(item.remove, shape))
                 elif not any(faults_in(shape, where)) and (useless := shape_problem(shape)) is not None:
-                    yield Fault(where, f"a {kind} shape {useless}: the robot has no {kind} model", False)
+                    problem = f"a {kind} shape {useless}; without it the robot has no {kind} model"
+                    yield Fault(where, problem, False)
                 elif mesh is not None:
                     name = mesh.get("filename", "")
                     if find_mesh(name, settings.path) is None:
-                        yield Fault(where, f"the {kind} mesh '{name}' is not found", False)
+                        yield Fault(where, f"the {kind} mesh '{name}' does not exist", False)
 
 
 def _remove(robot: ElementTree.Element, items: list[ElementTree.Element]) -> None:

@@ -78,7 +78,7 @@ def with_srdf(sms: SpaceManipulator, srdf: str | os.PathLike[str]) -> SpaceManip
     if not os.path.isfile(path):
         raise InvalidValue("srdf", str(srdf), "must be the path of an existing file")
     if not isinstance(sms.description, Description):
-        raise InvalidValue("sms", sms, "must come from a URDF")
+        raise InvalidValue("sms", sms, "must be a robot from a URDF, because an SRDF names links of a URDF")
     return sms._variant(sms.model, description=replace(sms.description, srdf=path))
 
 
