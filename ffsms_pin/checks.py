@@ -137,7 +137,7 @@ def com_problem(mass: float, inertia: FloatArray, com: FloatArray) -> str:
 
 
 def rigid_body(name: str, mass: Any, tensor: Any, com: Any) -> tuple[float, FloatArray, FloatArray]:
-    """Return mass [kg], inertia (3, 3) and centre of mass (3,) of a body that is physically possible."""
+    """Check a body and return its mass [kg], inertia (3, 3) [kg m^2] and centre of mass (3,) [m]."""
     mass, com = positive(f"{name}.mass", mass, "kg"), vector(f"{name}.com", com, 3, "m")
     checked = inertia(f"{name}.inertia", tensor)
     if problem := inertia_problem(mass, checked):

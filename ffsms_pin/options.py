@@ -144,7 +144,7 @@ class List(Kind):
 
 @dataclass(frozen=True)
 class ByName(Kind):
-    """A table of values by name; `what` names them in messages."""
+    """A table of values of the kind `of` by name; `what` is their description in messages."""
 
     of: Kind
     what: str
@@ -273,7 +273,7 @@ class RigidBody(Kind):
 
         def check(value: Any) -> Any:
             if not {"mass", "inertia"} <= value.keys() <= {"mass", "inertia", "com"}:
-                raise unusable("must have the keys mass, inertia and, where it is not zero, com")
+                raise unusable("must have the keys mass and inertia, and may have com")
             return value
 
         kinds = {"mass": _POSITIVE, "inertia": _INERTIA, "com": _THREE}

@@ -94,7 +94,7 @@ class Obstacle:
     def sphere(
         cls, radius: Annotated[Positive, Unit("m")], at: Any = (0.0, 0.0, 0.0), **options: Any
     ) -> Obstacle:
-        """Return a sphere.
+        """Return an obstacle that is a sphere.
 
         Parameters
         ----------
@@ -102,7 +102,7 @@ class Obstacle:
             Radius [m].
         at : array_like, shape (3,) or (4, 4), or pinocchio.SE3
             Position of the centre [m], with the axes of the frame that `on` selects, or the pose in that
-            frame. Default: the origin. The other shapes have this argument and the options, too.
+            frame. Default: the origin.
         **options
             `on`, `margin` and `name`.
         """
@@ -110,12 +110,14 @@ class Obstacle:
 
     @classmethod
     def box(cls, size: Annotated[Sizes3, Unit("m")], at: Any = (0.0, 0.0, 0.0), **options: Any) -> Obstacle:
-        """Return a box.
+        """Return an obstacle that is a box.
 
         Parameters
         ----------
         size : array_like, shape (3,)
             Lengths of the edges along the box's x, y and z axes [m].
+        at, **options
+            As for `sphere`.
         """
         edges = checks.positives("size", size, 3, "m", checks.LONGEST)
         return cls(coal.Box(*edges), _centred("at", at), **options)
@@ -128,7 +130,7 @@ class Obstacle:
         at: Any = (0.0, 0.0, 0.0),
         **options: Any,
     ) -> Obstacle:
-        """Return a cylinder.
+        """Return an obstacle that is a cylinder.
 
         Parameters
         ----------
@@ -136,6 +138,8 @@ class Obstacle:
             Radius [m].
         length : float
             Length along the cylinder's z axis [m].
+        at, **options
+            As for `sphere`.
         """
         sizes = checks.positive("radius", radius, "m"), checks.positive("length", length, "m")
         return cls(coal.Cylinder(*sizes), _centred("at", at), **options)
@@ -148,14 +152,16 @@ class Obstacle:
         at: Any = (0.0, 0.0, 0.0),
         **options: Any,
     ) -> Obstacle:
-        """Return a capsule.
+        """Return an obstacle that is a capsule.
 
         Parameters
         ----------
         radius : float
             Radius [m].
         length : float
-            Distance between the centres of its ends, along its z axis [m].
+            Distance between the centres of the two half spheres, along the capsule's z axis [m].
+        at, **options
+            As for `sphere`.
         """
         sizes = checks.positive("radius", radius, "m"), checks.positive("length", length, "m")
         return cls(coal.Capsule(*sizes), _centred("at", at), **options)
@@ -168,7 +174,7 @@ class Obstacle:
         at: Any = (0.0, 0.0, 0.0),
         **options: Any,
     ) -> Obstacle:
-        """Return a convex mesh.
+        """Return an obstacle that is a convex mesh, from a file.
 
         Parameters
         ----------
@@ -177,12 +183,14 @@ class Obstacle:
             file's folder.
         scale : float
             Scale factor.
+        at, **options
+            As for `sphere`.
         """
         factor = checks.positive("scale", scale)
         try:
             check_readable(file, LARGEST_DATA)
             shape = coal.MeshLoader().load(os.fspath(file), np.full(3, factor))
-        except Exception as error:  # each mesh reader raises its own kinds
+        except Exception as error:  # mesh readers have exception types of their own
             missing = isinstance(error, FileNotFoundError)
             reason = getattr(error, "strerror", None) or " ".join(str(error).split())
             message = "does not exist" if missing else f"cannot be read ({reason})"
