@@ -156,7 +156,7 @@ def _compared(
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class _Nudged(FixedRollouts):
-    """Rollouts whose quantities are independent, so that each can be varied alone."""
+    """A stack of motions whose quantities are independent, so that each can be varied alone."""
 
     entropy: FloatArray
 

@@ -20,7 +20,7 @@ UNBOUNDED = 1e20
 
 
 class Rows(NamedTuple):
-    """Linear constraints lower <= G u <= upper, up to a slack, on the joint rates u at a step's end.
+    """The constraints lower <= G u <= upper, up to a slack, on the joint rates u at a step's end.
 
     Attributes
     ----------

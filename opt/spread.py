@@ -1,4 +1,4 @@
-"""First-order covariance of a motion's end under uncertain masses, centres of mass and inertias."""
+"""The first-order covariance of a motion's end under uncertain masses, centres of mass and inertias."""
 
 from __future__ import annotations
 

@@ -34,7 +34,7 @@ class FrameEnd(NamedTuple):
 
 
 class SpeedBound(NamedTuple):
-    """Bounds along a path: |at_rest + slope s'| <= most, |slope s'' + bend s'^2| <= most_change.
+    """The bounds |at_rest + slope s'| <= most and |slope s'' + bend s'^2| <= most_change along a path.
 
     s is the share of the path, s' and s'' are its derivatives with respect to time. If `bend` is the
     derivative of `slope` with respect to s, the second sum is the rate of change of the first.

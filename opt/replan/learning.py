@@ -1,4 +1,4 @@
-"""Online estimation of masses for re-planning, by scale factors or by a given identifier."""
+"""The online estimation of masses for re-planning, by scale factors or by another estimator."""
 
 from __future__ import annotations
 

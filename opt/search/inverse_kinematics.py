@@ -43,7 +43,7 @@ _DAMPING = 1e-3  # [arm lengths squared] damping of least squares with J*, for n
 
 
 class JointGoals(NamedTuple):
-    """Joint goals (K, n), and the pose errors (K,) [m, rad] at the ends of straight moves to them."""
+    """The joint goals (K, n), and the pose errors (K,) [m, rad] at the ends of straight moves to them."""
 
     joints: FloatArray
     distance: FloatArray

@@ -1,4 +1,4 @@
-"""Final poses of joint motions of a tumbling robot, and their slopes for changes of the whole motion.
+"""The final poses of joint motions of a tumbling robot, and their slopes for changes of the whole motion.
 
 The base's attitude R satisfies R' = R [omega]x, where omega is the sum of the contributions of the joint
 rates and of the total angular momentum L. A change of the joint motion rotates the whole robot by an
