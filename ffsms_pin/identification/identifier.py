@@ -302,7 +302,7 @@ class Identifier(Learner):
         self._pose_noise = None
         bodies = [body.index for body in self.bodies]
         Y = momentum_regressors(self.robot, q, v, about, bodies)[:, :, self._columns] * self._scales
-        return np.linalg.cholesky(self._weight).T, Y
+        return np.asarray(np.linalg.cholesky(self._weight).T), Y
 
     def _momentum_map(self, q: FloatArray) -> FloatArray:
         """Return the momentum about the origin per unit velocity (6, 6 + n)."""

@@ -106,7 +106,7 @@ def test_other_axes_are_read_or_told(
     refused(lambda: identify(panda, recording=(t, q, w)), InvalidValue, remedy)
     raw = np.column_stack([q[:, :3], q[:, [6, 3, 4, 5]], q[:, 7:]])
     refused(lambda: identify(panda, recording=(t, raw, w)), InvalidValue, remedy, "[4, 5, 6, 3]")
-    wrong = {"recording": (t, q, v), "base_velocity": base_velocity}
+    wrong: Any = {"recording": (t, q, v), "base_velocity": base_velocity}
     refused(lambda: identify(panda, **wrong), InvalidValue, 'base_velocity="local"')
 
 

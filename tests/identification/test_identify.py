@@ -250,15 +250,16 @@ def test_a_low_rate_of_sampling_is_no_noise() -> None:
 def test_torques_at_a_stop_are_left_out() -> None:
     """The stop of a joint adds a torque that no sensor shows."""
     tracking = swung_by(true_arm(), arm())
-    recording = Recording(tracking.t, tracking.q.copy(), tracking.v, tracking.tau.copy())
+    q, tau = tracking.q.copy(), tracking.tau.copy()
+    recording = Recording(tracking.t, q, tracking.v, tau)
     joint, rows = arm().joint_names.index("panda_joint4"), slice(200, 400)
-    recording.q[rows, 7 + joint] = arm().limits.upper[joint] + 1e-3
-    recording.tau[rows, joint] += 5.0
+    q[rows, 7 + joint] = arm().limits.upper[joint] + 1e-3
+    tau[rows, joint] += 5.0
     identifier = Identifier(arm(), ["base"])
     kept, sides = torque_equations(identifier, recording, 0.0)
     assert len(sides) == arm().n * (len(tracking.tau) // 20 - 11)
     assert len(kept) == len(sides)
-    recording.q[:, 7 + joint] = recording.q[300, 7 + joint]
+    q[:, 7 + joint] = q[300, 7 + joint]
     with pytest.raises(InvalidValue, match="use_torques=False"):
         torque_equations(identifier, recording, 0.0)
 
