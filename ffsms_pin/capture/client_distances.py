@@ -67,7 +67,7 @@ class ClientDistances:
         self._stack = BodyStack(sms, mode, clearance, obstacles=moved)
         margins = self._stack.margins
         self._shift = np.where(margins < 0.0, margins - np.minimum(0.0, clearance + margins), margins)
-        hand = int(sms.model.frames[sms.frame_id].parentJoint) - 2
+        hand = sms.tip_joint - 2
         self._others = self._stack.bodies[:, 0] != hand
         self.names = self._stack.names
 

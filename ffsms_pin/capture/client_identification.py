@@ -100,9 +100,9 @@ class ClientIdentification:
 
     def _link_pose(self, q: FloatArray) -> Any:
         """Return the pose of the link that carries the end effector, at q (nq,)."""
-        data, link = self._sms.model.createData(), self._sms.model.frames[self._sms.frame_id].parentJoint
+        data = self._sms.model.createData()
         pin.forwardKinematics(self._sms.model, data, q)
-        return data.oMi[link]
+        return data.oMi[self._sms.tip_joint]
 
     def client_pose(self, q: FloatArray) -> Any:
         """Return the pose (pinocchio.SE3) of the latched client at a configuration (nq,) of the servicer."""

@@ -101,7 +101,7 @@ def after_capture(
     >>> after.rest_rate()  # [rad/s] angular velocity of base and client with the joints at rest
     """
     q, v = sms.checked_configuration("q", q), checks.vector("v", v, sms.nv)
-    model, data, joint = sms.model.copy(), sms.model.createData(), sms.model.frames[sms.frame_id].parentJoint
+    model, data, joint = sms.model.copy(), sms.model.createData(), sms.tip_joint
     pin.computeJointJacobians(model, data, q)
     place, twist = data.oMi[joint], client.twist(t)
     body = (place.inverse() * client.pose(t)).act(pin.Inertia(client.mass, np.zeros(3), client.inertia))

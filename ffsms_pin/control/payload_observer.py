@@ -63,7 +63,7 @@ class PayloadObserver(StepObserver):
     ) -> None:
         super().__init__(sms, dt, viscous, coulomb)
         self.sms = self.robot = sms
-        self._body = sms.model.frames[sms.frame_id].parentJoint
+        self._body = sms.tip_joint
         self._columns = slice(PER_BODY * (self._body - 1), PER_BODY * self._body)
         base = 6 if sms.wheels is None else 3
         self._rows = np.r_[:base, 6 : 6 + sms.n]

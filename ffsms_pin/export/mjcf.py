@@ -75,7 +75,7 @@ def to_mjcf(
             _inertial(body, model.inertias[link.joint])
         bodies.append(body)
     frame = model.frames[sms.frame_id]
-    at = links.carrier(sms.frame_id, int(frame.parentJoint))
+    at = links.carrier(sms.frame_id, sms.tip_joint)
     SubElement(
         bodies[at], "site", {"name": "end_effector", **_place(links[at].place.actInv(frame.placement))}
     )

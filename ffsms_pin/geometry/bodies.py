@@ -243,7 +243,7 @@ def _as_met(sms: ShapedMechanism, body: Body, obstacle: Obstacle, clearance: flo
     frame = sms.model.frames[sms.frame_id]
     if obstacle.grasp is None:
         return body, np.inf
-    if body.carrier != int(frame.parentJoint) - 2:
+    if body.carrier != sms.tip_joint - 2:
         return (body if obstacle.piece_of is None else body._replace(parts=[], whole=[])), np.inf
     request, to_link = coal.DistanceRequest(), frame.placement * obstacle.grasp.inverse()
 

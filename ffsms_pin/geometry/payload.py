@@ -101,7 +101,7 @@ class _HeldStack(BodyStack):
     def __init__(self, sms: ShapedMechanism, mode: str, held: list[Any], around: Sequence[Obstacle]) -> None:
         ClearanceStack.__init__(self, sms)
         self.mode, self._refines, self.obstacles = mode, False, named("obstacles", around)
-        hand = int(sms.model.frames[sms.frame_id].parentJoint) - 2
+        hand = sms.tip_joint - 2
         shapes = [Body.of(shape.name, part_of(shape.shape, hand, place, True)) for shape, place in held]
         own = [body for body in robot_bodies(sms, mode, []) if body.carrier != hand]
         others = BodyStack(sms, mode, obstacles=self.obstacles)._bodies if around else []

@@ -100,7 +100,7 @@ def unknown_bodies(known: Known, unknown: Sequence[str], spread: float) -> list[
 
 def _unknown(known: Known, name: str, spread: float) -> UnknownBody:
     sms, mass, added = known.sms, known.masses.get(name), name == PAYLOAD
-    index = int(sms.model.frames[sms.frame_id].parentJoint) - 1 if added else _index(sms, name, "unknown")
+    index = sms.tip_joint - 1 if added else _index(sms, name, "unknown")
     if added and known.payload is None:
         whole = sum(float(body.mass) for body in list(sms.model.inertias)[1:])
         base = sms.model.inertias[1]

@@ -166,7 +166,7 @@ class _Posture:
         parents, joints = [int(parent) for parent in model.parents], range(2, model.njoints)
         self.segments = [np.array([origins[parents[j]], origins[j]]) for j in joints if parents[j] >= 2]
         ends = {int(frame.parentJoint): i for i, frame in enumerate(model.frames)}  # last frame of each joint
-        ends[int(model.frames[sms.frame_id].parentJoint)] = sms.frame_id
+        ends[sms.tip_joint] = sms.frame_id
         for j, i in ends.items():
             if j >= 2 and (j not in parents or i == sms.frame_id):  # the last joint of an arm
                 self.segments.append(np.array([origins[j], data.oMf[i].translation]))

@@ -308,6 +308,11 @@ class Mechanism(Unchanging):
         return self._frame_id
 
     @property
+    def tip_joint(self) -> int:
+        """The index of the joint that carries the end effector in Pinocchio; 1 is the free-flyer."""
+        return int(self.model.frames[self.frame_id].parentJoint)
+
+    @property
     def end_effectors(self) -> list[str]:
         """The names of the frames at the arms' ends: each arm's end effector, or all its last frames."""
         return last_frames(self.model, self._frame_id)

@@ -76,7 +76,7 @@ class Clearance(Limit):
         held = None
         if self.payload is not None:
             frame, (shape, placed) = sms.model.frames[sms.frame_id], self.payload
-            held = part_of(shape, int(frame.parentJoint) - 2, frame.placement * placed, True)
+            held = part_of(shape, sms.tip_joint - 2, frame.placement * placed, True)
         stacks = [clearance_stack(sms, self.collision, self.clearance, held)]
         margin = _BODY_MARGIN if isinstance(stacks[0], BodyStack) else self.margin
         if self.obstacles:

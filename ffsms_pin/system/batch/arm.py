@@ -110,7 +110,7 @@ class ArmStack:
         self.n = n = robot.n
         joints = range(2, model.njoints)
         #: Index of the joint that carries the end effector, -1 for the base; `parents` are such indices, too.
-        self.last = int(frame.parentJoint) - 2
+        self.last = robot.tip_joint - 2
         self.tip_in_last = frame.placement.translation.copy()
         self.parents = [int(model.parents[j]) - 2 for j in joints]
         places = [model.jointPlacements[j] for j in joints]
