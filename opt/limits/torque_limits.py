@@ -19,7 +19,7 @@ from ffsms_pin.opt.step.state import StepState
 # The loads of motors (c, S, K), their capacities (c,), their names, and their units.
 Loads: TypeAlias = list[tuple[Variable, FloatArray, Sequence[str], Sequence[str]]]
 
-_ROUNDING = 1e-6  # share of a capacity beyond which a recorded load is too large
+_ROUNDING = 1e-3  # share of a capacity by which a saturated load may exceed it in a control step
 
 
 class MotorLimits(Inequality):
