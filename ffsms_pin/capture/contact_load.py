@@ -100,11 +100,13 @@ def contact_load(
 
     others = meet.client.spread() if isinstance(meet.client, ClientEstimate) else []
     grasps = [carried(client.pose(t), client.twist(t), meet.grasp) for client in (meet.client, *others)]
-    starts = np.array([apart(sms, q, v, *grasp) for grasp in grasps])
+    starts = np.array([relative_motion(sms, q, v, *grasp) for grasp in grasps])
     still = np.zeros(sms.n)
     coasted, _ = advance(sms, q, v[6:], still, time, sms.at(q, v).momentum)
     grasp = carried(meet.client.pose(t + time), meet.client.twist(t + time), meet.grasp)
-    offset = apart(sms, coasted, np.zeros(sms.nv), *grasp)[:6] - starts[0, :6] - time * starts[0, 6:]
+    offset = (
+        relative_motion(sms, coasted, np.zeros(sms.nv), *grasp)[:6] - starts[0, :6] - time * starts[0, 6:]
+    )
     drift = 2.0 / time**2 * offset
     starts[1:] -= starts[0]
     starts[0] *= not arrives
@@ -131,7 +133,9 @@ def contact_load(
     return ContactLoad(*likely.tolist(), *most.tolist())
 
 
-def apart(sms: SpaceManipulator, q: FloatArray, v: FloatArray, grasp: Any, twist: FloatArray) -> FloatArray:
+def relative_motion(
+    sms: SpaceManipulator, q: FloatArray, v: FloatArray, grasp: Any, twist: FloatArray
+) -> FloatArray:
     """Return displacement, rotation vector and relative twist (12,) from end effector to grasp.
 
     `grasp` is a pose (pinocchio.SE3) and `twist` (6,) its twist; all are in inertial axes.

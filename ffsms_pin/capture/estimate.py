@@ -92,7 +92,7 @@ class ClientEstimate:
         self.refused = self.restarts = 0
         self._refused: list[tuple[Client, float]] = []  # the last ones, since the last accepted measurement
         self._body, self._since, self._sensor = first, t, sensor
-        self._believed = first
+        self._assumed = first
         self._doubts = tuple(
             checks.share(name, value)
             for name, value in (("mass_deviation", mass_deviation), ("inertia_deviation", inertia_deviation))
@@ -248,7 +248,7 @@ class ClientEstimate:
         """
         if t < self._since:
             raise InvalidValue("t", t, f"must not be before the last update, at {self._since:g} s")
-        assumed = self._believed
+        assumed = self._assumed
         if not (np.isclose(seen.mass, assumed.mass) and np.allclose(seen.inertia, assumed.inertia)):
             message = (
                 f"must have the mass {assumed.mass:g} kg and the inertia of the first measurement: pass the "

@@ -12,7 +12,7 @@ from ffsms_pin import checks
 from ffsms_pin.capture.braking import Braking, brake
 from ffsms_pin.capture.client_distances import ClientDistances
 from ffsms_pin.capture.client_identification import teaching_motion
-from ffsms_pin.capture.contact_load import apart
+from ffsms_pin.capture.contact_load import relative_motion
 from ffsms_pin.capture.go_no_go import GoLimits
 from ffsms_pin.capture.mass_uncertainty import MassUncertainty
 from ffsms_pin.capture.prediction import Envelope
@@ -149,5 +149,5 @@ class Closing(NamedTuple):
 
 def missed(plant: SpaceManipulator, now: Instant, grasp: Any) -> tuple[FloatArray, FloatArray]:
     """Return distance [m] and angle [rad] (2,) from end effector to grasp, and the relative twist (6,)."""
-    offset = apart(plant, now.q, now.v, *carried(now.client_pose, now.client_twist, grasp))
+    offset = relative_motion(plant, now.q, now.v, *carried(now.client_pose, now.client_twist, grasp))
     return np.linalg.norm(offset[:6].reshape(2, 3), axis=1), -offset[6:]

@@ -169,7 +169,7 @@ def _straight(
     start, rows = sms.at(q, sms.velocity(q, rates, problem.momentum)), [rates]
     held = client.pose(0.0).actInv(start.end_effector_pose)
     past = start.end_effector_twist - carried(client.pose(0.0), client.twist(0.0), held)[1]
-    drift, spin = past.reshape(2, 3) @ client.pose(0.0).rotation
+    drift, angular = past.reshape(2, 3) @ client.pose(0.0).rotation
 
     def share(t: float) -> float:
         s = min(t / problem.duration, 1.0)
@@ -178,7 +178,7 @@ def _straight(
     def desired(t: float) -> pin.SE3:
         on = t * max(0.0, 1.0 - t / _STOP) ** 2
         place = held.translation + share(t) * displacement + on * drift
-        return client.pose(t) * pin.SE3(pin.exp3(on * spin) @ held.rotation, place)
+        return client.pose(t) * pin.SE3(pin.exp3(on * angular) @ held.rotation, place)
 
     def between(there: pin.SE3, here: pin.SE3) -> FloatArray:
         return np.append(there.translation - here.translation, pin.log3(there.rotation @ here.rotation.T))

@@ -25,7 +25,7 @@ import numpy as np
 
 from ffsms_pin.capture.braking import Braking
 from ffsms_pin.capture.client_identification import ClientIdentification
-from ffsms_pin.capture.contact_load import apart, contact_load
+from ffsms_pin.capture.contact_load import contact_load, relative_motion
 from ffsms_pin.capture.departure import Departure, closest_approach, departure
 from ffsms_pin.capture.estimate import ClientEstimate, as_client
 from ffsms_pin.capture.go_no_go import go_no_go
@@ -352,7 +352,7 @@ class StateMachine(Observer, Supervisor):
         v = robot.velocity(q[-1], rates[-1], momentum, self.base_mode)
         client, t = self._meet.client, now.t + float(times[-1])
         grasp = carried(client.pose(t), client.twist(t), self._meet.grasp)
-        off = apart(robot, q[-1], v, *grasp)
+        off = relative_motion(robot, q[-1], v, *grasp)
         miss = np.array([0.0, np.linalg.norm(off[3:6])])  # `go_no_go` checks the distance
         return self.handling.envelope.outside(miss, -off[6:], foreseen=True)
 

@@ -67,7 +67,7 @@ class VisualReplanning(Replanning):
         self, problem: Problem, client: Client, sensor: Camera, estimate: ClientEstimate, **others: Any
     ) -> None:
         super().__init__(problem, **others)
-        self.estimate, self._planned_for, self._believed = copy(estimate), estimate, estimate.client()
+        self.estimate, self._planned_for, self._assumed = copy(estimate), estimate, estimate.client()
         self._client, self._sensor = client, sensor
         self._follows = isinstance(problem.goal, Path)
         self._rng = np.random.default_rng((sensor.seed, 1))
@@ -129,7 +129,7 @@ class VisualReplanning(Replanning):
             while self._pushes and self._pushes[0].time <= then + 1e-9:
                 push = self._pushes.pop(0)
                 self.estimate.pushed(*push._replace(time=min(push.time, then)))
-            seen = measured(client, then - since, self._sensor, self._rng, self._believed)
+            seen = measured(client, then - since, self._sensor, self._rng, self._assumed)
             self.estimate.observe(seen, then)
             self._renew(t)
 

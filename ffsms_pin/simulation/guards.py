@@ -326,8 +326,8 @@ class Watch:
         message = f"the contact loads joint '{self._names[i]}' with {loads[i]:.3g} {unit}"
         return Trip("contact_share", f"{message}, {most:.3g} {unit} are allowed")
 
-    def _of_base(self, spin: FloatArray) -> str:
-        rate, most = math.sqrt(spin @ spin), self._guards.limit("base_rate")
+    def _of_base(self, angular_velocity: FloatArray) -> str:
+        rate, most = math.sqrt(angular_velocity @ angular_velocity), self._guards.limit("base_rate")
         return "" if rate <= most else f"the base turns at {rate:.3g} rad/s, {most:.3g} rad/s are allowed"
 
     def _of_energy(

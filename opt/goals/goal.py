@@ -106,10 +106,12 @@ class Place:
 
     def moving(self, behind: Place, ahead: Place, time: float) -> Place:
         """Return the place with the mean velocities of a motion from `behind` to `ahead` in `time` [s]."""
-        spin = None
+        angular_velocity = None
         if behind.rotation is not None and ahead.rotation is not None:
-            spin = pin.log3(ahead.rotation @ behind.rotation.T) / time
-        return replace(self, velocity=(ahead.position - behind.position) / time, angular_velocity=spin)
+            angular_velocity = pin.log3(ahead.rotation @ behind.rotation.T) / time
+        return replace(
+            self, velocity=(ahead.position - behind.position) / time, angular_velocity=angular_velocity
+        )
 
     def pose_error(self, frame: FrameVariable) -> PoseError:
         """Return the pose error of a frame (3, S, K) in the place's axes, see `Variables.frame`."""
@@ -317,13 +319,15 @@ class Fixed(Goal):
     on: str
     _place: Place
 
-    def _stay(self, position: Any, turn: Any, velocity: Any, spin: Any = None, axis: Any = None) -> None:
+    def _stay(
+        self, position: Any, turn: Any, velocity: Any, angular_velocity: Any = None, axis: Any = None
+    ) -> None:
         """Check the common fields of fixed goals, and store the place."""
         check_reaches(self)
         axis = None if axis is None else checks.direction("goal.free_axis", axis)
         if checks.one_of("goal.on", self.on, (INERTIAL, BASE)) == BASE and velocity is not None:
             raise InvalidValue("goal.velocity", velocity, "must be left out of a goal on the base")
-        object.__setattr__(self, "_place", Place(position, turn, velocity, spin, axis, self.on))
+        object.__setattr__(self, "_place", Place(position, turn, velocity, angular_velocity, axis, self.on))
 
     def place(self, t: float) -> Place:
         """Return the place, which is the same at all times."""
@@ -389,11 +393,11 @@ class Pose(Fixed):
             raise InvalidValue("pose", self.pose, remedy)
         position = frozen(vector("pose.translation", self.pose.translation, 3, "m"))
         turn = frozen(checks.rotation("pose.rotation", self.pose.rotation))
-        velocity = spin = None
+        velocity = angular_velocity = None
         if self.twist is not None:
             twist = frozen(vector("goal.twist", self.twist, 6))
-            velocity, spin = twist[:3], twist[3:]
-        self._stay(position, turn, velocity, spin, self.free_axis)
+            velocity, angular_velocity = twist[:3], twist[3:]
+        self._stay(position, turn, velocity, angular_velocity, self.free_axis)
 
 
 @dataclass(frozen=True, eq=False)

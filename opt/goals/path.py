@@ -47,14 +47,14 @@ _CHECKED = 401  # number of times at which a path is checked before planning
 
 
 class PathMotion(NamedTuple):
-    """The places of a path at K times, with velocities (3, K) [m/s] and angular velocities `spins` (3, K).
+    """The places of a path at K times, with velocities (3, K) [m/s] and angular velocities (3, K) [rad/s].
 
-    Angular velocities [rad/s] are None if the path has no attitudes. All are in the axes `Path.on`.
+    Angular velocities are None if the path has no attitudes. All are in the axes `Path.on`.
     """
 
     place: Place
     velocities: FloatArray
-    spins: FloatArray | None
+    angular_velocities: FloatArray | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -318,20 +318,26 @@ class Path(Goal):
         before, after = self.points(behind), self.points(ahead)
         span = ahead - behind
         velocities = (after.positions - before.positions) / span
-        spins = None
+        angular_velocities = None
         if before.rotations is not None and after.rotations is not None:
-            spins = log3(np.einsum("xyk,zyk->xzk", after.rotations, before.rotations)) / span
-        return PathMotion(self.places(times), velocities, spins)
+            angular_velocities = log3(np.einsum("xyk,zyk->xzk", after.rotations, before.rotations)) / span
+        return PathMotion(self.places(times), velocities, angular_velocities)
 
     def place(self, t: float) -> Place:
         """Return the place at a time of the motion, with its velocity."""
-        place, velocities, spins = self.motion(np.array([t]))
+        place, velocities, angular_velocities = self.motion(np.array([t]))
         rotation = None if place.rotation is None else place.rotation[..., 0]
-        spin = None if spins is None or self.free_axis is not None else spins[:, 0]
+        angular_velocity = (
+            None if angular_velocities is None or self.free_axis is not None else angular_velocities[:, 0]
+        )
         velocity = None if self.on == BASE else velocities[:, 0]
-        spin = None if self.on == BASE else spin
+        angular_velocity = None if self.on == BASE else angular_velocity
         return replace(
-            place, position=place.position[:, 0], rotation=rotation, velocity=velocity, angular_velocity=spin
+            place,
+            position=place.position[:, 0],
+            rotation=rotation,
+            velocity=velocity,
+            angular_velocity=angular_velocity,
         )
 
     def limits(self, duration: float) -> tuple[Limit, ...]:

@@ -54,23 +54,25 @@ class PathNodes(NamedTuple):
     positions: FloatArray  # (N + 1, 3) [m]
     velocities: FloatArray  # (N + 1, 3) [m/s]
     rotations: FloatArray | None  # (N + 1, 3, 3)
-    spins: FloatArray | None  # (N + 1, 3) [rad/s]
+    angular_velocities: FloatArray | None  # (N + 1, 3) [rad/s]
     free_axis: FloatArray | None
     on_base: bool
 
     @classmethod
     def of(cls, path: Path, times: FloatArray) -> PathNodes:
         """Evaluate a path at times (N + 1,) of the motion [s]."""
-        place, velocities, spins = path.motion(times)
+        place, velocities, angular_velocities = path.motion(times)
         rotations = (
             None if place.rotation is None else np.ascontiguousarray(np.moveaxis(place.rotation, -1, 0))
         )
-        spins = None if spins is None else np.ascontiguousarray(spins.T)
+        angular_velocities = (
+            None if angular_velocities is None else np.ascontiguousarray(angular_velocities.T)
+        )
         return cls(
             np.ascontiguousarray(place.position.T),
             np.ascontiguousarray(velocities.T),
             rotations,
-            spins,
+            angular_velocities,
             path.free_axis,
             place.moves_with_base,
         )
@@ -98,24 +100,24 @@ def path_task(
     columns, _, more = kernel.step_state(problem.stack.tree, q[:7], joints, problem.momentum)
     tip, drift, rotation = more[:3], more[12:18], more[18:27].reshape(3, 3)
     J, position, velocity = columns[1], nodes.positions[k], nodes.velocities[k]
-    spin = None if nodes.spins is None else nodes.spins[k]
+    angular_velocity = None if nodes.angular_velocities is None else nodes.angular_velocities[k]
     desired = None if nodes.rotations is None else nodes.rotations[k]
     if nodes.on_base:  # the path moves with the base
         J, drift = columns[2], np.zeros(6)
         base = pin.Quaternion(q[3:7]).toRotationMatrix()
         position, velocity = q[:3] + base @ position, base @ velocity
-        spin = None if spin is None else base @ spin
+        angular_velocity = None if angular_velocity is None else base @ angular_velocity
         desired = None if desired is None else base @ desired
     linear = velocity - drift[:3] + gain * (position - tip)
-    if desired is None or spin is None:
+    if desired is None or angular_velocity is None:
         return Task(J[:3], linear)
     turning = J[3:]
     if nodes.free_axis is None:
-        angular = spin - drift[3:] + gain * pin.log3(desired @ rotation.T)
+        angular = angular_velocity - drift[3:] + gain * pin.log3(desired @ rotation.T)
     else:
         axis, now = desired @ nodes.free_axis, rotation @ nodes.free_axis
         across = np.eye(3) - np.outer(now, now)
-        angular = across @ (spin - drift[3:]) + gain * _alignment(now, axis)
+        angular = across @ (angular_velocity - drift[3:]) + gain * _alignment(now, axis)
         turning = across @ turning
     return Task(np.vstack([J[:3], _LEVER * turning]), np.concatenate([linear, _LEVER * angular]))
 
@@ -163,7 +165,7 @@ class Preference:
         return np.asarray(self.rates[k] + _RETURN * (self.joints[k] - joints))
 
 
-def march_along(
+def rollout_along(
     problem: Problem,
     nodes: PathNodes,
     prefer: Preference | None = None,
@@ -279,7 +281,7 @@ def plan_along(
     nodes = PathNodes.of(problem.goal, problem.nodes)
     descends = is_redundant(problem, nodes) and not (options is not None and "descent" in options.without)
     prefer = redundant_motion(problem, options, progress) if descends else None
-    rates = march_along(problem, nodes, prefer)
+    rates = rollout_along(problem, nodes, prefer)
     plan = measure(problem, rates)
     if not plan.reached:
         plan = explain_path(problem, nodes, plan)
@@ -308,14 +310,14 @@ def redundant_motion(
     steps = max(_STEPS, math.ceil(problem.duration / _STEP))
     coarse = replace(problem, dt=problem.duration / steps) if problem.steps > steps else problem
     nodes = PathNodes.of(coarse.goal, coarse.nodes)
-    rates = march_along(coarse, nodes)
+    rates = rollout_along(coarse, nodes)
     best, preferred = Followed(rates, measure(coarse, rates)), None
     for i in range(_ROUNDS):
         if progress is not None:
             progress((i + 1.0) / (_ROUNDS + 2.0))
         if time.perf_counter() - begun > limit or (prefer := improved(coarse, best.rates)) is None:
             break
-        rates = march_along(coarse, nodes, prefer)
+        rates = rollout_along(coarse, nodes, prefer)
         other = Followed(rates, measure(coarse, rates))
         before, after = best.worth(), other.worth()
         if after >= before:
@@ -362,7 +364,7 @@ def follow_fastest(
         steps = max(round(duration / problem.dt), 1)
         timed = replace(path, law=law)
         faster = replace(problem, goal=timed, duration=duration, dt=duration / steps)
-        plan = measure(faster, march_along(faster, PathNodes.of(faster.goal, faster.nodes)))
+        plan = measure(faster, rollout_along(faster, PathNodes.of(faster.goal, faster.nodes)))
         if plan.reached:
             return noted(plan, plan.note, shortest_duration=plan.duration)
         best = best or plan
@@ -376,7 +378,7 @@ def _joint_path(problem: Problem, path: Path) -> Rollouts | None:
         rest = np.zeros(2)
         still = replace(path, law=TimeLaw(np.array([0.0, 1.0]), rest, rest))
         approach = replace(problem, goal=still, duration=path.approach_time + problem.dt)
-        motion = approach.motion(march_along(approach, PathNodes.of(approach.goal, approach.nodes)))
+        motion = approach.motion(rollout_along(approach, PathNodes.of(approach.goal, approach.nodes)))
         q = configurations(problem.sms, problem.q0, motion)[-1]
         start = replace(problem, q0=q, goal=replace(path, approach_time=0.0, duration=None, begin=None))
     even = TimeLaw(np.array([0.0, 1.0]), np.array([0.0, 1.0]), np.ones(2))
@@ -385,7 +387,7 @@ def _joint_path(problem: Problem, path: Path) -> Rollouts | None:
     task = path_task(unit, nodes, 0, unit.q0, unit.joints0, 0.0)
     unbounded = np.full(problem.sms.n, 1e9)
     begin = resolved(task, np.zeros(problem.sms.n), (-unbounded, unbounded), _locked_weight(problem))
-    slopes = march_along(unit, nodes, bounded=False, begin=begin)
+    slopes = rollout_along(unit, nodes, bounded=False, begin=begin)
     motion = unit.motion(slopes)
     error = unit.goal.places(motion.times).pose_error(Variables(motion).frame("tip", path.on))
     if error.distance.max() > 0.5 * path.tolerance or error.angle.max() > 0.5 * path.orientation_tolerance:
@@ -527,7 +529,7 @@ def _sufficient_duration(problem: Problem, nodes: PathNodes) -> float:
     path = problem.goal
     if problem.momentum is not None or problem.joint_rates.any() or not isinstance(path.frame, str):
         return 0.0
-    free = march_along(problem, nodes, bounded=False)
+    free = rollout_along(problem, nodes, bounded=False)
     scale = _SPARE * slowing(problem, free)
     if not np.isfinite(scale) or not 1.0 < scale <= _SLOWEST:
         return 0.0
@@ -550,7 +552,7 @@ def _follows_slowed(problem: Problem, scale: float) -> bool:
     steps = min(round(duration / problem.dt), max(problem.steps, 2000))
     slower = replace(problem, goal=path.slower(scale), duration=duration, dt=duration / steps)
     nodes = PathNodes.of(slower.goal, slower.nodes)
-    return measure(slower, march_along(slower, nodes)).reached
+    return measure(slower, rollout_along(slower, nodes)).reached
 
 
 def slowing(problem: Problem, rates: FloatArray) -> float:
