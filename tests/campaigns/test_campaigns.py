@@ -352,7 +352,7 @@ def test_the_commands(file: Path, folder: Path, tmp_path: Path, capsys: pytest.C
         (["--runs", "2", "--seed", "-1"], ["seed"]),
         (["--runs", "2", "--jobs", "0"], ["jobs"]),
         (["--runs", "2", "--scheduler", "tcp://x:1", "--jobs", "2"], ["not allowed with"]),
-        ([], ["--runs", "is required"]),
+        ([], ["--runs", "needs the number of its runs"]),
     ],
 )
 def test_arguments_of_the_command_that_cannot_be_used(
@@ -371,7 +371,7 @@ def test_what_a_folder_has_set_is_not_set_again(
 ) -> None:
     for option in (["--seed", "3"], ["--compare"], ["--out", str(tmp_path / "out")]):
         assert main(["campaign", str(folder), *option]) == 2
-        assert f"error: {option[0]} is already set in" in capsys.readouterr().err
+        assert f"error: {option[0]} is already set by the campaign in" in capsys.readouterr().err
 
 
 def test_draws_that_do_not_fit_the_scenario(tmp_path: Path, refused: Refused) -> None:
@@ -395,7 +395,7 @@ def test_a_single_run_does_not_mind(file: Path) -> None:
 
 
 def test_folders_without_a_campaign(tmp_path: Path, folder: Path, file: Path, refused: Refused) -> None:
-    refused(lambda: Campaign.open(tmp_path), ResultError, "there is no such file")
+    refused(lambda: Campaign.open(tmp_path), ResultError, "no campaign.json")
     (tmp_path / "campaign.json").write_text('{"rows": 1}')
     refused(lambda: read_table(tmp_path), ResultError, "is no results folder of a campaign")
     (tmp_path / "campaign.json").write_bytes((folder / "campaign.json").read_bytes())
