@@ -183,7 +183,7 @@ def move_and_rest(
 def _braking(
     after: AfterCapture, duration: float, torques: FloatArray, coast: float, end: FloatArray | None
 ) -> Braking:
-    """Return a motion that brakes in `duration` [s], after `coast` [s], to `end` (n,) unless it is None."""
+    """Return a braking of `duration` [s] after `coast` [s] at constant rates, to `end` (n,) if set."""
     robot, whole, start = after.robot, coast + duration, after.v[6:]
     steps = max(2, round(whole / _STEP))
     t, joints, limits = np.linspace(0.0, whole, steps + 1), robot.layout.positions(after.q), robot.limits
@@ -192,7 +192,7 @@ def _braking(
     least = 1.5 * speeds / limits.acceleration
     # A joint that would pass its limit brakes before the others.
     coasts = np.clip(slack / speeds - 0.55 * least, 0.0, coast)
-    # It moves on by half its stopping time times its rate; 1.95 instead of 2 allows for the time steps.
+    # Such a joint moves on by half of its stopping time times its rate; 1.95 < 2 allows for the time steps.
     stops = np.maximum(np.minimum(duration, 1.95 * (slack / speeds - coasts)), least)
     s = np.clip((t[:, None] - coasts) / stops, 0.0, 1.0)
     rates = (1.0 - s**2 * (3.0 - 2.0 * s)) * start

@@ -77,8 +77,7 @@ class ClientDistances:
         """Return the distances (m, K) [m] of m pairs of bodies at K configurations (K, nq) and client poses.
 
         The poses are `positions` (K, 3) [m] and `attitudes` (K, 3, 3). Distances beyond `near` [m] are lower
-        bounds. From a distance to a nozzle or ring, a negative distance in the grasp pose is subtracted,
-        because contact is permitted there.
+        bounds. A distance to a nozzle or ring is relative to the overlap that plans permit in the grasp.
         """
         values = [
             self._stack.values(self._poses(*some), near)

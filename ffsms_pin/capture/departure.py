@@ -100,7 +100,7 @@ def closest_approach(
     reduction = moved + chord + between
     near = closeness.nearest(q, places, attitudes, near=FAR + float(reduction.max()))
     distance, pair = near.distance - reduction, near.pair
-    if distance.min() <= 0.0 and chord.max() > _STEP:  # a shorter chord hardly matters
+    if distance.min() <= 0.0 and chord.max() > _STEP:  # otherwise the attitude hardly changes the distance
         ball = closeness.around()
         from_ball = ball.nearest(q, places, attitudes, near=FAR).distance - moved - between
         distance = np.maximum(distance, from_ball)

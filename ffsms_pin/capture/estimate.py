@@ -188,7 +188,7 @@ class ClientEstimate:
         return [self._from_start(body) for body in self._spread_bodies()]
 
     def spread_poses(self, t: float) -> list[pin.SE3]:
-        """Return the poses (pinocchio.SE3) of the clients of `spread` at t [s], in half of its time."""
+        """Return the poses (pinocchio.SE3) of the clients of `spread` at t [s], faster than by `spread`."""
         return [body.pose(t - self._since) for body in self._spread_bodies()]
 
     def _spread_bodies(self) -> list[Client]:

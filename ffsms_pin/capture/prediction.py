@@ -209,8 +209,7 @@ def predicted(
     joints = [*(joined(sms, other) for other in others), *(joined(other, known) for other in servicers)]
     spread = tuple(other.at_rest(braking.q[-1]) for other in joints)
     spinning = np.zeros(3)
-    if (
-        sms.wheels is not None and wheel_momentum is not None and wheel_momentum.size
-    ):  # empty without a base law
+    # Without a base law, the momenta are empty.
+    if sms.wheels is not None and wheel_momentum is not None and wheel_momentum.size:
         spinning = pin.XYZQUATToSE3(q[:7]).rotation @ sms.wheels.total(wheel_momentum)
     return Prediction(joint.at_rest(braking.q[-1]), spread, float(braking.t[-1]), spinning, braking.note)

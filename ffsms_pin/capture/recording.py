@@ -274,13 +274,15 @@ def _judged(record: Captured, mission: StateMachine, plant: SpaceManipulator) ->
 def _limit_misses(record: Captured, mission: StateMachine, plant: SpaceManipulator) -> list[str]:
     """Return a message for each limit of the plan that the last attempt violates before the first contact.
 
-    The limits of the goal itself, which are those of the corridor, are part of the state machine's decisions.
+    The limits of the corridor are left out, because the state machine checks them.
     """
     whole, problem = record.whole, mission.plan.problem
     if problem is None:
         return []
-    index, begin = [(i, one.time) for i, one in enumerate(record.phases) if one.name == "approach"][-1]
-    end = next((one.time for one in record.phases[index:] if one.name not in ("approach", "closing")), np.inf)
+    index, begin = [(i, phase.time) for i, phase in enumerate(record.phases) if phase.name == "approach"][-1]
+    end = next(
+        (phase.time for phase in record.phases[index:] if phase.name not in ("approach", "closing")), np.inf
+    )
     touched = whole.t[whole.contact_wrench.any(axis=1) & (whole.t >= begin - 1e-9)]
     until = min(end, float(touched[0]) if len(touched) else np.inf)
     rows = np.flatnonzero((whole.t >= begin - 1e-9) & (whole.t <= until + 1e-9))

@@ -119,7 +119,7 @@ class StateMachine(Observer, Supervisor):
         self._wanted = self._follow.sample(0.0)
         self._impact: FloatArray | None = None  # velocity after a latch, until it is measured
         self._failed: dict[str, bool] = {}  # the failed joints; True if locked, False if limp
-        self._noise: float | None = None  # [m] of the measured end-effector position, in a run with sensors
+        self._noise: float | None = None  # [m] noise of the end effector's position; None without sensors
         self._momenta: deque[FloatArray] = deque(maxlen=max(1, round(_LOOK_BACK / dt)))
         self.closings: list[Closing] = []
         self.phases = [Phase(0.0, "approach", f"attempt 1 of {handling.attempts}")]
@@ -170,7 +170,7 @@ class StateMachine(Observer, Supervisor):
             self.identification.add(t, q, v, self._wheels)
 
     def expect_noise(self, distance: float) -> None:
-        """Pass the noise of the end effector's position [m] to the laws, also later ones, and the plans."""
+        """Pass the noise of the end effector's position [m] to present and later laws and to the planner."""
         self._noise = distance
         self.law.expect_noise(distance)
         if self._replanning is not None:
@@ -196,8 +196,8 @@ class StateMachine(Observer, Supervisor):
         return self._wanted
 
     @property
-    def failed_in_a_row(self) -> int:  # type: ignore[override]  # plain elsewhere
-        """The number of consecutive planning steps without a solution, while re-planning sets the motion."""
+    def failed_in_a_row(self) -> int:  # type: ignore[override]  # `Observer` has an attribute
+        """The number of consecutive planning steps without a solution; zero if no planner sets the motion."""
         planner = self._replanning
         return 0 if planner is None or self._follow is not planner else planner.failed_in_a_row
 

@@ -73,7 +73,7 @@ class BaseLaw(Protocol):
 
 @runtime_checkable
 class HoldsBase(Protocol):
-    """A base law with the parts of the base's pose that it holds, of "attitude" and "position"."""
+    """A base law with the parts of the base's pose that it holds: "attitude", "position" or both."""
 
     held_parts: frozenset[str]
 
@@ -165,10 +165,10 @@ class StationKeeping:
 
         p'' = -bandwidth^2 (p - p_0) - 2 damping bandwidth p'.
 
-    Force and moment include the reaction to the joint torques of this control step. With `holds="both"` the
-    attitude is controlled as well, by the wheels or, without wheels, by the thrusters. With `holds="place"`
-    the attitude is free, and the thrusters exert no moment about the base's centre of mass. These are the
-    modes "flying" and "translation-flying" of `opt.Problem`.
+    Force and moment include the reaction to the joint torques of this control step. If `holds` is "both", the
+    attitude is controlled as well, by the wheels or, without wheels, by the thrusters. If it is "place", the
+    attitude is free, and the thrusters exert no moment about the base's centre of mass. These are the modes
+    "flying" and "translation-flying" of `opt.Problem`.
 
     Parameters
     ----------

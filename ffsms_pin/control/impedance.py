@@ -183,8 +183,8 @@ class Admittance(_Compliant):
     inertia : float
         Virtual inertia about any axis [kg m^2]. The default gives 7 rad/s with the default stiffness.
     K_p : array_like
-        Stiffness of the inner law [1/s^2], as for `ComputedTorque`. With the defaults it is critically damped
-        with a time constant of 0.05 s, stiff compared with the spring.
+        Stiffness of the inner law [1/s^2], as for `ComputedTorque`. With the defaults, this law is critically
+        damped with a time constant of 0.05 s, stiff compared with the spring.
     K_d : array_like
         Damping of the inner law [1/s].
     torque_limit : array_like, optional

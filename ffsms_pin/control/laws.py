@@ -208,8 +208,8 @@ class SlidingModeController(JointLaw):
     - Inside, s decays exponentially, with time constants of about H_q boundary / K_s (`time_constants`).
 
     The defaults are the paper's gains for its planar system. With these gains the arm follows a plan from its
-    own configuration, but an initial error of 20 mrad remains for longer than 12 s. With ten times the
-    paper's K_s it is removed. In a sampled loop, the shortest time constant should be longer than the control
+    own configuration, but an initial error of 20 mrad remains for longer than 12 s. Ten times the paper's
+    K_s removes this error. In a sampled loop, the shortest time constant should be longer than the control
     step; below half of the control step, the torque chatters.
 
     Proof (paper, appendix): V = s^T H_q s / 2 has dV/dt = -s^T K_s sat(s / boundary) + s^T (dH_q/dt) s / 2.

@@ -178,7 +178,7 @@ def test_time_constants(planar: ffsms.SpaceManipulator) -> None:
     ("given", "word"),
     [
         ({"K_s": -1.0}, "K_s must be above zero"),
-        ({"K_s": [0.1, 0.2]}, "K_s must be one finite number, 3 of them"),
+        ({"K_s": [0.1, 0.2]}, "K_s must be one finite number, 3 finite numbers"),
         ({"Gamma": np.array([[1.0, 2.0, 0.0], [2.0, 1.0, 0.0], [0.0, 0.0, 1.0]])}, "positive definite"),
         ({"Gamma": np.array([[1.0, 0.1, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])}, "symmetric"),
         ({"boundary": 0.0}, "boundary"),
