@@ -1,10 +1,11 @@
-"""A cost term that makes a motion show the unknown inertial parameters.
+"""A cost term that makes a motion informative about unknown inertial parameters.
 
-The information of a motion is M = sum_k Y_k^T W Y_k, with the regressor Y_k of the momentum at instant k. A
-criterion F(M) of experiment design is no sum over instants, but its linearisation -trace(G M) about a plan
-is, with G = -dF/dM. With G = sum_j g_j g_j^T it is the integral of -|y_j|^2, where y_j = W^1/2 Y g_j is the
-weighted momentum of bodies with the parameters g_j. Its majorant at the plan, |y_j - 2 y_j0|^2 but for
-constants, is a sum of squares and has the same gradient there.
+The information of a motion is M = sum_k Y_k^T W Y_k, where Y_k is the regressor of the momentum at instant k
+and W the weight of the measurements. A criterion F(M) of experiment design is no sum over instants. Its
+linearisation about a plan, -trace(G M) with G = -dF/dM, is such a sum. If G = sum_j g_j g_j^T, the
+linearisation is the integral of -sum_j |y_j|^2, where y_j = W^1/2 Y g_j is the weighted momentum of bodies
+with the parameters g_j. The term is a majorant of it, the integral of sum_j |y_j - 2 y_j0|^2 up to a
+constant, where y_j0 belongs to the plan. This sum of squares has the same gradient at the plan.
 
 References
 ----------
@@ -27,31 +28,31 @@ from ffsms_pin.opt.derivatives import FrameVariable, Variables
 from ffsms_pin.opt.trajectory import Trajectory
 from ffsms_pin.system.regressors import joint_axes
 
-_WORST = 4  # power of the variances in the criterion: a large one emphasises the largest
-_SHOWN = 0.9  # largest deviation of a parameter that counts as observable, as a share of the prior one
+_WORST = 4  # exponent of the variances in the criterion; a large exponent emphasises the largest variances
+_SHOWN = 0.9  # largest deviation of an observable parameter, as a share of the prior deviation
 
 
 class Excitation(Term):
-    """The excitation of the unknown inertial parameters, mostly of the least known ones.
+    """The cost term for the excitation of unknown inertial parameters, mostly of the most uncertain ones.
 
-    The term is linearised about a plan. Solve a problem without it, then with it, and repeat two or three
-    times with the newest plan. The end effector still reaches the goal of the problem.
+    The term is linearised about a plan. Solve the problem without the term, then with the term about that
+    plan, and repeat this two or three times with the newest plan. The goal of the problem is still reached.
 
     Parameters
     ----------
     identifier : Identifier
-        The unknown bodies, their prior deviations, and the sensors; its samples are not used.
+        The identifier of the unknown bodies, with prior deviations and sensors; its samples are not used.
     plan : Trajectory
-        The plan about which the term is linearised, of a moving arm.
+        The plan about which the term is linearised; the arm must move.
     weight : float
         The weight of the excitation, relative to that of the plan [1/s].
     directions : int
-        The number of combinations of parameters, the least known ones first.
+        The number of combinations of parameters in the term, the most uncertain ones.
 
     Raises
     ------
     InvalidValue
-        An argument is of another type or out of range, or the plan shows none of the parameters.
+        An argument has the wrong type or is out of range, or the plan has no information on the parameters.
     """
 
     name = "excitation"
@@ -84,7 +85,7 @@ class Excitation(Term):
         self._parameters *= scales
 
     def residual(self, m: Variables) -> list[Any]:
-        """Return the weighted momentum of each combination of parameters, less twice that of the plan."""
+        """Return the weighted momentum of each combination of parameters, minus twice the plan's."""
         bodies = self._bodies(m)
         times = m.time_offset + np.asarray(m.times)
         residuals = []
@@ -98,7 +99,7 @@ class Excitation(Term):
         return residuals
 
     def _bodies(self, m: Variables) -> list[tuple[FrameVariable, Any, Any]]:
-        """Return frame, velocity of its origin and angular velocity of each unknown body, inertial axes."""
+        """Return frame, velocity of the frame's origin and angular velocity of each body, inertial axes."""
         sms, stack, spin, base = self.identifier.robot, m.stack, m.base_angular_velocity, m.base
         joints = [m.frame(name) for name in sms.joint_names]
         axes = [frame.axis(axis) for frame, axis in zip(joints, joint_axes(sms), strict=True)]
@@ -128,7 +129,7 @@ class Excitation(Term):
         return bodies
 
     def _momentum(self, parameters: FloatArray, body: tuple[FrameVariable, Any, Any]) -> tuple[Any, Any]:
-        """Return the linear and angular momentum of a body with other parameters (10,)."""
+        """Return the linear and angular momentum that a body would have with `parameters` (10,)."""
         frame, velocity, spin = body
         m, cx, cy, cz, xx, xy, yy, xz, yz, zz = parameters
         moment, inertia = frame.axis([cx, cy, cz]), np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
