@@ -20,6 +20,8 @@ from ffsms_pin.robot.base_motion import advance
 from ffsms_pin.simulation import Tracking
 from ffsms_pin.system.dynamics import frame_pose
 
+_ROUNDING = 1e-9  # relative; a limit that is met up to rounding counts as kept
+
 
 def position_range(trajectory: Trajectory) -> tuple[FloatArray, FloatArray]:
     """Return the exact minimum and maximum position of each joint (n,).
@@ -162,6 +164,45 @@ def tracked_numbers(
         "base": base_numbers(plant, tracking.q),
         **_actuator_numbers(plant, tracking),
     }
+
+
+def joint_numbers(
+    sms: SpaceManipulator, plan: Trajectory, tracking: Tracking, torque_limit: FloatArray
+) -> list[dict[str, Any]]:
+    """Return for each joint the extremes of the plan, the largest torque of the closed loop, and the limits.
+
+    `torque_limit` (n,) is that of the control law [N m or N].
+    """
+    limits = sms.limits
+    lowest, highest = position_range(plan)
+    rate = np.abs(plan.joint_rates).max(axis=0)  # linear between nodes: largest at one of them
+    acceleration = np.abs(plan.joint_accelerations).max(axis=0)
+    torque = np.abs(tracking.tau).max(axis=0)
+    ends = np.abs([limits.lower, limits.upper])
+    slack = _ROUNDING * np.where(np.isfinite(ends), ends, 1.0).max(axis=0).clip(1.0)
+    kept = (lowest >= limits.lower - slack) & (highest <= limits.upper + slack)
+    for most, limit in ((rate, limits.velocity), (acceleration, limits.acceleration)):
+        kept &= most <= limit * (1.0 + _ROUNDING)
+    rows = []
+    for i, (name, (unit, factor)) in enumerate(zip(sms.joint_names, sms.layout.units, strict=True)):
+        moment = "N" if unit == "m" else "Nm"
+        rows.append(
+            {
+                "name": name,
+                f"position_min_{unit}": float(lowest[i] * factor),
+                f"position_max_{unit}": float(highest[i] * factor),
+                f"position_lower_limit_{unit}": finite(limits.lower[i] * factor),
+                f"position_upper_limit_{unit}": finite(limits.upper[i] * factor),
+                f"rate_max_{unit}_per_s": float(rate[i] * factor),
+                f"rate_limit_{unit}_per_s": finite(limits.velocity[i] * factor),
+                f"acceleration_max_{unit}_per_s2": float(acceleration[i] * factor),
+                f"acceleration_limit_{unit}_per_s2": finite(limits.acceleration[i] * factor),
+                f"tracking_torque_max_{moment}": float(torque[i]),
+                f"torque_limit_{moment}": finite(torque_limit[i]),
+                "limits_kept": bool(kept[i]),
+            }
+        )
+    return rows
 
 
 def clearance_numbers(least: LeastClearance | None) -> dict[str, Any]:

@@ -67,10 +67,14 @@ class Real(Kind):
         """Return the schema of a float."""
         from pydantic_core.core_schema import float_schema
 
+        positive = self.least == SMALLEST_POSITIVE
+        bounds = f"above zero, at most {LARGEST:g}" if positive else f"from {self.least:g} to {LARGEST:g}"
+        requirement = f"must be a finite number {bounds}"
         if not self.infinite:
-            return float_schema(strict=True, ge=self.least, le=LARGEST, allow_inf_nan=False)
-        number = float_schema(strict=True, ge=self.least)
-        requirement = f"must be finite and at most {LARGEST:g}, or inf"
+            number = float_schema(strict=True, ge=self.least, le=LARGEST, allow_inf_nan=False)
+            return _described(number, requirement)
+        requirement += ", or inf"
+        number = _described(float_schema(strict=True, ge=self.least), requirement)
         return _checked(number, lambda value: value <= LARGEST or value == math.inf, requirement)
 
 
@@ -85,7 +89,9 @@ class Integer(Kind):
         """Return the schema of an int."""
         from pydantic_core.core_schema import int_schema
 
-        return int_schema(strict=True, ge=self.least, le=self.most)
+        bounds = f"of at least {self.least}" if self.most is None else f"from {self.least} to {self.most}"
+        requirement = f"must be a whole number {bounds}"
+        return _described(int_schema(strict=True, ge=self.least, le=self.most), requirement)
 
 
 @dataclass(frozen=True)
@@ -97,7 +103,8 @@ class Name(Kind):
         from pydantic_core.core_schema import str_schema
 
         requirement = "must be a text that is not empty"
-        return _checked(str_schema(strict=True), lambda text: text.strip() and "\0" not in text, requirement)
+        text = _described(str_schema(strict=True), requirement)
+        return _checked(text, lambda value: value.strip() and "\0" not in value, requirement)
 
 
 @dataclass(frozen=True)
@@ -188,6 +195,13 @@ class Only(Kind):
     def schema(self) -> Any:
         """Return the schema of the kind with the check."""
         return _checked(self.of.schema(), self.holds, self.requirement)
+
+
+def _described(schema: Any, requirement: str) -> Any:
+    """Return a schema whose errors have the text `requirement`."""
+    from pydantic_core.core_schema import custom_error_schema
+
+    return custom_error_schema(schema, "unusable", custom_error_message=requirement)
 
 
 def _checked(schema: Any, holds: Callable[[Any], Any], requirement: str) -> Any:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 import os
 import tomllib
 from collections.abc import Collection, Mapping
@@ -19,13 +18,13 @@ from pydantic_core import ErrorDetails
 
 from ffsms_pin import opt
 from ffsms_pin.actuation import ReactionWheels, Thrusters
-from ffsms_pin.checks import SMALLEST_POSITIVE, FloatArray
+from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import InvalidScenario, InvalidValue, ResultError, meant, short
 from ffsms_pin.files import read_content, wrap_os_error, write_content
 from ffsms_pin.robot import SatelliteBase, SpaceManipulator, load, mount, satellite_names
 from ffsms_pin.robot.mounting import face_placement
 from ffsms_pin.scenarios.fits import check_fits, named
-from ffsms_pin.scenarios.keys import DEGREES, Keys, models_in, radians
+from ffsms_pin.scenarios.keys import DEGREES, Keys, about, models_in, radians
 from ffsms_pin.scenarios.problems import (
     made_client,
     made_obstacles,
@@ -395,8 +394,10 @@ def _in_words(error: ErrorDetails, content: Mapping[str, Any]) -> str:
         return f"'{path}' must be a table: write [{path}] and its keys below it"
     if not name:
         return f"{title} {_wrong(error)}"
-    typed = name + DEGREES if name + DEGREES in values else name
-    return f"{title} {typed} {_wrong(error)}, got {short(value)}"
+    unit, typed = about(model.model_fields[name])["unit"], name
+    if name + DEGREES in values:
+        unit, typed = unit.replace("rad", "deg"), name + DEGREES
+    return f"{title} {typed} {_wrong(error)}{f' [{unit}]' if unit else ''}, got {short(value)}"
 
 
 def _place(where: tuple[int | str, ...], content: Any) -> tuple[str, str, type[Keys], Any]:
@@ -431,38 +432,11 @@ def _chosen(model: type[Keys]) -> str:
 
 def _wrong(error: ErrorDetails) -> str:
     """Return the message for a wrong value."""
-    kind, limits = error["type"], error.get("ctx", {})
-    if kind in ("greater_than_equal", "less_than_equal"):
-        return _out_of_range(error["input"], limits)
-    if kind == "literal_error":
-        choices = str(limits["expected"]).replace(" or ", ", ").replace("'", '"')
+    if error["type"] == "literal_error":
+        choices = str(error["ctx"]["expected"]).replace(" or ", ", ").replace("'", '"')
         return f"must be one of {choices}"
-    messages = {
-        "float_type": "must be a number",
-        "finite_number": "must be finite",
-        "int_type": "must be a whole number",
-        "bool_type": "must be true or false",
-        "string_type": "must be a text that is not empty",
-        "list_type": "must be a list",
-        "dict_type": "must be a table",
-    }
-    if kind == "float_type" and isinstance(error["input"], int) and not isinstance(error["input"], bool):
-        return "is too large"
-    return messages.get(kind, str(error["msg"]))
-
-
-def _out_of_range(value: Any, limits: Mapping[str, Any]) -> str:
-    """Return the bound that a number violates."""
-    least = limits.get("ge")
-    if isinstance(value, float) and math.isnan(value):
-        return "must be finite"
-    if least is None:
-        return f"must be at most {limits['le']:g}"
-    if isinstance(least, int):
-        return f"must be a whole number of at least {least}"
-    if least == SMALLEST_POSITIVE:
-        return "must be above zero" if value <= 0.0 else f"must be at least {least:g}"
-    return "must not be negative" if least == 0.0 else f"must be at least {least:g}"
+    messages = {"bool_type": "must be true or false", "dict_type": "must be a table"}
+    return messages.get(error["type"], str(error["msg"]))
 
 
 def _suggestion(word: str, allowed: Collection[str]) -> str:

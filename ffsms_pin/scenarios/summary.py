@@ -23,7 +23,6 @@ from ffsms_pin.version import __version__
 
 # Tables of the planning problem, which the rest of a summary covers.
 _NOT_TOLD = ("robot", "start", "target", "path", "plan", "obstacle", "limits", "campaign")
-_ROUNDING = 1e-9  # relative; a limit that is met up to rounding counts as kept
 
 
 def summary(outcome: Outcome) -> dict[str, Any]:
@@ -35,7 +34,7 @@ def summary(outcome: Outcome) -> dict[str, Any]:
     instance("outcome", outcome, Outcome)
     plan = outcome.trajectory
     late = plan.t >= ARRIVAL_SHARE * plan.duration - 1e-9
-    joints = _joints(outcome)
+    joints = analysis.joint_numbers(outcome.sms, plan, outcome.tracking, outcome.controller.torque_limit)
     return {
         "scenario": outcome.scenario.name,
         "robot": str(outcome.scenario.robot["model"]),
@@ -131,41 +130,6 @@ def _wrist(outcome: Outcome) -> dict[str, Any]:
     force, moment = (float(np.linalg.norm(half, axis=1).max()) for half in (load[:, :3], load[:, 3:]))
     limits = {"force_limit_N": finite(sensor.force_limit), "moment_limit_Nm": finite(sensor.moment_limit)}
     return {"wrist": {"force_max_N": force, "moment_max_Nm": moment, **limits}}
-
-
-def _joints(outcome: Outcome) -> list[dict[str, Any]]:
-    sms, plan = outcome.sms, outcome.trajectory
-    limits = sms.limits
-    lowest, highest = analysis.position_range(plan)
-    rate = np.abs(plan.joint_rates).max(axis=0)  # linear between nodes: largest at one of them
-    acceleration = np.abs(plan.joint_accelerations).max(axis=0)
-    torque = np.abs(outcome.tracking.tau).max(axis=0)
-    torque_limit = outcome.controller.torque_limit
-    ends = np.abs([limits.lower, limits.upper])
-    slack = _ROUNDING * np.where(np.isfinite(ends), ends, 1.0).max(axis=0).clip(1.0)
-    kept = (lowest >= limits.lower - slack) & (highest <= limits.upper + slack)
-    for most, limit in ((rate, limits.velocity), (acceleration, limits.acceleration)):
-        kept &= most <= limit * (1.0 + _ROUNDING)
-    rows = []
-    for i, (name, (unit, factor)) in enumerate(zip(sms.joint_names, sms.layout.units, strict=True)):
-        moment = "N" if unit == "m" else "Nm"
-        rows.append(
-            {
-                "name": name,
-                f"position_min_{unit}": float(lowest[i] * factor),
-                f"position_max_{unit}": float(highest[i] * factor),
-                f"position_lower_limit_{unit}": finite(limits.lower[i] * factor),
-                f"position_upper_limit_{unit}": finite(limits.upper[i] * factor),
-                f"rate_max_{unit}_per_s": float(rate[i] * factor),
-                f"rate_limit_{unit}_per_s": finite(limits.velocity[i] * factor),
-                f"acceleration_max_{unit}_per_s2": float(acceleration[i] * factor),
-                f"acceleration_limit_{unit}_per_s2": finite(limits.acceleration[i] * factor),
-                f"tracking_torque_max_{moment}": float(torque[i]),
-                f"torque_limit_{moment}": finite(torque_limit[i]),
-                "limits_kept": bool(kept[i]),
-            }
-        )
-    return rows
 
 
 def _clearance(outcome: Outcome) -> dict[str, Any]:

@@ -192,7 +192,7 @@ def test_runs_that_fail_are_rows_with_their_error(tmp_path: Path) -> None:
     path = tmp_path / "failing.toml"
     text = CAMPAIGN.replace("uniform = [0.8, 1.2]", "choice = [1.0, -1.0]")
     path.write_text(text + "[guards]\njoint_error = 0.2\n")
-    with pytest.raises(InvalidScenario, match="arm_mass must be above zero"):
+    with pytest.raises(InvalidScenario, match="arm_mass must be a finite number above zero"):
         Campaign.read(path, RUNS, 1)  # the first run is looked at before any
     campaign(Campaign.read(path, RUNS, 2), tmp_path / "out", jobs=1)
     table = read_table(tmp_path / "out")
@@ -201,7 +201,7 @@ def test_runs_that_fail_are_rows_with_their_error(tmp_path: Path) -> None:
     assert ((table["outcome"] == "failed") == failed).all()
     for error in table["error"][failed]:
         assert error.startswith("InvalidScenario")
-        assert "arm_mass must be above zero" in error
+        assert "arm_mass must be a finite number above zero" in error
     numbers = report(table)
     assert numbers["outcomes"]["failed"] == failed.sum()
     assert numbers["worst"][0]["outcome"] in ("failed", "stopped")

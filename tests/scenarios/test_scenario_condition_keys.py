@@ -100,7 +100,7 @@ def test_every_keyword_of_simulate_can_be_said() -> None:
         ("[plant]\nmas = 1.0\n", ["unknown key 'mas' in [plant]", "did you mean"]),
         ("[plant.random]\narm_mass = 0.1\n", ["[plant.random] seed is missing"]),
         ("[plant.random]\nseed = 1\narm_mass = 1.5\n", ["arm_mass", "share"]),
-        ("[friction]\nviscous = -1.0\n", ["[friction] viscous", "negative"]),
+        ("[friction]\nviscous = -1.0\n", ["[friction] viscous", "from 0 to 1e+09 [N m s/rad]"]),
         ("[actuator]\ndelay = 5.0\n", ["[actuator] delay", "duration of 2 s"]),
         ("[sensors]\nbase_latency = 2.5\n", ["[sensors] base_latency", "duration of 2 s"]),
         ("[sensors]\njoint_noise = 1\njoint_noise_deg = 1\n", ["[sensors] has both joint_noise"]),

@@ -160,7 +160,7 @@ BAD = {
     'curve = "circle"\nradius = 0.1\nfaces = "axis"\nfree_axis = [0, 0, 0]\n': "free_axis must not be zero",
     'curve = "circle"\nradius = 0.1\norientation_reach_deg = 1.0\n': "orientation_reach needs attitude",
     'curve = "circle"\nradius = 0.1\napproach_time = 20.0\n': "[path] approach_time must be shorter",
-    'curve = "circle"\nradius = 0.1\ntolerance = 0.0\n': "[path] tolerance must be above zero",
+    'curve = "circle"\nradius = 0.1\ntolerance = 0.0\n': "tolerance must be a finite number above zero",
     'curve = "circle"\nradius = 0.1\nturns = 0.0\n': "must have a length",
     'curve = "line"\nend = [0.1, 0, 0]\n[target]\nposition = [1, 0, 0]\n': "[target] is not for a [path]",
     f'curve = "line"\nend = [0.1, 0, 0]\n{CLIENT}[meet]\n': "[meet] and [path] exclude each other",
