@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from typing import get_args
 
-from ffsms_pin.scenarios.keys import Keys, about, models_in, words
+from ffsms_pin.scenarios.keys import Keys, about, description, models_in
 from ffsms_pin.scenarios.tables import ScenarioFile
 
 __all__ = ["key_tables", "with_key_tables"]
@@ -45,7 +45,7 @@ def _add(found: dict[str, str], name: str, models: list[type[Keys]]) -> None:
             if inner := models_in(field.annotation):
                 _add(found, f"{name}.{key}", inner)
                 continue
-            more, what = about(field), words(field)
+            more, what = about(field), description(field)
             if key == "use" and choice:
                 what = f'"{choice}": {model.__doc__}'.rstrip(".")
             cells = (

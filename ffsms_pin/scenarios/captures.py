@@ -30,14 +30,7 @@ from ffsms_pin.checks import FloatArray
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.scenarios.closed_loop import ClosedLoop, base_law, controller, guarded
 from ffsms_pin.scenarios.definition import Scenario
-from ffsms_pin.scenarios.problems import (
-    bare_client,
-    every_limit,
-    guide_of,
-    meeting,
-    terms,
-    wheels_at_start,
-)
+from ffsms_pin.scenarios.problems import bare_client, guide_of, meeting, parts
 from ffsms_pin.simulation import Guards, random_plants
 
 
@@ -92,23 +85,16 @@ def replan(scenario: Scenario, sms: SpaceManipulator) -> Replan:
 def _encounter(scenario: Scenario, sms: SpaceManipulator, q0: FloatArray) -> dict[str, Any]:
     """Return the arguments that `Rendezvous` and `fly` share."""
     assert scenario.client is not None
-    client, plan, contact = bare_client(scenario, sms), scenario.plan, scenario.contact
+    client, contact = bare_client(scenario, sms), scenario.contact
     goal, grip, camera, belief = meeting(scenario.meet or {}, client), None, None, None
     if contact.get("kind") == "compliant":
         grip = scenario.made(Grip, "contact")
     if "sensor" in scenario.client:
         camera, belief = scenario.made(Camera, "client.sensor"), scenario.made(Belief, "client.belief")
     planning = Planning(
-        plan.get("dt", opt.Problem.dt),
-        terms(scenario, goal),
-        every_limit(scenario, sms, q0, client),
-        (),
-        scenario.per_joint(sms, "start", "joint_rates"),
-        plan.get("momentum"),
-        plan.get("locked", ()),
-        plan.get("mode", opt.Problem.mode),
-        wheels_at_start(scenario),
-        opt.SearchOptions(time_limit=plan.get("time_limit")),
+        **scenario.options(Planning, "plan"),
+        **parts(scenario, sms, q0, goal, client),
+        search=opt.SearchOptions(**scenario.options(opt.SearchOptions, "plan")),
     )
     return {
         "goal": goal,

@@ -62,16 +62,11 @@ def loop_options(scenario: Scenario, sms: SpaceManipulator, q0: FloatArray) -> d
     table = scenario.simulation
     with scenario.named("plant"):
         simulated = _plant(scenario, sms)
-    conditions: dict[str, Any] = {
-        key: table[key] for key in ("integrator", "substeps", "v0", "wheel_momentum") if key in table
-    }
-    if "v0" not in table and ("momentum" in table or scenario.plan.get("mode", "floating") == "floating"):
-        # The initial momentum and the held base follow from the plan itself.
-        momentum = table.get("momentum", scenario.plan.get("momentum"))
+    momentum = table.get("momentum")  # None: the initial momentum and the held base follow from the plan
+    if momentum is None and "v0" not in table and scenario.plan.get("mode", "floating") == "floating":
+        momentum = scenario.plan.get("momentum")
         if momentum is None and scenario.meet is not None and scenario.meet.get("rest_after"):
             momentum = scenario.problem(sms, q0).momentum
-        conditions["momentum"] = momentum
-    conditions |= {name: made for name in _DEVICES if (made := _device(scenario, name)) is not None}
     with scenario.named("attitude"):
         law = base_law(scenario.attitude, sms)
     return {
@@ -79,11 +74,14 @@ def loop_options(scenario: Scenario, sms: SpaceManipulator, q0: FloatArray) -> d
         "q0": q0 if start is None else start,
         "plant": simulated,
         "base_controller": law,
-        "conditions": Conditions(
+        "conditions": scenario.made(
+            Conditions,
+            "simulation",
+            momentum=momentum,
             disturbances=_wrenches(scenario, simulated),
             events=_events(scenario, simulated),
             guards=guards(scenario),
-            **conditions,
+            **{name: _device(scenario, name) for name in _DEVICES},
         ),
     }
 
@@ -299,7 +297,7 @@ def planned(
 ) -> opt.Trajectory:
     """Plan the scenario's motion from q0; `method` replaces the scenario's own."""
     method = scenario.plan.get("method", "horizon") if method is None else method
-    options = opt.SearchOptions(time_limit=scenario.plan.get("time_limit"))
+    options = opt.SearchOptions(**scenario.options(opt.SearchOptions, "plan"))
     problem = scenario.problem(sms, q0)
     with scenario.named("plan", "target"):
         return plan_problem(problem, method, options, progress)

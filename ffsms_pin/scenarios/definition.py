@@ -140,13 +140,16 @@ class Scenario:
 
     def made(self, kind: type[T], path: str, /, **values: Any) -> T:
         """Return a dataclass of options from the matching keys of a table and from `values`."""
+        with self.named(path):
+            return kind(**{**self.options(kind, path), **values})
+
+    def options(self, kind: type, path: str) -> dict[str, Any]:
+        """Return the values in radians of a table, such as "attitude.dump", for fields of a dataclass."""
         table: Any = self.tables
         for step in path.split("."):
             table = (table or {}).get(step)
-        known = {field.name for field in fields(kind)}  # type: ignore[arg-type]  # a dataclass
-        options = {key: value for key, value in radians(table or {}).items() if key in known}
-        with self.named(path):
-            return kind(**{**options, **values})
+        known = {field.name for field in fields(kind)}
+        return {key: value for key, value in radians(table or {}).items() if key in known}
 
     def _robot(self) -> SpaceManipulator:
         """Load the robot of [robot]: a complete robot, or an arm on the satellite of [robot.mount]."""
@@ -364,7 +367,7 @@ def checked_tables(source: Path, content: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _in_words(error: ErrorDetails, content: Mapping[str, Any]) -> str:
-    """Return an error of a file in one line: table, key, fault and value."""
+    """Return the message for an error of a file: table, key, requirement and value in one line."""
     kind, value = error["type"], error["input"]
     title, name, model, values = _place(error["loc"], content)
     if kind == "extra_forbidden":
@@ -373,8 +376,9 @@ def _in_words(error: ErrorDetails, content: Mapping[str, Any]) -> str:
         key = name.removesuffix(DEGREES)
         takers = [choice for choice, table in model.choices.items() if key in table.model_fields]
         if not takers:
-            return f"unknown key '{name}' in {title}; {_suggestion(name, model.allowed_keys())}"
-        own = ", ".join(name for name in model.chosen_keys() if name != model.chooser)
+            known = [*model.model_fields, *(angle + DEGREES for angle in model.angle_keys())]
+            return f"unknown key '{name}' in {title}; {_suggestion(name, known)}"
+        own = ", ".join(model.chosen_keys())
         takes = f", which takes {own}" if own else ""
         instead = f'{model.chooser} = "{takers[0]}" takes it'
         return f"{title} {name} is no option of {_chosen(model)}{takes}; {instead}"
@@ -388,7 +392,7 @@ def _in_words(error: ErrorDetails, content: Mapping[str, Any]) -> str:
         guess = meant(str(value), model.choices, "; ")
         return f"{title} {model.chooser} must be one of {choices}{guess}, got {short(value)}"
     if not name and kind in ("model_type", "model_attributes_type", "list_type"):
-        path = ".".join(str(step) for step in error["loc"] if isinstance(step, str))
+        path = title.partition(" ")[0].strip("[]")
         if title.startswith("[["):
             return f"'{path}' may occur several times: write [[{path}]] and its keys below"
         return f"'{path}' must be a table: write [{path}] and its keys below it"
@@ -401,7 +405,10 @@ def _in_words(error: ErrorDetails, content: Mapping[str, Any]) -> str:
 
 
 def _place(where: tuple[int | str, ...], content: Any) -> tuple[str, str, type[Keys], Any]:
-    """Return the title of an error's table, the key (empty for the table itself), its model and values."""
+    """Return the title of the table with an error, the key, and the table's model and values.
+
+    The key is empty if the error is that of the whole table.
+    """
     model: type[Keys] = ScenarioFile
     title, path, values = "", "", content
     steps = list(where)
@@ -425,7 +432,7 @@ def _place(where: tuple[int | str, ...], content: Any) -> tuple[str, str, type[K
 
 
 def _chosen(model: type[Keys]) -> str:
-    """Return the choice of a table as text, such as `law = "pd"`."""
+    """Return the key and value that choose a table as text, such as `law = "pd"`."""
     (choice,) = (choice for choice, table in model.choices.items() if table is model)
     return f'{model.chooser} = "{choice}"'
 
@@ -440,6 +447,7 @@ def _wrong(error: ErrorDetails) -> str:
 
 
 def _suggestion(word: str, allowed: Collection[str]) -> str:
+    """Return a similar or synonymous name among the allowed ones, as a question, and all of them."""
     synonym = _SYNONYMS.get(word)
     guess = f"did you mean '{synonym}'?" if synonym in allowed else meant(word, allowed)
     return f"{guess} (allowed: {', '.join(sorted(allowed))})".lstrip()

@@ -1,4 +1,4 @@
-"""Errors of scenario files by table and key: tables that do not fit, and values out of range."""
+"""Checks that the tables of a scenario file fit together, and errors of the library with the file's key."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from ffsms_pin.opt import Problem
 from ffsms_pin.scenarios.keys import DEGREES
 from ffsms_pin.scenarios.tables import DEFAULT_LAW, NONE_IF_ABSENT, STATION_KEEPING, is_table
 
-# Modes of a plan that a closed loop can follow, and the actuators that hold the attitude.
+# Modes of a plan, and the actuators that hold the base in the closed loop.
 HELD_BY: Mapping[str, str] = {
     "rotation-floating": "wheels",
     "rotation-flying": "thrusters",
@@ -22,8 +22,8 @@ HELD_BY: Mapping[str, str] = {
 }
 
 
-COORDINATED_WITH = "computed-torque"  # the joints' law, whose gains "coordinated" takes
-# Defaults of keys that choose.
+COORDINATED_WITH = "computed-torque"  # the joints' law whose gains the base law "coordinated" uses
+# Defaults of the keys whose values are conditions.
 _DEFAULTS = {
     "plan.method": "horizon",
     "control.law": DEFAULT_LAW,
@@ -55,7 +55,7 @@ _Tables = Mapping[str, Any]
 
 
 # Conditions are tables, keys or values of keys: "attitude", "attitude.dump", "attitude.law = coordinated".
-# A condition, the conditions of which it needs one, and the text for them in messages.
+# A condition, others of which at least one must hold with it, and the text of the others in messages.
 _NEEDS: tuple[tuple[str, tuple[str, ...], str], ...] = (
     *(
         (f"plan.{key}", users, '[plan] method = "horizon"; other methods do not use it')
@@ -82,7 +82,6 @@ _NEEDS: tuple[tuple[str, tuple[str, ...], str], ...] = (
         ("client.sensor",),
         "a table [client.sensor], because a known client needs no go decision",
     ),
-    ("meet", ("plan.method = horizon",), '[plan] method = "horizon": other methods cannot meet it'),
     ("path.frame = client", ("client",), "a table [client]"),
     *(
         (
@@ -172,16 +171,16 @@ def _conditions(tables: _Tables) -> Iterator[str]:
     for condition, others, message in _EXCLUDES:
         if _given(tables, condition) and _given(tables, others):
             yield message
-    for condition, needed, words in _NEEDS:
+    for condition, needed, requirement in _NEEDS:
         if _given(tables, condition) and not any(_given(tables, other) for other in needed):
-            yield f"{_title(condition)} needs {words}"
+            yield f"{_title(condition)} needs {requirement}"
     meet = tables["meet"] or {}
     if meet.get("standoff") == 0.0 and _has(meet, "half_angle"):
         yield "[meet] half_angle needs a corridor, which standoff = 0 switches off"
 
 
 def _given(tables: _Tables, condition: str) -> bool:
-    """Return whether a condition holds for a file; choosing keys have their defaults."""
+    """Return whether a condition holds for a file, which may leave out keys with a default."""
     path, _, value = condition.partition(" = ")
     table, _, key = path.partition(".")
     values = tables[table]
@@ -233,9 +232,6 @@ def _places(tables: _Tables) -> Iterator[str]:
     turns = [key for key in arrives if key.startswith("arrival_spin")]
     if turns and "arrival_velocity" not in target:
         yield f"[target] {turns[0]} needs arrival_velocity too; it may be [0, 0, 0]"
-    several = "also" if tables["also"] else "via"
-    if tables[several] and tables["plan"].get("method") == "paper":
-        yield f'[[{several}]] is not for [plan] method = "paper", which has one goal and no waypoints'
     frames = [row["frame"] for row in tables["also"]]
     for i, row in enumerate(tables["also"]):
         yield from _attitude(f"[[also]] {i + 1}", row)
@@ -298,7 +294,7 @@ def named(source: Path, tables: _Tables, *paths: str) -> Iterator[None]:
 
 
 def _table(tables: _Tables, path: str) -> tuple[str, _Tables]:
-    """Return the title and the keys of a table."""
+    """Return the title of a table in messages, and its values by key."""
     values: Any = tables
     title, row = path, ""
     for step in path.split("."):
@@ -310,7 +306,7 @@ def _table(tables: _Tables, path: str) -> tuple[str, _Tables]:
 
 
 def _in_words(error: errors.InvalidValue, tables: _Tables, paths: tuple[str, ...]) -> str:
-    """Return the message for a wrong value, with the key of the file or, without one, the library's name."""
+    """Return the message for a wrong value, with the key of the file, or else the library's name of it."""
     message = errors.advised(str(error), _IN_A_FILE)
     wrong = message.removeprefix(error.name).rpartition(", got ")[0]
     prefix, _, name = error.name.replace(" ", ".").rpartition(".")

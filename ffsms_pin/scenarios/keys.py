@@ -1,8 +1,8 @@
-"""Tables of a scenario file as models: keys with units, defaults, and degrees.
+"""Pydantic models of the tables of a scenario file: keys with their units, defaults and descriptions.
 
-Every key is a field made by `key` or `angle`, from which the page of the documentation, the JSON Schema and
-the checks are made. A key that a file leaves out is absent from the model, so that the library's defaults
-apply.
+A key is a field made by `key` or `angle`, or an option of the library (`table_of`, `tables_by`). The checks,
+the JSON Schema and the page of the documentation are made from the models. A key that a file leaves out is
+absent from the values of the file, so that the library's default applies.
 """
 
 from __future__ import annotations
@@ -43,31 +43,32 @@ DEGREES = "_deg"  # ending of the keys that give an angle in degrees
 def key(
     unit: str, default: str, what: str | None = None, *, required: bool = False, degrees: bool = False
 ) -> Any:
-    """Return a key of a table: its unit, its default as text, and its description (or a docstring).
+    """Return the field of a key, from its unit and its default as text.
 
-    A `required` key must be present; with `degrees` the file may also use its name with `_deg`.
+    The description is `what`, or else the docstring below the field. A file must have a `required` key. With
+    `degrees` a file may also use the key's name with `_deg`.
     """
     more: dict[str, Any] = {"unit": unit, "default_in_words": default, "degrees": degrees}
     return Field(... if required else None, description=what, json_schema_extra=more)
 
 
 def angle(unit: str, default: str, what: str | None = None, *, required: bool = False) -> Any:
-    """Return a key that may also be given in degrees."""
+    """Return the field of a key that a file may also give in degrees."""
     return key(unit, default, what, required=required, degrees=True)
 
 
 def table() -> Any:
-    """Return the key of a nested table."""
+    """Return the field of a nested table."""
     return Field(None)
 
 
-def words(field: FieldInfo) -> str:
+def description(field: FieldInfo) -> str:
     """Return the description of a key in one line."""
     return " ".join((field.description or "").split()).rstrip(".")
 
 
 def about(field: FieldInfo) -> Mapping[str, Any]:
-    """Return unit, default as text, and whether degrees are allowed; empty for a table."""
+    """Return the unit, the default as text, and True if degrees are allowed; empty for a nested table."""
     return field.json_schema_extra if isinstance(field.json_schema_extra, dict) else {}
 
 
@@ -76,7 +77,8 @@ class Keys(BaseModel):
 
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True, use_attribute_docstrings=True)
 
-    chooser: ClassVar[str] = ""  # the key that chooses this table from `choices`
+    # The key that chooses one table of `choices`, to which this table belongs; set by `tables_by`.
+    chooser: ClassVar[str] = ""
     choices: ClassVar[Mapping[str, type[Keys]]] = {}
 
     _in_degrees: frozenset[str] = PrivateAttr(frozenset())
@@ -84,11 +86,10 @@ class Keys(BaseModel):
     @model_validator(mode="wrap")
     @classmethod
     def _take_degrees(cls, content: Any, handler: ModelWrapValidatorHandler[Keys]) -> Keys:
-        """Read `joints_deg` as `joints`, and record it, because values stay in degrees."""
+        """Read `joints_deg` as `joints`; its value stays in degrees, and `_in_degrees` records the key."""
         if not isinstance(content, Mapping):
             return handler(content)
-        angles = [name for name, field in cls.model_fields.items() if about(field).get("degrees")]
-        turned = frozenset(name for name in angles if name + DEGREES in content)
+        turned = frozenset(name for name in cls.angle_keys() if name + DEGREES in content)
         for name in turned:
             if name in content:
                 raise unusable(f"has both {name} and {name}{DEGREES}; keep one")
@@ -98,22 +99,18 @@ class Keys(BaseModel):
         return model
 
     @classmethod
-    def allowed_keys(cls) -> list[str]:
-        """Return the keys, angles also with `_deg`."""
-        angles = [name for name, field in cls.model_fields.items() if about(field).get("degrees")]
-        return [*cls.model_fields, *(name + DEGREES for name in angles)]
+    def angle_keys(cls) -> list[str]:
+        """Return the keys that a file may also give in degrees."""
+        return [name for name, field in cls.model_fields.items() if about(field).get("degrees")]
 
     @classmethod
     def chosen_keys(cls) -> list[str]:
-        """Return the keys that not all of the `choices` have."""
-        return [
-            name
-            for name in cls.model_fields
-            if any(name not in table.model_fields for table in cls.choices.values())
-        ]
+        """Return the keys that some of the `choices` lack."""
+        others = [table.model_fields for table in cls.choices.values() if table.chooser]
+        return [name for name in cls.model_fields if any(name not in fields for fields in others)]
 
     def given_values(self) -> dict[str, Any]:
-        """Return the values of the file, by key; angles in degrees under their names with `_deg`."""
+        """Return the values of the file by key as typed: angles in degrees have keys with `_deg`."""
         values: dict[str, Any] = {}
         for name in type(self).model_fields:
             if name in self.model_fields_set:
@@ -124,12 +121,12 @@ class Keys(BaseModel):
     def __get_pydantic_json_schema__(
         cls, core_schema: CoreSchema, handler: GetJsonSchemaHandler
     ) -> JsonSchemaValue:
-        """Return the JSON Schema with the keys in degrees, and descriptions in one line."""
+        """Return the JSON Schema, which has a second key for each angle, in degrees."""
         reference = handler(core_schema)
         schema = handler.resolve_ref_schema(reference)
         for name, field in cls.model_fields.items():
             if field.description:
-                schema["properties"][name]["description"] = words(field)
+                schema["properties"][name]["description"] = description(field)
             if about(field).get("degrees"):
                 twin = {**schema["properties"][name], "unit": "deg", "degrees": False}
                 schema["properties"][name + DEGREES] = twin
@@ -149,7 +146,7 @@ def models_in(annotation: Any) -> list[type[Keys]]:
 
 
 class Option(NamedTuple):
-    """A field or parameter of the library that is a key of a table; `default` is None if it is required."""
+    """A field or parameter of the library that is a key of a table; a required one has the default None."""
 
     kind: Any
     unit: Unit
@@ -189,7 +186,7 @@ class MadeKeys(Keys):
     model_config = ConfigDict(use_attribute_docstrings=False)
 
 
-OWN = "package.module:Class"  # the choice of a user's own class
+OWN = "package.module:Class"  # the name under which a user's own classes stand among the choices
 
 
 def table_of(
@@ -221,14 +218,14 @@ def tables_by(
     omit: Collection[str] = (),
     defaults: Mapping[str, str] | None = None,
 ) -> dict[str, type[Keys]]:
-    """Return the tables of the choices of a key.
+    """Return a table for each value of a key, such as the laws of [control].
 
     Parameters
     ----------
     chooser : str
-        The key.
+        The key, such as "law".
     choices : mapping
-        For each choice a table with the key, and the sources of further keys as in `table_of`.
+        By value, a table with the key, then the sources of further keys as in `table_of`.
     omit, defaults
         As in `table_of`.
     """
@@ -245,13 +242,13 @@ def tables_by(
     return tables
 
 
-def one_of(tables: Mapping[str, type[Keys]]) -> Any:
-    """Return the union of tables made by `tables_by`; each table of a file chooses one."""
+def union_of(tables: Mapping[str, type[Keys]]) -> Any:
+    """Return the union of tables made by `tables_by`; a key of the file's table chooses the model."""
     chooser = next(iter(tables.values())).chooser
     default = [name for name, table in tables.items() if not table.model_fields[chooser].is_required()]
 
     def chosen(row: Any) -> str | None:
-        """Return the choice of a table of the file; None if it lacks a key without default."""
+        """Return the value of the chooser in a file's table; None if it is missing and has no default."""
         value = row.get(chooser) if isinstance(row, Mapping) else next(iter(tables))
         if value is None:
             return next(iter(default), None)
@@ -267,7 +264,10 @@ def by_name(parts: Iterable[Any]) -> dict[str, Any]:
 
 
 def file_of(tables: Mapping[str, Any], name: str, required: Collection[str]) -> type[Keys]:
-    """Return the model of a file with these tables; an absent one that is required is missing its keys."""
+    """Return the model of a file with these tables.
+
+    An absent table that is `required` is read as an empty one, whose missing keys are then reported.
+    """
     fields: dict[str, Any] = {
         title: (kind, Field({}, validate_default=True) if title in required else table())
         for title, kind in tables.items()
@@ -278,7 +278,7 @@ def file_of(tables: Mapping[str, Any], name: str, required: Collection[str]) -> 
 def _keys(
     sources: Iterable[Any], base: type[Keys], omit: Collection[str], defaults: Mapping[str, str]
 ) -> dict[str, Any]:
-    """Return the options of classes or functions as keys, without those of `base`."""
+    """Return the options of classes or functions as keys, except for the keys of `base`."""
     options = {name: option for source in sources for name, option in options_of(source).items()}
     return {
         name: option._replace(default=defaults.get(name, option.default)).key
@@ -294,7 +294,10 @@ def _table(name: str, title: str, base: type[Keys], keys: Mapping[str, Any]) -> 
 
 
 def _hint(source: Any, parameter: inspect.Parameter) -> Any:
-    """Return the type of a parameter with its metadata; other annotations are not evaluated."""
+    """Return the type of a parameter with its metadata.
+
+    Other annotations are not evaluated, because they may name types that are imported for type checking only.
+    """
     space, name = getattr(source, "__globals__", None), parameter.name
     for kind in reversed(source.__mro__) if isinstance(source, type) else ():
         if name in vars(kind).get("__annotations__", {}):  # a field of a dataclass
@@ -318,14 +321,14 @@ _BRACKETS = re.compile(r" ?\[(?:rad|m|N|kg|s|1/s)\b[^\]]*\]")  # units, which ha
 
 def descriptions(source: Any) -> dict[str, str]:
     """Return the descriptions of fields and parameters, from docstrings below them or from NumPy sections."""
-    found: dict[str, str] = {}
+    texts: dict[str, str] = {}
     for kind in reversed(source.__mro__[:-1]) if isinstance(source, type) else (source,):
         for section in _SECTION.findall(inspect.cleandoc(kind.__doc__ or "")):
             for names, text in _ENTRY.findall(section):
-                found |= dict.fromkeys(names.partition(" :")[0].split(", "), _BRACKETS.sub("", text))
+                texts |= dict.fromkeys(names.partition(" :")[0].split(", "), _BRACKETS.sub("", text))
         if dataclasses.is_dataclass(kind):
-            found |= _below_fields(kind)
-    return found
+            texts |= _below_fields(kind)
+    return texts
 
 
 def _below_fields(kind: Any) -> dict[str, str]:

@@ -70,28 +70,22 @@ def planning_problem(
             goal = _target({**scenario.target, **_only(plan, "reach")}, sms, q0)
         else:
             goal = path_goal(scenario, sms, q0, client)
-        return opt.Problem(
-            sms,
-            q0,
-            goal,
-            scenario.arrival,
-            plan.get("dt", opt.Problem.dt) if dt is None else dt,
-            terms(scenario, goal),
-            every_limit(scenario, sms, q0, client),
-            scenario.per_joint(sms, "start", "joint_rates"),
-            plan.get("momentum"),
-            plan.get("locked", ()),
-            plan.get("mode", opt.Problem.mode),
-            wheels_at_start(scenario),
-        )
+        options = scenario.options(opt.Problem, "plan") | parts(scenario, sms, q0, goal, client)
+        return opt.Problem(sms, q0, goal, **(options if dt is None else {**options, "dt": dt}))
 
 
-def every_limit(
-    scenario: Scenario, sms: SpaceManipulator, q0: FloatArray, client: Any = None
-) -> list[opt.Limit]:
-    """Return the limits of the plan from q0 (nq,), including other goals and waypoints."""
+def parts(
+    scenario: Scenario, sms: SpaceManipulator, q0: FloatArray, goal: opt.Goal, client: Any
+) -> dict[str, Any]:
+    """Return the arguments of `opt.Problem` that have tables of their own, for a start q0 (nq,)."""
+    holds = scenario.plan.get("mode") == "rotation-floating"
     others = [*_other_goals(scenario, sms, q0), *_waypoints(scenario, sms, q0)]
-    return [*limits(scenario, client), *others]
+    return {
+        "terms": terms(scenario, goal),
+        "limits": [*limits(scenario, client), *others],
+        "joint_rates": scenario.per_joint(sms, "start", "joint_rates"),
+        "wheel_momentum": scenario.simulation.get("wheel_momentum") if holds else None,
+    }
 
 
 def terms(scenario: Scenario, goal: opt.Goal) -> list[opt.Term]:
@@ -121,12 +115,6 @@ def _with_rows(scenario: Scenario, kind: str, defaults: tuple[Any, ...]) -> list
     ]
     names = [part.name for part in more]
     return [part for part in defaults if part.name not in names] + more
-
-
-def wheels_at_start(scenario: Scenario) -> Any:
-    """Return the momenta of wheels that hold the attitude at the start [N m s], if the file has them."""
-    holds = scenario.plan.get("mode") == "rotation-floating"
-    return scenario.simulation.get("wheel_momentum") if holds else None
 
 
 def _target(target: Mapping[str, Any], sms: SpaceManipulator, q0: FloatArray) -> opt.Goal:

@@ -25,7 +25,8 @@ from ffsms_pin.robot import SatelliteBase, load
 from ffsms_pin.scenarios.keys import *
 from ffsms_pin.system import RobotLimits
 
-DEFAULT_LAW, STATION_KEEPING = "sliding-mode", "station-keeping"  # the latter also holds the base's position
+DEFAULT_LAW = "sliding-mode"
+STATION_KEEPING = "station-keeping"  # the law that holds the base's position, too
 BASE_LAWS: dict[str, Any] = {
     "quaternion": QuaternionFeedback,
     "coordinated": Coordinated,
@@ -52,7 +53,7 @@ _Nozzle: Any = table_of(Nozzle)
 _Ring: Any = table_of(Ring)
 _BaseLimits: Any = table_of(opt.BaseLimits)
 _Dump: Any = table_of(MomentumDump)
-_OF_PLANT = "as [plant] has it"  # text for deviations as in [plant.random] and [plant]
+_OF_PLANT = "that of [plant] and [plant.random]"
 _Masses: Any = table_of(MassUncertainty, defaults=dict.fromkeys(("arm", "base", "base_inertia"), _OF_PLANT))
 
 
@@ -92,8 +93,8 @@ class PlaceTable(Keys):
     rpy: Vector3 = angle("rad", "any attitude")
     """desired attitude of the frame: roll, pitch and yaw about the axes of `relative_to`"""
     relative_to: Literal["inertial", "base", "start"] = key("", '"inertial"')
-    """frame of position and attitude: "inertial" axes, or the pose at the start of the motion of the "base"
-    or of this frame itself ("start"). The desired pose does not move with them"""
+    """axes of `position` and `rpy`: "inertial"; "base", the base link's frame at the start of the motion; or
+    "start", this frame itself at the start. The desired pose does not move with the base"""
 
 
 class TargetTable(PlaceTable):
@@ -150,12 +151,12 @@ class ClientTable(Keys):
     position: Vector3 = key("m", "", "position of the client's centre of mass at the start")
     rpy: Vector3 = angle("rad", "0", "roll, pitch and yaw of the client at the start")
     joints: Numbers = angle("rad or m", "")
-    """alternative to `position` and `rpy`: the client's grasp at the deadline is at the end of a straight
-    joint-space move to these joints"""
+    """joint positions that place the client, instead of `position` and `rpy`: at the deadline its grasp is
+    where a straight joint-space motion to these positions brings the end effector"""
     velocity: Vector3 = key("m/s", "0")
     """velocity of the client's centre of mass, inertial axes; at the start, or with `joints` at the
     deadline"""
-    spin: Vector3 = angle("rad/s", "0", "angular velocity of the client at the same time")
+    spin: Vector3 = angle("rad/s", "0", "angular velocity of the client at the time of `velocity`")
     size: Sizes3 = key("m", "")
     """sides of the drawn box; clearance to the client needs an [[obstacle]] with on = "client"."""
     sensor: _Sensor = table()
@@ -173,7 +174,7 @@ class ContactTable(Keys):
     """The table [contact]: the contact with the client, and the time after it."""
 
     kind: Text = key("", '"rigid"')
-    """"rigid": a weld at once; "compliant": a spring and a damper, later a weld"""
+    """"rigid": the grip is rigid from the contact on; "compliant": it is a spring and a damper, then rigid"""
     envelope: _Envelope = table()
     go: _Go = table()
     masses: _Masses = table()
@@ -198,8 +199,8 @@ class PlanTable(Keys):
     method: Annotated[str, OneOf(opt.METHODS)] = key("", '"horizon"')
     """one of `opt.METHODS`; methods other than "horizon" are for comparison"""
     reach: Positive = key("m", "0.02")
-    """the paper's r_th: a plan reaches its target if it stays within this distance from 0.9 T on; a closed
-    loop arrives if it ends within it"""
+    """the paper's r_th: a plan reaches its target if it stays within this distance in the last tenth of its
+    duration; a closed loop arrives if it ends within this distance"""
     base_limits: _BaseLimits = table()
 
 
@@ -207,12 +208,12 @@ class ControlTable(Keys):
     """The table [control]: the joints' law and its gains."""
 
     law: Text = key("", f'"{DEFAULT_LAW}"')
-    """"sliding-mode" (the paper's), "computed-torque", "pd", "impedance" or "admittance"; the last two are in
-    [contact](contact.md)"""
+    """"sliding-mode" (the paper's), "computed-torque", "pd", "impedance" or "admittance"; see
+    [contact](contact.md) for the last two"""
     torque_limit: PerJointLimit = key(
         "N m or N", "[limits] torque", "torque saturation; per joint, may be inf"
     )
-    dt: Positive = key("s", "0.001", "control and integration step; the torque is held for it")
+    dt: Positive = key("s", "0.001", "control and integration step; the torque is constant in a step")
     offset: PerJoint = angle("rad or m", "0")
     """deviation of the simulated arm from the plan's start; per joint"""
 
@@ -239,7 +240,7 @@ class ReferenceTable(Keys):
     kind: Text = key("", '"plan"')
     """"plan": the plan made once; "re-planning": the motion is re-planned from the measured state by
     `opt.Replanning`. The plan made once is then simulated for comparison"""
-    hold: NotNegative = key("s", "0", "time at the target after the arrival")
+    hold: NotNegative = key("s", "0", "time for which the target is held after the arrival")
 
 
 class SimulationTable(Keys):
@@ -295,7 +296,7 @@ class PartTable(Keys):
 
 
 class OwnPart(Keys):
-    """A class of the user's own; the other keys are its keyword arguments."""
+    """A term or limit of a user's own class; its further keys are the keyword arguments of the class."""
 
     model_config = ConfigDict(extra="allow")
 
@@ -321,10 +322,10 @@ PACKAGED: Mapping[str, Mapping[str, Any]] = {
 
 
 def _parts(kind: str) -> Any:
-    """Return the tables [[term]] or [[limit]] by their `use`."""
+    """Return the tables [[term]] or [[limit]], which `use` chooses."""
     tables = tables_by("use", {use: (PartTable, made) for use, made in PACKAGED[kind].items()})
     tables[OWN] = OwnPart
-    return list[one_of(tables)]  # type: ignore[misc]  # made here
+    return list[union_of(tables)]  # type: ignore[misc]  # made here
 
 
 _OF_URDF = dict.fromkeys(("lower", "upper", "velocity", "torque"), "the URDF's")
@@ -339,7 +340,7 @@ _PATHS = tables_by(
         **{curve: (PathTable, made, opt.Path) for curve, made in CURVES.items()},
         "points": (PointsTable, CurvePlacement, opt.Path),
     },
-    omit=("times",),  # a key of points
+    omit=("times",),  # a key of `PointsTable`
     defaults={"free_axis": "none; with `faces` [0, 0, 1]"},
 )
 _OBSTACLES = tables_by(
@@ -358,10 +359,10 @@ _TABLES: dict[str, Any] = {
     "target": table_of(opt.Pose, base=TargetTable, omit=("reach",)),  # `reach` is a key of [plan]
     "also": list[table_of(opt.Pose, base=AlsoTable)],  # type: ignore[misc]  # made here
     "via": list[table_of(opt.Waypoint, base=PlaceTable, defaults={"name": '"via 1", ...'})],  # type: ignore[misc]
-    "path": one_of(_PATHS),
+    "path": union_of(_PATHS),
     "client": table_of(Client, base=ClientTable),
     "meet": table_of(opt.Meet, base=MeetTable),
-    "contact": one_of(
+    "contact": union_of(
         tables_by(
             "kind",
             {"rigid": (ContactTable, Procedure), "compliant": (ContactTable, Grip, Procedure)},
@@ -370,10 +371,10 @@ _TABLES: dict[str, Any] = {
     "plan": table_of(opt.Problem, default_terms, opt.SearchOptions, opt.Clearance, base=PlanTable),
     "term": _parts("term"),
     "limit": _parts("limit"),
-    "obstacle": list[one_of(_OBSTACLES)],  # type: ignore[misc]
+    "obstacle": list[union_of(_OBSTACLES)],  # type: ignore[misc]
     "limits": table_of(RobotLimits, defaults={**_OF_URDF, "acceleration": "1.25 /s times the rate limit"}),
-    "control": one_of(tables_by("law", {law: (ControlTable, made) for law, made in LAWS.items()})),
-    "reference": one_of(
+    "control": union_of(tables_by("law", {law: (ControlTable, made) for law, made in LAWS.items()})),
+    "reference": union_of(
         tables_by("kind", {"plan": (ReferenceTable,), "re-planning": (ReferenceTable, Replan)})
     ),
     "simulation": table_of(
@@ -382,7 +383,7 @@ _TABLES: dict[str, Any] = {
     "plant": table_of(simulation.InertialError, base=PlantTable),
     "wheels": table_of(ReactionWheels),
     "thrusters": table_of(Thrusters),
-    "attitude": one_of(_ATTITUDES),
+    "attitude": union_of(_ATTITUDES),
     "friction": table_of(simulation.JointFriction),
     "actuator": table_of(simulation.Actuator),
     "sensors": table_of(simulation.Sensors),
