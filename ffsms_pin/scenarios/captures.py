@@ -28,10 +28,10 @@ from ffsms_pin.capture import (
 from ffsms_pin.capture.rendezvous import Rendezvous
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.robot import SpaceManipulator
-from ffsms_pin.scenarios.closed_loop import ClosedLoop, base_law, controller, guarded
+from ffsms_pin.scenarios.closed_loop import ClosedLoop, base_law, controller
 from ffsms_pin.scenarios.definition import Scenario
 from ffsms_pin.scenarios.problems import bare_client, guide_of, meeting, parts
-from ffsms_pin.simulation import Guards, random_plants
+from ffsms_pin.simulation import random_plants
 
 
 def rendezvous(scenario: Scenario, sms: SpaceManipulator, q0: FloatArray | None = None) -> Rendezvous:
@@ -45,13 +45,11 @@ def fly_scenario(
     loop: ClosedLoop,
     plan: opt.Trajectory,
     progress: Callable[[float], None] | None,
-    guards: Guards | None,
     once: bool,
 ) -> Flight:
     """Fly a scenario's capture by `capture.fly`; see `flown` for the parameters."""
     scenario, sms = loop.scenario, loop.sms
     q0 = scenario.start_configuration(sms)
-    options = guarded(loop.options, guards)
     return fly(
         sms,
         q0,
@@ -60,17 +58,17 @@ def fly_scenario(
         control=Control(
             partial(controller, scenario),
             None if scenario.attitude is None else partial(base_law, scenario.attitude),
-            options["dt"],
+            loop.options["dt"],
         ),
-        plant=options["plant"],
-        plant_q0=options["q0"],
-        conditions=options["conditions"],
+        plant=loop.plant,
+        plant_q0=loop.options["q0"],
+        conditions=loop.options["conditions"],
         replan=replan(scenario, sms) if scenario.replans and not once else False,
         procedure=scenario.made(
             Procedure,
             "contact",
             go=scenario.made(GoLimits, "contact.go"),
-            masses=MassUncertainty(**_mass_doubt(scenario)),
+            masses=MassUncertainty(**_mass_deviations(scenario)),
         ),
         plan=plan,
         progress=progress,
@@ -107,7 +105,7 @@ def _encounter(scenario: Scenario, sms: SpaceManipulator, q0: FloatArray) -> dic
     }
 
 
-def _mass_doubt(scenario: Scenario) -> dict[str, float]:
+def _mass_deviations(scenario: Scenario) -> dict[str, float]:
     """Return the deviations of the servicer's masses in [contact.masses]; default: those of [plant]."""
     plant, drawn, defaults = scenario.plant, scenario.plant.get("random"), signature(random_plants).parameters
     base = plant.get("base_mass", 1.0)
@@ -119,7 +117,7 @@ def _mass_doubt(scenario: Scenario) -> dict[str, float]:
     deviations = {}
     for key, factor in factors.items():
         share = 0.0 if drawn is None else drawn.get(key, defaults[key].default)
-        even = share / math.sqrt(3.0)  # standard deviation of a uniform distribution
-        off = float(np.abs(np.asarray(factor) - 1.0).max())
-        deviations[key.removesuffix("_mass")] = math.hypot(even, off)
+        drawn_deviation = share / math.sqrt(3.0)  # of a uniform distribution between -share and share
+        bias = float(np.abs(np.asarray(factor) - 1.0).max())
+        deviations[key.removesuffix("_mass")] = math.hypot(drawn_deviation, bias)
     return deviations | dict(scenario.contact.get("masses", {}))

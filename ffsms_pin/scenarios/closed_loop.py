@@ -86,7 +86,7 @@ def loop_options(scenario: Scenario, sms: SpaceManipulator, q0: FloatArray) -> d
     }
 
 
-# Tables of devices, by the field of `simulation.Conditions`.
+# The devices of the closed loop by table, which has the name of a field of `simulation.Conditions`.
 _DEVICES: Mapping[str, type] = {
     "friction": JointFriction,
     "actuator": Actuator,
@@ -109,9 +109,9 @@ def _device(scenario: Scenario, name: str) -> Any:
 def _wrenches(scenario: Scenario, plant: SpaceManipulator) -> tuple[Wrench, ...]:
     """Return the disturbances."""
     wrenches = []
-    for i, row in enumerate(scenario.disturbance, start=1):
-        with scenario.named(f"disturbance.{i}"):
-            wrenches.append(Wrench(**row))
+    for i in range(1, len(scenario.disturbance) + 1):
+        with scenario.named(path := f"disturbance.{i}"):
+            wrenches.append(scenario.made(Wrench, path))
             wrenches[-1].force(plant)
     return tuple(wrenches)
 
@@ -134,10 +134,10 @@ def guards(scenario: Scenario, path: Path | None = None) -> Guards | None:
     The load limits of the grip are those of [contact.envelope] unless [guards] has them.
     """
     envelope = scenario.contact.get("envelope", {})
-    bears = {f"contact_{name}": envelope[name] for name in ("force", "torque") if name in envelope}
+    loads = {f"contact_{name}": envelope[name] for name in ("force", "torque") if name in envelope}
     if not scenario.guards.get("on", True):
         return None
-    missing = {key: value for key, value in bears.items() if key not in scenario.guards}
+    missing = {key: value for key, value in loads.items() if key not in scenario.guards}
     return scenario.made(Guards, "guards", **missing, path=path)
 
 
@@ -246,22 +246,17 @@ class ClosedLoop:
         return plan if target is None and hold <= 0.0 else Held(plan, hold, target)
 
     def run(
-        self,
-        reference: Reference,
-        law: Controller,
-        progress: Callable[[float], None] | None = None,
-        guards: Guards | None = None,
+        self, reference: Reference, law: Controller, progress: Callable[[float], None] | None = None
     ) -> Tracking:
-        """Follow a reference under a law; `guards` replace those of the scenario."""
-        options = guarded(self.options, guards)
-        return simulate(self.sms, reference, law, progress=progress, **options)
+        """Follow a reference under a law."""
+        return simulate(self.sms, reference, law, progress=progress, **self.options)
 
-
-def guarded(options: dict[str, Any], guards: Guards | None) -> dict[str, Any]:
-    """Return keyword arguments of `simulate` with other guards, unchanged if `guards` is None."""
-    if guards is None:
-        return options
-    return {**options, "conditions": replace(options["conditions"], guards=guards)}
+    def saving(self, path: Path | None) -> ClosedLoop:
+        """Return the closed loop whose guards save the recording to `path`; None: they save nothing."""
+        if path is None:
+            return self
+        conditions = replace(self.options["conditions"], guards=guards(self.scenario, path))
+        return replace(self, options={**self.options, "conditions": conditions})
 
 
 def prepared(scenario: Scenario, sms: SpaceManipulator, q0: FloatArray) -> ClosedLoop:
@@ -390,14 +385,15 @@ def run(
     check_call(scenario, progress)
     sms = scenario.load()
     with scenario.named():
-        guarded = _guarded(scenario, folder, allow_outside)
+        path = _recording_path(scenario, folder, allow_outside)
         q0 = scenario.start_configuration(sms)
         law = controller(scenario, sms)
         loop = prepared(scenario, sms, q0)
         started = time.perf_counter()
         trajectory = planned(scenario, sms, q0, stage(progress, "planning"))
         ended = time.perf_counter()
-        tracking, capture, note, learnt = flown(loop, trajectory, law, stage(progress, "tracking"), guarded)
+        report = stage(progress, "tracking")
+        tracking, capture, note, learnt = flown(loop.saving(path), trajectory, law, report)
         tracked, open_loop = time.perf_counter(), None
         if scenario.replans:
             report = stage(progress, "plan once")
@@ -409,7 +405,7 @@ def run(
 
 
 class Flown(NamedTuple):
-    """A followed plan: its recording, and the capture, note and estimates of re-planning if there are any."""
+    """The recording of a followed plan, and the capture, note and estimates of re-planning, if any."""
 
     tracking: Tracking
     capture: Captured | None
@@ -422,22 +418,21 @@ def flown(
     plan: opt.Trajectory,
     law: JointLaw,
     progress: Callable[[float], None] | None = None,
-    guards: Guards | None = None,
     once: bool = False,
 ) -> Flown:
     """Follow a plan under a law, or re-plan if the scenario does; capture the client if there is one.
 
-    `guards` replace those of the scenario; with `once` the plan is not re-planned.
+    With `once` the plan is not re-planned.
     """
     if loop.scenario.meet is not None:
-        from ffsms_pin.scenarios.captures import fly_scenario  # most scenarios have no client
+        from ffsms_pin.scenarios.captures import fly_scenario  # imported only for a capture
 
-        flight = fly_scenario(loop, plan, progress, guards, once)
+        flight = fly_scenario(loop, plan, progress, once)
         return Flown(flight.captured.approach, flight.captured, flight.note)
     reference = loop.plan_once(plan) if once else loop.reference(plan)
     if isinstance(reference, opt.Replanning) and reference.learn is not None:
         reference.law = law
-    tracking = loop.run(reference, law, progress, guards)
+    tracking = loop.run(reference, law, progress)
     law.sms = loop.sms
     if not isinstance(reference, opt.Replanning):
         return Flown(tracking, None, "")
@@ -461,8 +456,8 @@ def stage(progress: StageProgress | None, name: str) -> Callable[[float], None] 
     return partial(progress, name)
 
 
-def _guarded(scenario: Scenario, folder: Path | None, allow_outside: bool) -> Guards | None:
-    """Return the guards that save the recording; None if they save nothing.
+def _recording_path(scenario: Scenario, folder: Path | None, allow_outside: bool) -> Path | None:
+    """Return the file to which the guards save the recording; None if they save nothing.
 
     The file is relative to `folder`, by default that of the scenario. If it cannot be written, `ResultError`
     is raised before the run.
@@ -479,4 +474,4 @@ def _guarded(scenario: Scenario, folder: Path | None, allow_outside: bool) -> Gu
             "allow it with allow_outside=True",
         )
     check_writable(path)
-    return guards(scenario, path)
+    return path

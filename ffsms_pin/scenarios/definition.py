@@ -23,7 +23,7 @@ from ffsms_pin.errors import InvalidScenario, InvalidValue, ResultError, meant, 
 from ffsms_pin.files import read_content, wrap_os_error, write_content
 from ffsms_pin.robot import SatelliteBase, SpaceManipulator, load, mount, satellite_names
 from ffsms_pin.robot.mounting import face_placement
-from ffsms_pin.scenarios.fits import check_fits, named
+from ffsms_pin.scenarios.fits import check_fits, named, table_at
 from ffsms_pin.scenarios.keys import DEGREES, Keys, about, models_in, radians
 from ffsms_pin.scenarios.problems import (
     made_client,
@@ -36,6 +36,7 @@ from ffsms_pin.urdf import model_names
 
 T = TypeVar("T")
 
+# Other names that users write for tables.
 _SYNONYMS = {"goal": "target", "waypoint": "via", "noise": "sensors", "controller": "control"}
 
 
@@ -144,12 +145,10 @@ class Scenario:
             return kind(**{**self.options(kind, path), **values})
 
     def options(self, kind: type, path: str) -> dict[str, Any]:
-        """Return the values in radians of a table, such as "attitude.dump", for fields of a dataclass."""
-        table: Any = self.tables
-        for step in path.split("."):
-            table = (table or {}).get(step)
+        """Return the values of a table for fields of a dataclass, in radians; `path` as in `named`."""
         known = {field.name for field in fields(kind)}
-        return {key: value for key, value in radians(table or {}).items() if key in known}
+        _, table = table_at(self.tables, path)
+        return {key: value for key, value in radians(table).items() if key in known}
 
     def _robot(self) -> SpaceManipulator:
         """Load the robot of [robot]: a complete robot, or an arm on the satellite of [robot.mount]."""

@@ -282,7 +282,7 @@ def named(source: Path, tables: _Tables, *paths: str) -> Iterator[None]:
     except _OF_LOADING as error:
         if str(error).startswith(f"scenario {source}"):
             raise
-        title, table = _table(tables, paths[0]) if paths else ("", {})
+        title, table = table_at(tables, paths[0]) if paths else ("", {})
         keys = ("end_effector", "frame") if isinstance(error, errors.FrameNotFound) else ("model",)
         unclear = isinstance(error, errors.AmbiguousEndEffector | errors.InvalidUrdf)
         key = next((f" {key}:" for key in keys if key in table), "") if not unclear else ""
@@ -293,8 +293,8 @@ def named(source: Path, tables: _Tables, *paths: str) -> Iterator[None]:
         raise
 
 
-def _table(tables: _Tables, path: str) -> tuple[str, _Tables]:
-    """Return the title of a table in messages, and its values by key."""
+def table_at(tables: _Tables, path: str) -> tuple[str, _Tables]:
+    """Return the title in messages and the values of a table, such as "client.sensor" or "via.2" (from 1)."""
     values: Any = tables
     title, row = path, ""
     for step in path.split("."):
@@ -314,7 +314,7 @@ def _in_words(error: errors.InvalidValue, tables: _Tables, paths: tuple[str, ...
     if isinstance(tables.get(prefix), Mapping):
         paths = (prefix, *paths)
     for path in paths:
-        title, table = _table(tables, path)
+        title, table = table_at(tables, path)
         if name in table and is_table(f"{path}.{name}"):  # the whole table
             return f"[{path}.{name}]{wrong}, got {errors.short(error.value)}"
         if isinstance(inner := table.get(prefix), Mapping):
@@ -327,5 +327,5 @@ def _in_words(error: errors.InvalidValue, tables: _Tables, paths: tuple[str, ...
                 return f"{title} {key}{wrong}, got {errors.short(value)}"
     if isinstance(tables.get(prefix), Mapping):
         return f"[{prefix}] {name}{message.removeprefix(error.name)}"
-    title = f"{_table(tables, paths[0])[0]} " if len(paths) == 1 and "[" not in error.name else ""
+    title = f"{table_at(tables, paths[0])[0]} " if len(paths) == 1 and "[" not in error.name else ""
     return f"{title}{message}"

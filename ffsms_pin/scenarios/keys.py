@@ -15,6 +15,7 @@ import re
 import sys
 import textwrap
 from collections.abc import Collection, Iterable, Mapping
+from functools import cache
 from itertools import pairwise
 from types import SimpleNamespace
 from typing import Annotated, Any, ClassVar, Literal, NamedTuple, Union, get_args, get_type_hints
@@ -162,6 +163,7 @@ class Option(NamedTuple):
         )
 
 
+@cache
 def options_of(source: Any) -> dict[str, Option]:
     """Return the fields of a dataclass, or the parameters of a class or function, whose type has a `Unit`."""
     what, options = descriptions(source), {}

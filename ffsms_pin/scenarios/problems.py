@@ -58,7 +58,7 @@ def planning_problem(
         A value does not fit the robot, or a term or limit cannot be made.
     """
     if scenario.meet is not None:
-        from ffsms_pin.scenarios.captures import rendezvous  # most scenarios have no client
+        from ffsms_pin.scenarios.captures import rendezvous  # imported only for a capture
 
         with scenario.named("plan", "meet", "start", "simulation"):
             return rendezvous(scenario, sms, q0).problem(client=client, dt=dt)
@@ -99,8 +99,7 @@ def terms(scenario: Scenario, goal: opt.Goal) -> list[opt.Term]:
 
 def limits(scenario: Scenario, client: Any) -> list[opt.Limit]:
     """Return the limits: the defaults, and those set by keys of [plan], by [[limit]] and by a `client`."""
-    base = scenario.plan.get("base_limits")
-    limits = None if base is None else opt.BaseLimits(**radians(base))
+    limits = scenario.made(opt.BaseLimits, "plan.base_limits") if "base_limits" in scenario.plan else None
     defaults = default_limits(*scenario.clearance, scenario.obstacles(client), limits)
     return _with_rows(scenario, "limit", defaults)
 
@@ -131,7 +130,7 @@ def _target(target: Mapping[str, Any], sms: SpaceManipulator, q0: FloatArray) ->
     velocity, spin = vector("velocity"), vector("spin")
     if velocity.any() or spin.any():
         start = place if turned else pin.SE3(np.eye(3), place)
-        ball = Client(1.0, np.ones(3), start, np.append(velocity, spin))  # a ball: constant rate
+        ball = Client(1.0, np.ones(3), start, np.append(velocity, spin))  # a torque-free ball keeps its spin
         return opt.Moving(ball.pose if turned else lambda t: ball.pose(t).translation, **reaches)
     arrives = "arrival_velocity" in values
     if turned:
@@ -149,12 +148,13 @@ def _other_goals(scenario: Scenario, sms: SpaceManipulator, q0: FloatArray) -> l
             raise InvalidScenario(
                 scenario.source, f"[[also]] {i} frame = '{frame}' is the end effector: use [target]"
             )
-        reaches = _only(values, "tolerance", "reach", "orientation_reach")
-        with scenario.named(f"also.{i}"):
+        with scenario.named(path := f"also.{i}"):
             place = _place(values, _axes(values, sms, q0, frame))
-            goal: opt.Goal = (
-                opt.Pose(place, **reaches) if isinstance(place, pin.SE3) else opt.Position(place, **reaches)
-            )
+            goal: opt.Goal
+            if isinstance(place, pin.SE3):
+                goal = scenario.made(opt.Pose, path, pose=place)
+            else:
+                goal = scenario.made(opt.Position, path, position=place)
             goals.append(opt.FrameGoal(frame, goal))
             goals[-1].for_robot(sms)  # raises if the robot has no such frame
     return goals
@@ -164,10 +164,9 @@ def _waypoints(scenario: Scenario, sms: SpaceManipulator, q0: FloatArray) -> lis
     """Return the waypoints of [[via]]; waypoints without a name are numbered."""
     waypoints = []
     for i, values in enumerate(map(radians, scenario.via), start=1):
-        others = _only(values, "time", "reach", "orientation_reach")
-        with scenario.named(f"via.{i}"):
-            place = _place(values, _axes(values, sms, q0, sms.end_effector))
-            waypoints.append(opt.Waypoint(place, name=values.get("name", f"via {i}"), **others))
+        place = _place(values, _axes(values, sms, q0, sms.end_effector))
+        name = values.get("name", f"via {i}")
+        waypoints.append(scenario.made(opt.Waypoint, f"via.{i}", place=place, name=name))
     return waypoints
 
 
@@ -197,7 +196,7 @@ def made_client(scenario: Scenario, sms: SpaceManipulator) -> Client:
     """Return the client of a scenario, with the shapes of a nozzle or ring of [contact]."""
     if scenario.meet is None:
         return bare_client(scenario, sms)
-    from ffsms_pin.scenarios.captures import rendezvous  # most scenarios have no client
+    from ffsms_pin.scenarios.captures import rendezvous  # imported only for a capture
 
     return rendezvous(scenario, sms).client
 

@@ -27,7 +27,7 @@ def replanning(scenario: Scenario, sms: SpaceManipulator, plan: Trajectory | Non
     passes them, because the loop cannot detect passed waypoints.
     """
     if scenario.meet is not None:
-        from ffsms_pin.scenarios.captures import rendezvous, replan  # most scenarios have no client
+        from ffsms_pin.scenarios.captures import rendezvous, replan  # imported only for a capture
 
         return rendezvous(scenario, sms).replanning(plan, replan(scenario, sms))
     reference, jerk = scenario.reference, scenario.per_joint(sms, "reference", "jerk")

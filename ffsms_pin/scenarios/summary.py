@@ -21,8 +21,8 @@ from ffsms_pin.scenarios.tables import NONE_IF_ABSENT
 from ffsms_pin.simulation import Wrench, WristSensor
 from ffsms_pin.version import __version__
 
-# Tables of the planning problem, which the rest of a summary covers.
-_NOT_TOLD = ("robot", "start", "target", "path", "plan", "obstacle", "limits", "campaign")
+# Tables of the planning problem, whose values are elsewhere in a summary.
+_PLANNING = ("robot", "start", "target", "path", "plan", "obstacle", "limits", "campaign")
 
 
 def summary(outcome: Outcome) -> dict[str, Any]:
@@ -160,7 +160,7 @@ def _described(scenario: Scenario) -> dict[str, str]:
     defaults = {"control": {"law": scenario.law}, "reference": {"kind": "plan"}}
     lines = {}
     for name, table in scenario.tables.items():
-        if name in _NOT_TOLD or table is None:
+        if name in _PLANNING or table is None:
             continue
         several = table if isinstance(table, tuple) else [defaults.get(name, {}) | table]
         for i, values in enumerate(several, start=1):
