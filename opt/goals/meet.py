@@ -1,4 +1,4 @@
-"""The goal to meet a client: the end effector at a grasp on a free body, with its velocity."""
+"""The goal to meet a client: the end effector at a grasp on a free body, with the velocity of the grasp."""
 
 from __future__ import annotations
 
