@@ -19,6 +19,7 @@ from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.robot.base_motion import advance
 from ffsms_pin.simulation import Tracking
 from ffsms_pin.system.dynamics import frame_pose
+from ffsms_pin.texts import length_text
 
 _ROUNDING = 1e-9  # relative; a limit that is met up to rounding counts as kept
 
@@ -111,8 +112,8 @@ def why_not_reached(made: Trajectory) -> str:
     reasons, farthest = [], float(made.position_error[late].max())
     if farthest > made.reach:
         reasons.append(
-            f"the end effector is up to {1e3 * farthest:.3g} mm from the target in the last tenth of the time"
-            f" ({1e3 * made.reach:.3g} mm are allowed) and ends {1e3 * made.position_error[-1]:.3g} mm off"
+            f"the end effector is up to {length_text(farthest)} from the target in the last tenth of the time"
+            f" ({length_text(made.reach)} are allowed) and ends {length_text(made.position_error[-1])} off"
         )
     turned = float(made.orientation_error[late].max())
     if turned > made.orientation_reach:

@@ -23,6 +23,7 @@ from ffsms_pin.client import AfterCapture, Client, FreeBody
 from ffsms_pin.geometry.bodies import clearance_stack
 from ffsms_pin.geometry.distances import Poses
 from ffsms_pin.system.batch.stacks import quaternions
+from ffsms_pin.texts import length_text
 
 _STEP, _MOST = 0.02, 6000  # [m] relative displacement between two instants, and their largest number
 _LARGEST_TURN = 2.0  # chord of half a turn on a unit circle
@@ -64,7 +65,7 @@ class ClosestApproach(NamedTuple):
             return f"servicer and client keep clear of each other {span} ({far})"
         return (
             f"servicer and client may touch: closest after {self.time:.3g} s ({self.pair}, "
-            f"{1e3 * self.distance:.3g} mm with three standard deviations), predicted {span}"
+            f"{length_text(self.distance)} with three standard deviations), predicted {span}"
         )
 
 

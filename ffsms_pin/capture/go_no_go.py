@@ -16,6 +16,7 @@ from ffsms_pin.checks import FloatArray, positive
 from ffsms_pin.opt import Meet
 from ffsms_pin.options import Angle, Positive, Unit
 from ffsms_pin.robot import SpaceManipulator
+from ffsms_pin.texts import length_text
 
 _AGE, _PERIODS = 2.0, 5.0  # largest age beyond the latency: 2 s, or five sensor periods if these are longer
 
@@ -72,7 +73,7 @@ class GoLimits:
         if self.distance is None and meet.standoff > 0.0:
             most = min(most, meet.tolerance + meet.standoff * math.tan(meet.half_angle))
         if far > most:
-            return f"the grasp is uncertain by {1e3 * far:.3g} mm (3 sigma), {1e3 * most:.3g} mm are allowed"
+            return f"the grasp is uncertain by {length_text(far)} (3 sigma), {length_text(most)} are allowed"
         most = envelope.turn if self.turn is None else self.turn
         if turned > most:
             angle, allowed = f"{math.degrees(turned):.2g} deg", f"{math.degrees(most):.2g} deg"

@@ -18,6 +18,7 @@ from ffsms_pin.opt.flown import least_clearance
 from ffsms_pin.opt.plans import plan_problem
 from ffsms_pin.opt.trajectory import measure
 from ffsms_pin.robot import SpaceManipulator
+from ffsms_pin.texts import length_text
 
 _RETURN = 1.0  # [1/s] rate at which position errors are corrected and self-motions decay
 _DAMPING = 0.05  # [1] damping of changes of the rates near a singularity (Wampler 1986)
@@ -38,7 +39,7 @@ def in_collision(plan: Trajectory, sms: SpaceManipulator) -> str:
     least = least_clearance(plan.problem, sms, plan.problem.motion(plan.joint_rates, plan.dt))
     if least is None or least.distance > min(0.0, least.wanted) - _OVERLAP:
         return ""
-    return f"in the plan {least.pair} overlap by {-1e3 * least.distance:.3g} mm at {least.time:.3g} s"
+    return f"in the plan {least.pair} overlap by {length_text(-least.distance)} at {least.time:.3g} s"
 
 
 def why_no_plan(plan: Trajectory) -> str:
@@ -52,7 +53,7 @@ def why_no_plan(plan: Trajectory) -> str:
     for part in parts:
         if part.startswith("at contact the grasp is missed by"):
             return f"the plan ends beside the grasp ({part.removeprefix('at contact the grasp is ')})"
-    return f"the plan misses the grasp by {1e3 * off:.3g} mm"
+    return f"the plan misses the grasp by {length_text(off)}"
 
 
 def refusal(error: FfsmsError) -> str:

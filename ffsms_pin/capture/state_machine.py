@@ -48,6 +48,7 @@ from ffsms_pin.robot.base_motion import roll_out
 from ffsms_pin.simulation import Close, End, Freeze, Instant, Latch, Open, Phase, Reference, Supervisor, Trip
 from ffsms_pin.simulation.events import Event
 from ffsms_pin.system.dynamics import centroidal
+from ffsms_pin.texts import length_text
 
 # The laws of a robot's joints and, if there is one, of its base.
 Laws = Callable[[SpaceManipulator], tuple[JointLaw, BaseLaw | None]]
@@ -381,7 +382,7 @@ class StateMachine(Observer, Supervisor):
         beside, most = self._beside_corridor(now), handling.envelope.distance
         if meet.standoff > 0.0 and beside > most:
             reason = (
-                f"the end effector is {1e3 * beside:.3g} mm beside its corridor, {1e3 * most:.3g} mm at most"
+                f"the end effector is {length_text(beside)} beside its corridor, {length_text(most)} at most"
             )
             return self._with_the_move(reason)
         miss = self._foreseen_miss()

@@ -86,11 +86,6 @@ def printed(folder: Path, table: Table, *lines: str) -> int:
     return 0
 
 
-def length_text(metres: float) -> str:
-    """Return a length with its unit."""
-    return f"{1e3 * metres:.3g} mm" if abs(metres) < 1.0 else f"{metres:.3f} m"
-
-
 def limit_text(value: float | None, unit: str) -> str:
     """Return a limit with its unit; "none" for None and infinity."""
     return f"{value:.4g} {unit}" if _exists(value) else "none"

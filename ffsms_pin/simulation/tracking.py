@@ -25,6 +25,7 @@ from ffsms_pin.references import Reference, Sample
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.simulation.world import World
 from ffsms_pin.system.dynamics import frame_pose
+from ffsms_pin.texts import length_text
 
 Shape: TypeAlias = tuple[str | int, ...]
 
@@ -423,7 +424,7 @@ def _by_target(tracking: Tracking, reference: Reference, plant: SpaceManipulator
         angles = np.array([_angle(wanted(t).rotation.T @ frame_pose(plant, q).rotation) for t, q in rows])
     if off > REACH:
         misses.append(
-            f"the end effector ends {1e3 * off:.3g} mm from its target, {1e3 * REACH:.3g} mm are allowed"
+            f"the end effector ends {length_text(off)} from its target, {length_text(REACH)} are allowed"
         )
     if angles[-1] > ORIENTATION_REACH:
         both = math.degrees(angles[-1]), math.degrees(ORIENTATION_REACH)

@@ -38,6 +38,7 @@ from ffsms_pin.opt.step.state import StepState
 from ffsms_pin.options import Angle, NotNegative, Numbers, Positive, Unit, Vector3
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.system.batch.stacks import exp3, log3
+from ffsms_pin.texts import length_text
 
 if TYPE_CHECKING:
     from ffsms_pin.opt.problem import Problem
@@ -387,14 +388,14 @@ class OnPath(PoseConstraint, Limit):
         k = int(np.argmax(share))
         if share[k] <= 1.0:
             return Violation()
-        off = f"{1e3 * error.distance[0, k]:.3g} mm and {np.degrees(error.angle[0, k]):.3g} deg"
-        most = f"{1e3 * goal.reach:.3g} mm and {np.degrees(goal.orientation_reach):.3g} deg"
+        off = f"{length_text(error.distance[0, k])} and {np.degrees(error.angle[0, k]):.3g} deg"
+        most = f"{length_text(goal.reach)} and {np.degrees(goal.orientation_reach):.3g} deg"
         note = f"the end effector was {off} off its path at {motion.times[k]:.3g} s, {most} are allowed"
         return Violation(goal.reach * float(share[k] - 1.0), note=note)
 
     def _note(self, error: PoseError, k: int, motion: Rollouts) -> str:
         """Return the message for a motion that leaves the path."""
-        by, most = f"{1e3 * error.distance[0, k]:.3g} mm", f"{1e3 * self.tolerance:.3g} mm"
+        by, most = length_text(error.distance[0, k]), length_text(self.tolerance)
         if self.goal.turned:
             by += f" and {np.degrees(error.angle[0, k]):.3g} deg"
             most += f" and {np.degrees(self.orientation_tolerance):.3g} deg"

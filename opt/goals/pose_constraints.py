@@ -20,6 +20,7 @@ from ffsms_pin.opt.step.state import StepState
 from ffsms_pin.options import Angle, NotNegative, Positive, Text, Unit
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.system.batch.stacks import dot
+from ffsms_pin.texts import length_text
 
 if TYPE_CHECKING:
     from ffsms_pin.opt.trajectory import Trajectory
@@ -200,7 +201,7 @@ class Waypoint(PoseTolerance):
         positive("reach", self.reach, "m")
         positive("orientation_reach", self.orientation_reach, "rad")
         instance("name", self.name, str)
-        message = f"'{self.name}' is missed by {{}} at {{:.3g}} s (reach {1e3 * self.reach:.3g} mm)"
+        message = f"'{self.name}' is missed by {{}} at {{:.3g}} s (reach {length_text(self.reach)})"
         set_frozen(
             self,
             absolute_margin=(1.0 - self.share) * self.reach,
@@ -314,7 +315,7 @@ def verdict(goal: Goal, motion: Rollouts) -> GoalErrors:
     far, turned, late = float(distance[nodes].max()), float(angle[nodes].max()), ""
     if far > goal.reach or turned > goal.orientation_reach:
         both = (far, turned), (goal.reach, goal.orientation_reach)
-        most, allowed = (f"{1e3 * length:.3g} mm and {math.degrees(turn):.3g} deg" for length, turn in both)
+        most, allowed = (f"{length_text(length)} and {math.degrees(turn):.3g} deg" for length, turn in both)
         late = f"too late: up to {most} off in the last tenth of the time, where {allowed} are allowed"
     return GoalErrors(distance, angle, contact, end_misses(goal, errors), late)
 
@@ -331,8 +332,8 @@ def end_miss(goal: Goal, error: FloatArray, frame: str) -> str:
     if error[0] <= goal.reach and error[1] <= goal.orientation_reach:
         return ""
     turned = goal.place(0.0).rotation is not None
-    both = [f"{1e3 * error[0]:.3g} mm"] + [f"{math.degrees(error[1]):.3g} deg"] * turned
-    most = [f"{1e3 * goal.reach:.3g} mm"] + [f"{math.degrees(goal.orientation_reach):.3g} deg"] * turned
+    both = [length_text(error[0])] + [f"{math.degrees(error[1]):.3g} deg"] * turned
+    most = [length_text(goal.reach)] + [f"{math.degrees(goal.orientation_reach):.3g} deg"] * turned
     return f"{frame} ends {' and '.join(both)} from its goal, {' and '.join(most)} are allowed"
 
 

@@ -38,6 +38,7 @@ from ffsms_pin.opt.search.time_law import check_bounded, check_timing, fastest_l
 from ffsms_pin.opt.step.state import rate_bounds
 from ffsms_pin.opt.trajectory import Trajectory, measure
 from ffsms_pin.robot.base_motion import advance
+from ffsms_pin.texts import length_text
 
 if TYPE_CHECKING:
     from ffsms_pin.opt.search.search import SearchOptions
@@ -409,7 +410,7 @@ def check_begin(problem: Problem, path: Path) -> None:
     distance, angle = place.error(pose, problem.q0)
     if distance <= path.tolerance and angle <= path.orientation_tolerance:
         return
-    by = f"{1e3 * distance:.3g} mm" + (f" and {np.degrees(angle):.3g} deg" if path.turned else "")
+    by = f"{length_text(distance)}" + (f" and {np.degrees(angle):.3g} deg" if path.turned else "")
     remedy = (
         f"must leave time to move to the path, which begins {by} from the end effector; "
         f"set opt.Path(..., approach_time={max(2.0, np.ceil(10.0 * distance)):g}), or another start"
