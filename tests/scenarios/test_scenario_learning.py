@@ -73,7 +73,7 @@ def test_known_masses_and_bodies_are_those_of_python(tmp_path: Path) -> None:
         ("known = 3.0", "table of masses or bodies by link"),
         ("known = {bse = 3.0}", "did you mean 'base'"),
         ("known = {link_1 = 2.0}", "not among the unknown bodies"),
-        ("[learn.known.base]\nmass = 3.0", "must have the keys mass, inertia"),
+        ("[learn.known.base]\nmass = 3.0", "must have the keys mass and inertia"),
         ("[learn.known.base]\nmass = 3.0\ninertia = [1.0, 1.0, 5.0]", "triangle inequality"),
     ],
 )
