@@ -238,6 +238,18 @@ def test_gyros_and_encoders_alone_find_the_base(momentum: Any) -> None:
     base_of(identify(arm(), recording=(tracking.t[::4], q, v)), true_arm(), 1e-5)
 
 
+def test_without_a_linear_velocity_that_is_mostly_noise_the_inertia_is_better_known() -> None:
+    """In the regressors its noise costs more information than the velocity has."""
+    tracking, true = swung_by(true_arm(), arm()), np.array(true_arm().model.inertias[1].toDynamicParameters())
+    noise = Sensors(base_velocity_noise=2e-3, base_rate_noise=1e-5, joint_rate_noise=2e-4)
+    t, q, v = (x[::2] for x in measured(tracking, noise))
+    unseen = np.column_stack([np.full((len(t), 3), np.nan), v[:, 3:]])
+    seen, left_out = (identify(arm(), recording=(t, q, x), sensors=noise)["base"] for x in (v, unseen))
+    assert (left_out.deviation[4:] < 0.5 * seen.deviation[4:]).all()
+    for body in (seen, left_out):
+        assert (np.abs(body.parameters - true) < 4.0 * body.deviation).all()
+
+
 def test_a_low_rate_of_sampling_is_no_noise() -> None:
     """Differences of the third order alone would take the motion for noise of 2 % of the rates."""
     tracking = swung_by(true_arm(), arm())
