@@ -375,8 +375,8 @@ def _in_words(error: ErrorDetails, content: Mapping[str, Any]) -> str:
         key = name.removesuffix(DEGREES)
         takers = [choice for choice, table in model.choices.items() if key in table.model_fields]
         if not takers:
-            known = [*model.model_fields, *(angle + DEGREES for angle in model.angle_keys())]
-            return f"unknown key '{name}' in {title}; {_suggestion(name, known)}"
+            others = [key for table in model.choices.values() for key in table.allowed_keys()]
+            return f"unknown key '{name}' in {title}; {_suggestion(name, model.allowed_keys(), others)}"
         own = ", ".join(model.chosen_keys())
         takes = f", which takes {own}" if own else ""
         instead = f'{model.chooser} = "{takers[0]}" takes it'
@@ -445,8 +445,11 @@ def _wrong(error: ErrorDetails) -> str:
     return messages.get(error["type"], str(error["msg"]))
 
 
-def _suggestion(word: str, allowed: Collection[str]) -> str:
-    """Return a similar or synonymous name among the allowed ones, as a question, and all of them."""
+def _suggestion(word: str, allowed: Collection[str], others: Collection[str] = ()) -> str:
+    """Return a similar or synonymous name as a question, and the allowed names.
+
+    The name is one of the allowed ones or of `others`, the keys of other choices.
+    """
     synonym = _SYNONYMS.get(word)
-    guess = f"did you mean '{synonym}'?" if synonym in allowed else meant(word, allowed)
+    guess = f"did you mean '{synonym}'?" if synonym in allowed else meant(word, [*allowed, *others])
     return f"{guess} (allowed: {', '.join(sorted(allowed))})".lstrip()

@@ -105,6 +105,11 @@ class Keys(BaseModel):
         return [name for name, field in cls.model_fields.items() if about(field).get("degrees")]
 
     @classmethod
+    def allowed_keys(cls) -> list[str]:
+        """Return the keys as a file may write them: angles with and without `_deg`."""
+        return [*cls.model_fields, *(name + DEGREES for name in cls.angle_keys())]
+
+    @classmethod
     def chosen_keys(cls) -> list[str]:
         """Return the keys that some of the `choices` lack."""
         others = [table.model_fields for table in cls.choices.values() if table.chooser]

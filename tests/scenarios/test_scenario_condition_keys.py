@@ -85,6 +85,11 @@ def test_every_keyword_of_simulate_can_be_said() -> None:
         ("[control]\nlaw = 'pd'\nK_s = 1.0\n", ['[control] K_s is no option of law = "pd", which takes K_p']),
         ("[control]\nlaw = 'pd'\nK_p = [[1,2,0],[2,1,0],[0,0,1]]\n", ["K_p", "positive definite"]),
         ("[reference]\nkind = 'replan'\n", ["[reference] kind", '"re-planning"']),
+        ("[control]\nlaw = 'pd'\nGama = 1.0\n", ["unknown key 'Gama' in [control]", "did you mean 'Gamma'?"]),
+        ("[contact]\nkind = 'soft'\n", ["[contact] kind must be one of", '"compliant"', "'soft'"]),
+        ("[attitude]\ndump = 3\n", ["'attitude.dump' must be a table: write [attitude.dump]"]),
+        ("[[term]]\nweight = 1.0\n", ["[[term]] 1 use is missing"]),
+        ("obstacle = 3\n", ["write [[obstacle]]"]),
         ("[reference]\ndt = 0.1\n", ["[reference] dt", 'kind = "re-planning"']),
         ("[estimator]\non = true\n", ["[estimator] needs a table [sensors]"]),
         (
@@ -140,7 +145,7 @@ def test_a_condition_that_cannot_be_used_is_named_before_anything_is_planned(
     if content.startswith("[plan]"):
         content = content.removeprefix("[plan]\n") + base[base.index("[plan]") :].replace("[plan]", "")
         content = base[: base.index("[plan]")] + "[plan]\n" + content
-    elif content.startswith("gaurds"):
+    elif not content.startswith("["):
         content += base
     else:
         content = base + content
