@@ -14,8 +14,10 @@ from ffsms_pin.client import FreeBody
 from ffsms_pin.client.client import carried
 from ffsms_pin.errors import FfsmsError, InvalidScenario, InvalidValue
 from ffsms_pin.opt import Clearance, Meet, Problem, Trajectory
+from ffsms_pin.opt.evaluation import violation_of
 from ffsms_pin.opt.flown import least_clearance
 from ffsms_pin.opt.plans import plan_problem
+from ffsms_pin.opt.search.inverse_kinematics import within_workspace
 from ffsms_pin.opt.trajectory import measure
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.texts import length_text
@@ -44,16 +46,19 @@ def in_collision(plan: Trajectory, sms: SpaceManipulator) -> str:
 
 def why_no_plan(plan: Trajectory) -> str:
     """Return the reason why a plan to a grasp does not arrive, in one sentence."""
-    off, parts = float(plan.position_error[-1]), plan.note.split("; ")
-    if any(part.startswith("binding: the workspace") for part in parts):
-        return f"the grasp is out of the workspace at the deadline, {off:.3g} m away at best"
-    blocked = [part for part in parts if part.startswith(("a clearance is", "blocked by"))]
-    if blocked:
-        return f"no motion to the grasp keeps clear of obstacles ({blocked[0]})"
-    for part in parts:
-        if part.startswith("at contact the grasp is missed by"):
-            return f"the plan ends beside the grasp ({part.removeprefix('at contact the grasp is ')})"
-    return f"the plan misses the grasp by {length_text(off)}"
+    problem, off = plan.problem, float(plan.position_error[-1])
+    assert problem is not None
+    if not within_workspace(problem):
+        return f"the grasp is out of the workspace at the deadline, {length_text(off)} away at best"
+    motion = problem.motion(plan.joint_rates)
+    for limit in problem.limits:
+        if limit.name in {*plan.broken, *plan.binding} and (nearest := violation_of(limit, motion).nearest):
+            return f"no motion to the grasp keeps clear of obstacles (blocked by {nearest})"
+    linear, angular = np.linalg.norm(plan.contact_velocity.reshape(2, 3), axis=1)
+    return (
+        f"the plan ends {length_text(off)} and {np.degrees(plan.orientation_error[-1]):.3g} deg from the "
+        f"grasp and moves with {1e3 * linear:.3g} mm/s and {np.degrees(angular):.3g} deg/s relative to it"
+    )
 
 
 def refusal(error: FfsmsError) -> str:

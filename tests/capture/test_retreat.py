@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import coal
@@ -11,7 +12,7 @@ import pytest
 
 import ffsms_pin as ffsms
 from ffsms_pin import opt
-from ffsms_pin.capture.retreat import moved_away
+from ffsms_pin.capture.retreat import moved_away, why_no_plan
 from ffsms_pin.opt.plans import plan_problem
 from ffsms_pin.opt.trajectory import measure
 
@@ -118,6 +119,25 @@ def test_a_client_that_turns_fast_is_not_followed_all_the_way(
     plan, trouble = moved_away(problem, way)
     assert plan is None
     assert "a straight motion violates limits (joints" in trouble
+
+
+def test_the_reason_of_a_failed_plan_follows_from_its_motion() -> None:
+    """The motion stays at the start, near a wall, 20 mm beside the grasp, or out of the client's reach."""
+    free = _problem()
+    hand = free.sms.at(free.q0).end_effector_pose
+    wall = pin.SE3(hand.rotation, hand.act(np.array([0.0, 0.0, 0.02])))
+    near = _problem(opt.Obstacle(coal.Box(0.3, 0.3, 0.01), wall, name="wall"))
+    goal = free.goal
+    assert isinstance(goal, opt.Meet)
+    apart = replace(
+        free, goal=replace(goal, grasp=goal.grasp * pin.SE3(np.eye(3), np.array([0.0, 0.0, 9.0])))
+    )
+    still = np.zeros((free.steps + 1, free.sms.n))
+    assert re.search(r"keeps clear of obstacles \(blocked by .*wall", why_no_plan(measure(near, still)))
+    assert re.search(
+        r"out of the workspace at the deadline, \d\.\d+ m away", why_no_plan(measure(apart, still))
+    )
+    assert re.search(r"ends \d+(\.\d)? mm and \d.* deg from the grasp", why_no_plan(measure(free, still)))
 
 
 def plan_problem_that_finds_nothing(problem: opt.Problem) -> opt.Trajectory:
