@@ -169,7 +169,7 @@ class Obstacle:
     @classmethod
     def mesh(
         cls,
-        file: Annotated[Text, Unit()],
+        file: Annotated[Text | os.PathLike[str], Unit()],
         scale: Annotated[Positive, Unit()] = 1.0,
         at: Any = (0.0, 0.0, 0.0),
         **options: Any,

@@ -466,7 +466,7 @@ def _recording_path(scenario: Scenario, folder: Path | None, allow_outside: bool
     if name is None:
         return None
     folder = scenario.source.parent if folder is None else path_like("folder", folder)
-    path = folder / name
+    path: Path = folder / name
     if not allow_outside and not Path(os.path.realpath(path)).is_relative_to(os.path.realpath(folder)):
         raise InvalidScenario(
             scenario.source,

@@ -54,7 +54,10 @@ def test_a_path_along_a_curve_needs_no_parameter(planar: ffsms.SpaceManipulator)
         (lambda: opt.RoundedSquare(0.2, 0.15), "corner must be at most half of the side"),
         (lambda: opt.Circle(-0.1), "radius must be above zero"),
         (lambda: opt.Line([0.1]), "end must have shape"),
-        (lambda: opt.Circle(0.1, faces="outwards"), 'faces must be "axis" or "centre"'),
+        (
+            lambda: opt.Circle(0.1, faces="outwards"),  # type: ignore[arg-type]
+            'faces must be "axis" or "centre"',
+        ),
         (lambda: opt.Circle(0.1, faces="axis", attitude=np.eye(3)), "faces and attitude both"),
         (lambda: opt.Line([0.1, 0.0, 0.0], faces="axis")(0.0), "faces has no direction"),
     ],
