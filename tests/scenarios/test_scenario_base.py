@@ -111,7 +111,10 @@ def test_every_key_arrives(tmp_path: Path) -> None:
         (THRUSTERS, ["[thrusters] needs a table [attitude]", "never fire"]),
         (WHEELS + "[simulation]\nwheel_momentum = [0, 0, 0]\n", ["wheel_momentum", "[attitude]"]),
         ("[wheels]\naxes = [[1, 0, 0]]\n", ["[wheels] inertia is missing"]),
-        ("[wheels]\naxes = [[0, 0, 1]]\ninertia = 2.0\n", ["[wheels] inertia", "includes the wheels"]),
+        (
+            "[wheels]\naxes = [[0, 0, 1]]\ninertia = 2.0\n[attitude]\n",
+            ["[wheels] inertia", "includes the wheels"],
+        ),
         (WHEELS + "[attitude]\nlaw = 'station-keeping'\n", ["station-keeping", "needs [thrusters]"]),
         (WHEELS + "[attitude]\nholds = 'place'\n", ["[attitude] holds", "station-keeping"]),
         (WHEELS + "[attitude]\nbandwith = 1\n", ["'bandwith' in [attitude]", "did you mean 'bandwidth'"]),
