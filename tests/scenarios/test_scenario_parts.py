@@ -180,6 +180,29 @@ def test_own_parts_are_planned_with(folder: Path, monkeypatch: pytest.MonkeyPatc
     assert described["term"].startswith("use my_parts:Quiet, joint 0")
 
 
+def test_an_own_limit_is_judged_in_the_flight(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A limit that only the flight violates: exit 1, with the reason."""
+    slow = (
+        "class Slow(opt.Limit):\n"
+        '    name = "slow"\n'
+        "    def rows(self, step):\n        return None\n"
+        "    def residual(self, motions):\n        return []\n"
+        "    def violation(self, motion):\n        return opt.Violation()\n"
+        "    def violation_in_flight(self, motion):\n"
+        "        turned = motion.joints[0].max() - motion.joints[0].min()\n"
+        '        return opt.Violation(float(turned), note=f"the shoulder turned by {turned:.3f} rad")\n'
+    )
+    with (folder / "my_parts.py").open("a") as module:
+        module.write(slow)
+    path = write(folder, QUICK + '[[limit]]\nuse = "my_parts:Slow"\n')
+    outcome = run(scenario(path, allow_import=True))
+    assert outcome.trajectory.reached
+    assert not outcome.tracking.arrived
+    assert [miss for miss in outcome.tracking.misses if miss.startswith("the shoulder turned by")]
+    assert main(["run", str(path), "--allow-import", "--no-figures", "--out", str(folder / "out")]) == 1
+    assert "not arrived: the shoulder turned by" in capsys.readouterr().out
+
+
 def test_nothing_is_imported_unless_allowed(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = write(folder, QUICK + '[[term]]\nuse = "my_parts:Quiet"\njoint = 0\n')
     chosen = scenario(path)
