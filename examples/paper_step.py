@@ -1,4 +1,4 @@
-"""Plan the paper's Case 2 by the paper's step, and by the default, which optimises the whole motion."""
+"""Plan the paper's Case 2 step by step by the paper's method, and as a whole motion by the default."""
 
 import numpy as np
 
@@ -8,7 +8,7 @@ from ffsms_pin import opt
 sms = ffsms.load("planar_3r")
 q0 = sms.configuration(np.radians([1, 1, 1]))
 cost = {}
-for name, method in (("the paper's step", "paper"), ("the whole motion", "horizon")):
+for name, method in (("the paper's method", "paper"), ("the whole motion", "horizon")):
     plan = opt.plan(sms, q0, [0.45, 0.65, 0.0], duration=12.0, kappa=10.0, method=method)
     cost[method] = plan.cost_integral
     turn = np.degrees(plan.base_rotation.max())

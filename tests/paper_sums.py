@@ -1,4 +1,4 @@
-"""The paper's sums, worked out from masses and lengths alone, and the states to compare them at."""
+"""The paper's formulas, evaluated from masses and lengths alone, and the states for the comparison."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def attitude(x: float, y: float, z: float, w: float) -> Array:
 
 
 def paper(tree: Any, root: Array, joints: Array, twist: Array, rates: Array) -> SimpleNamespace:
-    """The paper's sums at one state, and Kane's for the velocity-dependent forces.
+    """The paper's formulas at one state, and Kane's equations for the velocity-dependent forces.
 
     `root` is [position; quaternion] of the root frame, `twist` the base twist in the paper's convention.
     """

@@ -22,7 +22,7 @@ _last: dict[str, Any] = {}  # the last plan of this process and its inputs
 
 
 def run_numbers(scenario: Scenario, once: bool = False, files: str = "") -> dict[str, Any]:
-    """Plan and simulate a scenario; return the outcome, the reason of a stop, and numbers of the run.
+    """Plan and simulate a scenario; return the outcome, the reason for a stop, and numbers of the run.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""The retreat from a grasp by straight or planned motions, and the reasons of failed plans."""
+"""The retreat from a grasp by straight or planned motions, and the reasons why plans failed."""
 
 from __future__ import annotations
 

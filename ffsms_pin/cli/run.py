@@ -59,7 +59,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def missed(numbers: Mapping[str, Any]) -> str:
-    """Return the reason of a failed run in one line; empty if plan and closed loop arrive.
+    """Return in one line why a run failed; empty if plan and closed loop arrive.
 
     A capture is judged by the flight, with any number of attempts.
     """

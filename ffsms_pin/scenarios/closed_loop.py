@@ -204,7 +204,7 @@ class Attempt(NamedTuple):
     tracking : Tracking
         The recording; if the state diverged, up to the last finite state.
     stopped : str
-        The time and the reason of a stop; empty for a complete run.
+        The time and the reason for a stop; empty for a complete run.
     """
 
     tracking: Tracking

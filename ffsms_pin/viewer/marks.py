@@ -22,7 +22,7 @@ class Mark:
     name : str
         "hold point", "contact", "latched", "retreat", "attempt", "stop", "collision" or "rest".
     reason : str
-        The reason of the event; may be empty.
+        The reason for the event; may be empty.
     """
 
     time: float

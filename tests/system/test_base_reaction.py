@@ -1,4 +1,4 @@
-"""-M_b^-1 M_bm and what momentum adds: against the paper's sums, and against differences of positions."""
+"""-M_b^-1 M_bm and the base twist due to momentum: against the paper's formulas and finite differences."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Every quantity of a state against the paper's sums, worked out from masses and lengths alone."""
+"""Every quantity of a state, compared with the paper's formulas evaluated from masses and lengths alone."""
 
 from __future__ import annotations
 
