@@ -151,7 +151,7 @@ BAD = {
     'curve = "points"\n': "needs either points or file",
     'curve = "points"\nfile = "a.csv"\ntimes = [0.0, 1.0]\n': "column t",
     'curve = "points"\nfile = "a.csv"\n': "[path] file = 'a.csv' does not exist",
-    'curve = "points"\npoints = [[0, 0, 0], [0.1, 0, 0]]\ntimes = [0.0, 1.0]\n': "[path] times must reach to",
+    'curve = "points"\npoints = [[0, 0, 0], [0.1, 0, 0]]\ntimes = [0.0, 1.0]\n': "times must reach the end",
     'curve = "points"\npoints = [[0, 0, 0], [0.1, 0, 0]]\ntimes = [0.0]\n': "[path] times must have shape",
     'curve = "circle"\nradius = 0.1\nframe = "client"\n': '[path] frame = "client" needs a table [client]',
     'curve = "circle"\nradius = 0.1\nfaces = "axis"\nattitude = [0, 0, 0]\n': "keep one",
