@@ -68,11 +68,10 @@ class Verdict:
     Attributes
     ----------
     misses : tuple of str
-        Missed goals, and violated limits that decide on arrival, overlaps included, each with its value and
+        Missed goals, overlaps, and violations of all limits other than clearances, each with its value and
         its tolerance; empty if the motion has arrived.
     breaches : tuple of str
-        Violated limits that do not decide on arrival, which are clearances without overlap, each with its
-        value.
+        Violated clearances without an overlap, each with its value. A motion with breaches may have arrived.
     path_error : ndarray, shape (K,)
         Distance from the path [m]; empty if the goal is no `opt.Path`.
     orientation_error : ndarray, shape (K,)
@@ -248,7 +247,7 @@ def least_clearance(problem: Problem, robot: SpaceManipulator, motion: Rollouts)
     for limit in problem.limits:
         if not isinstance(limit, Clearance):
             continue
-        for stack in prepared(limit, robot).stacks:  # type: ignore[attr-defined]  # a Clearance again
+        for stack in prepared(limit, robot).stacks:  # type: ignore[attr-defined]  # `prepared` returns a Clearance
             nearest = least_of(stack, motion, limit.clearance, math.inf)
             margin = float(stack.margins[nearest.pair]) if stack.obstacles else 0.0
             distance, wanted = float(nearest.value) + margin, limit.clearance + margin

@@ -1,4 +1,4 @@
-"""Pairs of bodies and their distances, by the shapes of robot and obstacles or by the paper's points."""
+"""Pairs of bodies and their distances, measured between shapes or between joints (the paper's points)."""
 
 from __future__ import annotations
 

@@ -55,7 +55,7 @@ ARMS = {
     "kinova": Arm("kinova_description/robots/kinova.urdf", "j2s6s200_end_effector"),
 }
 
-# Arms of the package whose loaders read another file or lack the tool frame and the locked joints.
+# Arms of example-robot-data whose loaders read a wrong file, or lack the tool frame and the locked joints.
 _CORRECTED = {
     "ur3": Arm("ur_description/urdf/ur3_robot.urdf"),  # the package's loader "ur3" reads the UR5's file
     "panda_collision": replace(ARMS["panda"], file="panda_description/urdf/panda_collision.urdf"),

@@ -353,7 +353,7 @@ def checked_tables(source: Path, content: Mapping[str, Any]) -> dict[str, Any]:
     try:
         typed = ScenarioFile.model_validate(content).given_values()
     except ValidationError as error:
-        # Misspelt keys are reported before missing ones, because they cause them.
+        # Misspelt keys are reported before missing keys, because a misspelling also makes a key missing.
         order = {"extra_forbidden": 0, "missing": 2}
         first = min(error.errors(include_url=False), key=lambda fault: order.get(fault["type"], 1))
         raise InvalidScenario(source, _in_words(first, content)) from None

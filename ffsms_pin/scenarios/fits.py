@@ -55,7 +55,7 @@ _Tables = Mapping[str, Any]
 
 
 # Conditions are tables, keys or values of keys: "attitude", "attitude.dump", "attitude.law = coordinated".
-# A condition, others of which at least one must hold with it, and the text of the others in messages.
+# Each row has a condition, the conditions of which at least one must then hold, and their text in messages.
 _NEEDS: tuple[tuple[str, tuple[str, ...], str], ...] = (
     *(
         (f"plan.{key}", users, '[plan] method = "horizon"; other methods do not use it')
@@ -272,8 +272,8 @@ def named(source: Path, tables: _Tables, *paths: str) -> Iterator[None]:
     tables : mapping
         The tables of the file.
     *paths : str
-        The tables that the block reads, such as "friction", "client.sensor" or "via.2" (from 1); the message
-        names the first one that has the key.
+        The tables that the block reads, such as "friction", "client.sensor" or "via.2", the second [[via]].
+        The message names the first table that has the key.
     """
     try:
         yield
@@ -294,7 +294,10 @@ def named(source: Path, tables: _Tables, *paths: str) -> Iterator[None]:
 
 
 def table_at(tables: _Tables, path: str) -> tuple[str, _Tables]:
-    """Return the title in messages and the values of a table, such as "client.sensor" or "via.2" (from 1)."""
+    """Return the title of a table in messages, and the values of the table.
+
+    `path` is the table's name in dots, such as "client.sensor"; "via.2" is the second of the tables [[via]].
+    """
     values: Any = tables
     title, row = path, ""
     for step in path.split("."):

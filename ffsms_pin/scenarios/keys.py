@@ -232,7 +232,8 @@ def tables_by(
     chooser : str
         The key, such as "law".
     choices : mapping
-        By value, a table with the key, then the sources of further keys as in `table_of`.
+        The sources of each table, by the value of the key: first a table with the key, then classes or
+        functions whose options are further keys, as in `table_of`.
     omit, defaults
         As in `table_of`.
     """

@@ -325,7 +325,7 @@ def _parts(kind: str) -> Any:
     """Return the tables [[term]] or [[limit]], which `use` chooses."""
     tables = tables_by("use", {use: (PartTable, made) for use, made in PACKAGED[kind].items()})
     tables[OWN] = OwnPart
-    return list[union_of(tables)]  # type: ignore[misc]  # made here
+    return list[union_of(tables)]  # type: ignore[misc]  # a class made at import
 
 
 _OF_URDF = dict.fromkeys(("lower", "upper", "velocity", "torque"), "the URDF's")
@@ -357,7 +357,7 @@ _TABLES: dict[str, Any] = {
     "robot": table_of(load, base=RobotTable),
     "start": StartTable,
     "target": table_of(opt.Pose, base=TargetTable, omit=("reach",)),  # `reach` is a key of [plan]
-    "also": list[table_of(opt.Pose, base=AlsoTable)],  # type: ignore[misc]  # made here
+    "also": list[table_of(opt.Pose, base=AlsoTable)],  # type: ignore[misc]  # a class made at import
     "via": list[table_of(opt.Waypoint, base=PlaceTable, defaults={"name": '"via 1", ...'})],  # type: ignore[misc]
     "path": union_of(_PATHS),
     "client": table_of(Client, base=ClientTable),

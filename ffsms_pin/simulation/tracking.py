@@ -221,7 +221,9 @@ class Tracking:
         start, end = number("start", start), number("end", end)
         first, last = np.searchsorted(self.t, [start - 1e-9, end + 1e-9]).tolist()
         if last - first < 2:
-            message = f"must be at least a step after start, {start:g} s, and both within the recording"
+            message = (
+                f"must be at least one step after start = {start:g} s; both must be within the recording"
+            )
             raise InvalidValue("end", end, message)
         values: dict[str, Any] = {name: getattr(self, name) for name in ("arrived", *_TEXTS, *_JSON)}
         for name in (*SHAPES, *OPTIONAL):

@@ -87,7 +87,7 @@ class Stage:
 
     def _send(self, kind: str, path: str, **values: Any) -> None:
         key = kind, path, values.get("property", "")
-        self._commands.pop(key, None)  # the new command is the last one
+        self._commands.pop(key, None)  # so that the new command is inserted last
         self._commands[key] = bytes(umsgpack.packb({"type": kind, "path": path, **values}))
 
     def draw(

@@ -451,7 +451,7 @@ class Changed(Goal):
     goal: Goal
     change: Callable[[Place], Place] | None = None
     time_offset: float = 0.0
-    tolerance: float = None  # type: ignore[assignment]  # the other's by default
+    tolerance: float = None  # type: ignore[assignment]  # default: of the other goal
     reach: float = None  # type: ignore[assignment]
     orientation_reach: float = None  # type: ignore[assignment]
 

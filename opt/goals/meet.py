@@ -102,8 +102,9 @@ class Meet(Goal):
 
     def approach(self, duration: float) -> list[tuple[float, Place]]:
         """Return times [s] and places on the corridor's axis, at decreasing speed; none without corridor."""
-        # The approach ends when the last tenth of the time begins, after the share 0.6. If an approach that
-        # ends at the deadline stays within half of the reach in the last tenth, it is used.
+        # The approach usually ends at 0.9 of the duration, which is 0.6 of the time in the corridor, and the
+        # end effector stays at the grasp in the last tenth of the duration. If an approach that ends at the
+        # deadline is within half of the reach in this tenth, the approach ends at the deadline.
         places, late = [], 0.6
         if 2.0 * (1.0 - late) ** 2 * self.standoff <= self.reach:
             late = 1.0

@@ -58,7 +58,7 @@ class CurvePlacement:
 
 
 def _facing(along: FloatArray) -> FloatArray:
-    """Return an attitude (3, 3) whose third axis has the direction `along` (3,), its second axis across z."""
+    """Return an attitude (3, 3) with its third axis along `along` (3,) and its second perpendicular to z."""
     length = float(np.linalg.norm(along))
     if length < 1e-9:
         raise InvalidValue("faces", along, "has no direction where the curve meets the axis or centre")

@@ -48,7 +48,10 @@ class PoseConstraint:
         return places.pose_error(m.frame(self.frame, places.on))
 
     def reference(self, m: Variables) -> FrameVariable:
-        """Return the poses of the goal as a frame; in a single step it has slopes with respect to time."""
+        """Return the poses of the goal as a frame.
+
+        In a single step the frame has derivatives with respect to time.
+        """
         places, moves, turns = self.places(m), {}, {}
         assert places.rotation is not None
         if m.step is not None:
@@ -58,7 +61,7 @@ class PoseConstraint:
 
 
 class PoseTolerance(PoseConstraint, Inequality):
-    """The limit on a frame's pose error relative to a goal, at the deadline or in the last tenth.
+    """The limit on a frame's pose error relative to a goal, at the deadline or in the last tenth of the time.
 
     The slack is in metres; that of an angle is multiplied by `reach` / `orientation_reach`. If the error is
     within `share` of the reaches, the residual is zero. `message` is the message for a motion that misses the
@@ -67,7 +70,7 @@ class PoseTolerance(PoseConstraint, Inequality):
 
     def __init__(self, goal: Goal, frame: str, when: str) -> None:
         self.goal, self.frame, self.when, self.name = goal, frame, when, f"also {frame}"
-        # The other share of the reaches is left for the difference between the spline and the finished
+        # The rest of the reaches, 1 - `share`, is left for the difference between the spline and the finished
         # motion, and for the violation of a soft penalty.
         if when == "deadline":
             self.reach, self.orientation_reach, self.share = goal.tolerance, goal.tolerance, 0.4
@@ -109,7 +112,7 @@ class PoseTolerance(PoseConstraint, Inequality):
 
 
 def arrivals(goal: Goal, frame: str = "tip") -> list[PoseTolerance]:
-    """Return the two limits of a goal on a frame, at the deadline and in the last tenth (const8)."""
+    """Return a goal's limits on a frame at the deadline and in the last tenth of the time (const8)."""
     return [PoseTolerance(goal, frame, when) for when in ("deadline", "last tenth")]
 
 
@@ -117,7 +120,8 @@ def arrivals(goal: Goal, frame: str = "tip") -> list[PoseTolerance]:
 class FrameGoal(AllOf):
     """A goal of another frame of the robot at the deadline, in addition to that of the end effector.
 
-    The frame must be within the goal's `tolerance` at the deadline, and within its `reach` in the last tenth.
+    The frame must be within the goal's `tolerance` at the deadline, and within its `reach` in the last tenth
+    of the time.
     A plan that misses the goal has not `reached`, and its `note` has the error.
 
     Attributes
@@ -149,7 +153,7 @@ class FrameGoal(AllOf):
 
     @property
     def parts(self) -> list[Inequality]:
-        """The limits at the deadline and in the last tenth, scaled to the same margin."""
+        """The limits at the deadline and in the last tenth of the time, scaled to the same margin."""
         constraints = arrivals(self.goal, self.frame)
         for constraint in constraints:
             constraint.scale = (1.0 - constraint.share) * constraint.reach / (self.margin or 1.0)
@@ -210,7 +214,7 @@ class Waypoint(PoseTolerance):
         )
 
     def for_robot(self, sms: SpaceManipulator) -> Waypoint:
-        """Return the waypoint with the margin for a robot."""
+        """Return the waypoint with its margin as a share of the robot's arm length."""
         return replace(self, margin=(1.0 - self.share) * self.reach / sms.arm_stack().length)
 
     def timed(self, plan: Trajectory) -> Waypoint:
@@ -298,8 +302,8 @@ class GoalErrors(NamedTuple):
     distance: FloatArray  # (N + 1,) from the desired position at the nodes [m]
     angle: FloatArray  # (N + 1,) from the desired attitude at the nodes [rad]
     contact: FloatArray  # (6,) the end effector's twist at the deadline relative to the desired twist
-    misses: str  # message of errors beyond the tolerance at the end; empty if there are none
-    late: str  # message of errors beyond the reaches in the last tenth; empty if there are none
+    misses: str  # message of errors at the end beyond the tolerance; else empty
+    late: str  # message of errors in the last tenth of the time beyond the reaches; else empty
 
 
 def verdict(goal: Goal, motion: Rollouts) -> GoalErrors:

@@ -41,11 +41,12 @@ class Clearance(Limit):
     clearance: Annotated[NotNegative, Unit("m")] = 0.01
     """The least distance: the paper's d_safe between points of the arm, and that to base and obstacles."""
     collision: Annotated[str, OneOf(MODES), Unit()] = "auto"
-    """The geometry of the robot: "points", the paper's points and the base's box (const4 to const7); "hulls",
-    the URDF's collision shapes as convex parts; "shapes", the exact shapes, which take much longer; "off",
-    none; "auto", "hulls" if bodies with shapes can collide, else "points", for example for planar arms. The
-    clearance to obstacles is measured from the convex parts, also with "off" and "shapes". With "points", or
-    if the robot has no shapes, it is measured from the points and from the lines between them."""
+    """The geometry of the robot: "points", the joints' origins, the end effector and the base's box, as in
+    the paper (const4 to const7); "hulls", the URDF's collision shapes as convex parts; "shapes", the exact
+    shapes, which take much longer; "off", none; "auto", "hulls" if bodies with shapes can collide, else
+    "points", for example for planar arms. The clearance to obstacles is measured from the convex parts, also
+    with "off" and "shapes". With "points", or if the robot has no shapes, it is measured from the points and
+    from the lines between them."""
     margin: float = 0.01
     """The safety margin of whole motions during a search [arm lengths], in addition to the clearance. With
     shapes it is 3e-3, because neighbouring bodies are close in every posture."""

@@ -73,7 +73,7 @@ class MotorLimits(Inequality):
         return Violation(worst, note="; ".join(notes))
 
     def recorded_loads(self, m: Variables) -> Loads:
-        """Return the loads that are judged in flight. Default: all."""
+        """Return the loads whose limits are checked in a recording. Default: all."""
         return self.loads(m)
 
 

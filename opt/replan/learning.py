@@ -183,9 +183,9 @@ class ScaleFactors(Learner):
 
     @property
     def shown(self) -> tuple[FloatArray, FloatArray]:
-        """The information matrix G of the motion about x, the factors minus one, and the vector G x.
+        """The information matrix G (n + 1, n + 1) of the estimate of x, without the prior, and G x (n + 1,).
 
-        The shapes are (n + 1, n + 1) and (n + 1,).
+        x is the vector of the factors minus one.
         """
         G, g = self._sums()
         return G - np.eye(len(g)) / _PRIOR**2, g

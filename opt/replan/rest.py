@@ -157,7 +157,7 @@ def replanned(
     A change begins with zero rate and acceleration. There is no change if the rest of the last plan arrives
     and satisfies the limits. The plan continues the rates and `accelerations` (n,) of the command. `joints`
     (n,) are continuous in time, unlike the angles of continuous joints in a configuration. Only a share of a
-    fixed goal's tolerance is used, and the other share is for unknown errors.
+    fixed goal's tolerance is used, and the rest is for unknown errors.
     """
     dt, fixed = problem.dt, ~problem.free
     nodes = problem.nodes

@@ -33,7 +33,8 @@ class StepPlanner(Stepper):
     clearance : float
         The paper's d_safe between points of the arm, and the margin to the base box [m].
     collision : {"points", "shapes", "off"}
-        The geometry of the clearance: the paper's points (const4 to const7), or the URDF's collision shapes.
+        The geometry of the clearance: the joints' origins and the end effector (the paper's points, const4
+        to const7), or the URDF's collision shapes.
     aim : str
         The `reference` of a `Stepper`.
     base_limits : BaseLimits, optional

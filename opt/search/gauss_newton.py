@@ -139,9 +139,9 @@ class Arrival(NamedTuple):
     """The residuals of S motions at their goal; a radian, a m/s or a rad/s is weighted like a metre."""
 
     end: list[Variable]  # at the deadline
-    tail: list[Variable]  # in the last tenth
+    tail: list[Variable]  # in the last tenth of the time
     end_share: FloatArray  # (S,) the largest error at the deadline, as a share of the tolerance
-    late_share: FloatArray  # (S,) the largest error in the last tenth, as a share of the reach
+    late_share: FloatArray  # (S,) the largest error in the last tenth of the time, as a share of the reach
 
 
 def arrival(goal: Goal, motions: Rollouts, firm: bool = False) -> Arrival:
@@ -457,7 +457,7 @@ def corrected_goal(problem: Problem, goal: Goal, plan: Trajectory) -> Goal | Non
         float(plan.position_error[last].max()) / problem.goal.reach,
         float(plan.orientation_error[last].max()) / problem.goal.orientation_reach,
     )
-    # The factor on the reaches in the last tenth.
+    # The factor on the reaches in the last tenth of the time.
     nearer = 0.95 / late if late > 1.0 and within else 1.0
     reaches = {"reach": nearer * goal.reach, "orientation_reach": nearer * goal.orientation_reach}
     return Changed(goal, lambda place: place.moved(displacement, turn), **reaches)

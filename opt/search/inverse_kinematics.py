@@ -244,7 +244,8 @@ def least_time(limits: RobotLimits, displacement: FloatArray, begin: Any = 0.0, 
     law: it accelerates to a peak rate, keeps it if that is the rate limit, and decelerates.
     """
     a = np.minimum(limits.acceleration, 1e12)
-    # The displacement while the rate changes from `begin` to `end`; the rest of it determines the sense.
+    # The displacement while the rate changes directly from `begin` to `end`. The sign of the remaining
+    # displacement is the direction of the motion.
     ramp = 0.5 * (begin + end) * np.abs(end - begin) / a
     sense = np.where(displacement >= ramp, 1.0, -1.0)
     displacement, begin, end = sense * displacement, sense * begin, sense * end

@@ -124,7 +124,7 @@ class Search:
         self.fresh: list[Candidates] = []  # the finished motions from the last starts
         self.settled = False  # True if no cheaper motion is needed
         self.hopeless = False  # True if no motion is expected to arrive
-        # False if the first plan that meets a client is sufficient at any cost.
+        # False if the first plan that meets a client is sufficient, whatever its cost.
         self.costed = not problem.goal.exact or bool(problem.cost_terms)
         self._started = time.perf_counter()
 
@@ -363,7 +363,7 @@ def marches(search: Search) -> None:
 
 
 def straight_moves_that_end_there(search: Search, most: int = 6) -> None:
-    """Try a few straight moves that end at the goal, at any cost, if no plan arrives."""
+    """Try a few straight moves that end at the goal, whatever their cost, if no plan arrives."""
     search.fresh = []
     if search.hopeless or search.arrived():
         return
@@ -466,7 +466,7 @@ STRATEGIES = (
     Strategy("moving end", moving_end),
     Strategy("deadline alone", at_the_deadline_alone),
 )
-# The strategies for a plan at any cost.
+# The strategies if any plan that arrives is sufficient, whatever its cost.
 QUICK = (
     _NEAR,
     Strategy("first starts", partial(straight_starts, near=4, far=4)),
