@@ -224,6 +224,7 @@ def tables_by(
     choices: Mapping[str, Collection[Any]],
     omit: Collection[str] = (),
     defaults: Mapping[str, str] | None = None,
+    own: type[Keys] | None = None,
 ) -> dict[str, type[Keys]]:
     """Return a table for each value of a key, such as the laws of [control].
 
@@ -236,6 +237,8 @@ def tables_by(
         functions whose options are further keys, as in `table_of`.
     omit, defaults
         As in `table_of`.
+    own : type, optional
+        The table of a user's own class, whose value of the key is an import path.
     """
     tables: dict[str, type[Keys]] = {}
     for choice, (base, *sources) in choices.items():
@@ -247,6 +250,8 @@ def tables_by(
         tables[choice] = _table(f"{base.__name__}.{choice}", title, base, keys)
     for table in tables.values():
         table.chooser, table.choices = chooser, tables
+    if own is not None:
+        tables[OWN] = own
     return tables
 
 

@@ -321,19 +321,16 @@ PACKAGED: Mapping[str, Mapping[str, Any]] = {
 """The packaged terms and limits by their names in a scenario file."""
 
 
-def _parts(kind: str) -> Any:
-    """Return the tables [[term]] or [[limit]], which `use` chooses."""
-    tables = tables_by("use", {use: (PartTable, made) for use, made in PACKAGED[kind].items()})
-    tables[OWN] = OwnPart
-    return list[union_of(tables)]  # type: ignore[misc]  # a class made at import
-
-
 _OF_URDF = dict.fromkeys(("lower", "upper", "velocity", "torque"), "the URDF's")
 _OF_ENVELOPE = {
     "contact_force": "[contact.envelope] force, else inf",
     "contact_torque": "[contact.envelope] torque, else inf",
 }
 
+_PARTS = {
+    kind: union_of(tables_by("use", {use: (PartTable, made) for use, made in rows.items()}, own=OwnPart))
+    for kind, rows in PACKAGED.items()
+}
 _PATHS = tables_by(
     "curve",
     {
@@ -369,8 +366,8 @@ _TABLES: dict[str, Any] = {
         )
     ),
     "plan": table_of(opt.Problem, default_terms, opt.SearchOptions, opt.Clearance, base=PlanTable),
-    "term": _parts("term"),
-    "limit": _parts("limit"),
+    "term": list[_PARTS["term"]],  # type: ignore[misc]
+    "limit": list[_PARTS["limit"]],  # type: ignore[misc]
     "obstacle": list[union_of(_OBSTACLES)],  # type: ignore[misc]
     "limits": table_of(RobotLimits, defaults={**_OF_URDF, "acceleration": "1.25 /s times the rate limit"}),
     "control": union_of(tables_by("law", {law: (ControlTable, made) for law, made in LAWS.items()})),
