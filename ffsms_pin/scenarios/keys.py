@@ -221,7 +221,10 @@ def table_of(
 
 def tables_by(
     chooser: str,
-    choices: Mapping[str, Collection[Any]],
+    base: type[Keys],
+    choices: Mapping[str, Any],
+    *shared: Any,
+    bases: Mapping[str, type[Keys]] | None = None,
     omit: Collection[str] = (),
     defaults: Mapping[str, str] | None = None,
     own: type[Keys] | None = None,
@@ -232,22 +235,29 @@ def tables_by(
     ----------
     chooser : str
         The key, such as "law".
+    base : type
+        The table with this key.
     choices : mapping
-        The sources of each table, by the value of the key: first a table with the key, then classes or
-        functions whose options are further keys, as in `table_of`.
+        By value, a class or function whose options are further keys, or None.
+    *shared : class or function
+        Sources of further keys of all tables.
+    bases : mapping, optional
+        Tables that replace `base`, by value.
     omit, defaults
         As in `table_of`.
     own : type, optional
         The table of a user's own class, whose value of the key is an import path.
     """
     tables: dict[str, type[Keys]] = {}
-    for choice, (base, *sources) in choices.items():
-        field = base.model_fields[chooser]
+    for choice, source in choices.items():
+        chosen_base = (bases or {}).get(choice, base)
+        sources = shared if source is None else (source, *shared)
+        field = chosen_base.model_fields[chooser]
         default = about(field)["default_in_words"]
         chosen = key("", default, field.description, required=default != f'"{choice}"')
-        keys = {chooser: (Literal[choice], chosen), **_keys(sources, base, omit, defaults or {})}
-        title = (inspect.getdoc((sources or [base])[0]) or "").partition("\n")[0]
-        tables[choice] = _table(f"{base.__name__}.{choice}", title, base, keys)
+        keys = {chooser: (Literal[choice], chosen), **_keys(sources, chosen_base, omit, defaults or {})}
+        title = (inspect.getdoc(source or base) or "").partition("\n")[0]
+        tables[choice] = _table(f"{chosen_base.__name__}.{choice}", title, chosen_base, keys)
     for table in tables.values():
         table.chooser, table.choices = chooser, tables
     if own is not None:

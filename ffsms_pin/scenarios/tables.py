@@ -327,29 +327,21 @@ _OF_ENVELOPE = {
     "contact_torque": "[contact.envelope] torque, else inf",
 }
 
-_PARTS = {
-    kind: union_of(tables_by("use", {use: (PartTable, made) for use, made in rows.items()}, own=OwnPart))
-    for kind, rows in PACKAGED.items()
-}
+_TERM_TABLES = tables_by("use", PartTable, PACKAGED["term"], own=OwnPart)
+_LIMIT_TABLES = tables_by("use", PartTable, PACKAGED["limit"], own=OwnPart)
 _PATHS = tables_by(
     "curve",
-    {
-        **{curve: (PathTable, made, opt.Path) for curve, made in CURVES.items()},
-        "points": (PointsTable, CurvePlacement, opt.Path),
-    },
+    PathTable,
+    {**CURVES, "points": CurvePlacement},
+    opt.Path,
+    bases={"points": PointsTable},
     omit=("times",),  # a key of `PointsTable`
     defaults={"free_axis": "none; with `faces` [0, 0, 1]"},
 )
-_OBSTACLES = tables_by(
-    "shape", {shape: (ObstacleTable, made, opt.Obstacle) for shape, made in SHAPES.items()}
-)
-_ATTITUDES = tables_by(
-    "law",
-    {
-        law: (AttitudeTable if law == STATION_KEEPING else DumpingTable, made)
-        for law, made in BASE_LAWS.items()
-    },
-)
+_OBSTACLES = tables_by("shape", ObstacleTable, SHAPES, opt.Obstacle)
+_CONTACTS = tables_by("kind", ContactTable, {"rigid": None, "compliant": Grip}, Procedure)
+_REFERENCES = tables_by("kind", ReferenceTable, {"plan": None, "re-planning": Replan})
+_ATTITUDES = tables_by("law", DumpingTable, BASE_LAWS, bases={STATION_KEEPING: AttitudeTable})
 _TABLES: dict[str, Any] = {
     "robot": table_of(load, base=RobotTable),
     "start": StartTable,
@@ -359,21 +351,14 @@ _TABLES: dict[str, Any] = {
     "path": union_of(_PATHS),
     "client": table_of(Client, base=ClientTable),
     "meet": table_of(opt.Meet, base=MeetTable),
-    "contact": union_of(
-        tables_by(
-            "kind",
-            {"rigid": (ContactTable, Procedure), "compliant": (ContactTable, Grip, Procedure)},
-        )
-    ),
+    "contact": union_of(_CONTACTS),
     "plan": table_of(opt.Problem, default_terms, opt.SearchOptions, opt.Clearance, base=PlanTable),
-    "term": list[_PARTS["term"]],  # type: ignore[misc]
-    "limit": list[_PARTS["limit"]],  # type: ignore[misc]
+    "term": list[union_of(_TERM_TABLES)],  # type: ignore[misc]
+    "limit": list[union_of(_LIMIT_TABLES)],  # type: ignore[misc]
     "obstacle": list[union_of(_OBSTACLES)],  # type: ignore[misc]
     "limits": table_of(RobotLimits, defaults={**_OF_URDF, "acceleration": "1.25 /s times the rate limit"}),
-    "control": union_of(tables_by("law", {law: (ControlTable, made) for law, made in LAWS.items()})),
-    "reference": union_of(
-        tables_by("kind", {"plan": (ReferenceTable,), "re-planning": (ReferenceTable, Replan)})
-    ),
+    "control": union_of(tables_by("law", ControlTable, LAWS)),
+    "reference": union_of(_REFERENCES),
     "simulation": table_of(
         simulation.Conditions, base=SimulationTable, defaults={"momentum": "[plan] momentum"}
     ),
