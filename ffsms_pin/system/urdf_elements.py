@@ -198,7 +198,7 @@ def fix_joint(joint: Element, position: float) -> None:
     """
     if position != 0.0:
         place, axis = origin_of(joint, math.inf), triple_of(joint.find("axis"), "xyz", "1 0 0", math.inf)
-        length = float(np.linalg.norm(axis))
+        length = math.hypot(*axis)  # no overflow at 1e300
         if length < 1e-9:
             raise Unreadable("has a zero axis")
         if joint.get("type") == "prismatic":
