@@ -4,8 +4,7 @@
 
 A solution (JSON, or npz) has times `t` (K,) [s] from zero to the problem's duration, and at these `joints`
 (K, n) [rad] and `rates` (K, n) [rad/s]. Between them each joint follows the cubic polynomial through both
-ends. The judge computes the base's motion from the conservation of momentum. README.md has the problems'
-schema.
+ends. The base's motion follows from the conservation of momentum. README.md has the problems' schema.
 """
 
 from __future__ import annotations

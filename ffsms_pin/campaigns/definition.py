@@ -58,7 +58,7 @@ class Campaign:
     def open(cls, folder: str | os.PathLike[str], *, allow_import: bool = False) -> Campaign:
         """Read the campaign of a results folder."""
         file = Path(folder) / "campaign.json"
-        if not file.is_file():
+        if not file.exists():
             raise ResultError(folder, "is no results folder of a campaign (no campaign.json)")
         try:
             return cls(**{**read_json(file), "allow_import": allow_import})

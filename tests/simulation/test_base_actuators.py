@@ -220,7 +220,7 @@ def test_what_cannot_be_used(planar: ffsms.SpaceManipulator, swing: Swing, refus
     refused(lambda: run(base_controller=3), InvalidValue, "base_controller", "command(view)")
     refused(lambda: run(planar, base_controller=still), InvalidValue, "with_actuators(wheels=...)")
     refused(lambda: run(base_controller=still, wheel_momentum=[0.1]), InvalidValue, "(4,)")
-    refused(lambda: run(base_controller=still, wheel_momentum=[2.0] * 4), InvalidValue, "largest momentum")
+    refused(lambda: run(base_controller=still, wheel_momentum=[2.0] * 4), InvalidValue, "largest momenta")
     refused(lambda: run(base_controller=still, plant=planar), InvalidValue, "base_controller", "plant")
     one = planar.with_actuators(wheels=ffsms.ReactionWheels([0, 0, 1], 1e-3))
     refused(lambda: run(base_controller=still, plant=one), InvalidValue, "plant", "as many wheels")

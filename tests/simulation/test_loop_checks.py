@@ -153,7 +153,7 @@ def test_objects_that_observe_derive_from_observer(planar: ffsms.SpaceManipulato
         observe_sensors = observe_wheels = observe_wrench = observe_robot = observe_nothing
         joint_failed = expect_noise = observe_nothing
 
-    with pytest.raises(InvalidValue, match=r"^reference has a method observe, .*simulation\.Observer"):
+    with pytest.raises(InvalidValue, match=r"^reference has a method observe that .*simulation\.Observer"):
         simulate(planar, Looking(planar), PD(planar))
     for reference in (Observing(planar, duration=0.1), Structural(planar, duration=0.1)):
         simulate(planar, reference, PD(planar), conditions=Conditions(guards=None))

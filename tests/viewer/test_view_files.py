@@ -118,6 +118,6 @@ def test_a_scene_without_a_display_names_its_file(
     monkeypatch.setattr("sys.platform", "linux")
     for name in ("DISPLAY", "WAYLAND_DISPLAY"):
         monkeypatch.delenv(name, raising=False)
-    with pytest.warns(FfsmsWarning, match=r"no browser or no display.*mine\.html"):
+    with pytest.warns(FfsmsWarning, match=r"mine\.html, but there is no browser or no display"):
         scene.open(tmp_path / "mine.html")
     assert (tmp_path / "mine.html").exists()
