@@ -11,7 +11,7 @@ import pinocchio as pin
 from ffsms_pin.actuation import ReactionWheels
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.control.laws import reduced_dynamics
-from ffsms_pin.errors import InvalidValue
+from ffsms_pin.errors import InvalidValue, length_text
 from ffsms_pin.opt import Trajectory
 from ffsms_pin.opt.flown import LeastClearance
 from ffsms_pin.opt.rollouts import ARRIVAL_SHARE
@@ -19,7 +19,6 @@ from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.robot.base_motion import advance
 from ffsms_pin.simulation import Tracking
 from ffsms_pin.system.dynamics import frame_pose
-from ffsms_pin.texts import length_text
 
 _ROUNDING = 1e-9  # relative; a limit that is met up to rounding counts as kept
 

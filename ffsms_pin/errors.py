@@ -311,6 +311,11 @@ class FfsmsWarning(UserWarning):
     """The class of the library's warnings."""
 
 
+def length_text(metres: float) -> str:
+    """Return a length with its unit: millimetres below 1 m, metres from there on."""
+    return f"{1e3 * metres:.3g} mm" if abs(metres) < 1.0 else f"{metres:.4g} m"
+
+
 def short(value: Any) -> str:
     """Return the text of a value for messages: one line of at most 80 characters."""
     try:

@@ -20,10 +20,10 @@ from ffsms_pin.capture.contact_load import DEVIATIONS
 from ffsms_pin.capture.estimate import ClientEstimate
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.client import AfterCapture, Client, FreeBody
+from ffsms_pin.errors import length_text
 from ffsms_pin.geometry.bodies import clearance_stack
 from ffsms_pin.geometry.distances import Poses
 from ffsms_pin.system.batch.stacks import quaternions
-from ffsms_pin.texts import length_text
 
 _STEP, _MOST = 0.02, 6000  # [m] relative displacement between two instants, and their largest number
 _LARGEST_TURN = 2.0  # chord of half a turn on a unit circle

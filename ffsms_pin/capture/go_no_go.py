@@ -13,10 +13,10 @@ from ffsms_pin.capture.contact_load import DEVIATIONS
 from ffsms_pin.capture.estimate import ClientEstimate
 from ffsms_pin.capture.prediction import Envelope, Prediction
 from ffsms_pin.checks import FloatArray, positive
+from ffsms_pin.errors import length_text
 from ffsms_pin.opt import Meet
 from ffsms_pin.options import Angle, Positive, Unit
 from ffsms_pin.robot import SpaceManipulator
-from ffsms_pin.texts import length_text
 
 _AGE, _PERIODS = 2.0, 5.0  # largest age beyond the latency: 2 s, or five sensor periods if these are longer
 

@@ -12,7 +12,7 @@ import pinocchio as pin
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.client import FreeBody
 from ffsms_pin.client.client import carried
-from ffsms_pin.errors import FfsmsError, InvalidScenario, InvalidValue
+from ffsms_pin.errors import FfsmsError, InvalidScenario, InvalidValue, length_text
 from ffsms_pin.opt import Clearance, Meet, Problem, Trajectory
 from ffsms_pin.opt.evaluation import violation_of
 from ffsms_pin.opt.flown import least_clearance
@@ -20,7 +20,6 @@ from ffsms_pin.opt.plans import plan_problem
 from ffsms_pin.opt.search.inverse_kinematics import within_workspace
 from ffsms_pin.opt.trajectory import measure
 from ffsms_pin.robot import SpaceManipulator
-from ffsms_pin.texts import length_text
 
 _RETURN = 1.0  # [1/s] rate at which position errors are corrected and self-motions decay
 _DAMPING = 0.05  # [1] damping of changes of the rates near a singularity (Wampler 1986)

@@ -39,7 +39,7 @@ from ffsms_pin.client import AfterCapture, Client, after_capture
 from ffsms_pin.client.client import carried, other_motion
 from ffsms_pin.control import BaseLaw, JointLaw
 from ffsms_pin.control.base_command import BaseCommand, BaseView
-from ffsms_pin.errors import FfsmsError
+from ffsms_pin.errors import FfsmsError, length_text
 from ffsms_pin.opt import Meet, Problem, Replanning, Trajectory
 from ffsms_pin.opt.plans import plan_problem
 from ffsms_pin.references import Observer, Resettable
@@ -48,7 +48,6 @@ from ffsms_pin.robot.base_motion import roll_out
 from ffsms_pin.simulation import Close, End, Freeze, Instant, Latch, Open, Phase, Reference, Supervisor, Trip
 from ffsms_pin.simulation.events import Event
 from ffsms_pin.system.dynamics import centroidal
-from ffsms_pin.texts import length_text
 
 # The laws of a robot's joints and, if there is one, of its base.
 Laws = Callable[[SpaceManipulator], tuple[JointLaw, BaseLaw | None]]

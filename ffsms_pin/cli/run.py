@@ -19,11 +19,10 @@ from rich.table import Table
 from ffsms_pin.browser import open_in_browser
 from ffsms_pin.cli import output
 from ffsms_pin.cli.output import filled, limit_text, new_table, range_text, say
-from ffsms_pin.errors import InvalidValue, installed
+from ffsms_pin.errors import InvalidValue, installed, length_text
 from ffsms_pin.scenarios import Outcome, Scenario, closed_loop, scenario, summary
 from ffsms_pin.scenarios.closed_loop import StageProgress
 from ffsms_pin.scenarios.definition import save_scenario
-from ffsms_pin.texts import length_text
 
 _UNITS = {"deg_per_s": "deg/s", "Nms": "N m s"}
 

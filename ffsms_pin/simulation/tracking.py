@@ -14,7 +14,7 @@ import numpy as np
 import pinocchio as pin
 
 from ffsms_pin.checks import FloatArray, from_homogeneous, frozen, number
-from ffsms_pin.errors import InvalidValue, ResultError
+from ffsms_pin.errors import InvalidValue, ResultError, length_text
 from ffsms_pin.files import check_shapes, check_times, load_arrays, save_arrays
 from ffsms_pin.opt.flown import LeastClearance, Verdict, judge
 from ffsms_pin.opt.goals.goal import ORIENTATION_REACH, REACH
@@ -25,7 +25,6 @@ from ffsms_pin.references import Reference, Sample
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.simulation.world import World
 from ffsms_pin.system.dynamics import frame_pose
-from ffsms_pin.texts import length_text
 
 Shape: TypeAlias = tuple[str | int, ...]
 

@@ -13,7 +13,7 @@ import pinocchio as pin
 from ffsms_pin import checks
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.client import FreeBody
-from ffsms_pin.errors import InvalidValue
+from ffsms_pin.errors import InvalidValue, length_text
 from ffsms_pin.opt.derivatives import BASE, INERTIAL, Variable, Variables
 from ffsms_pin.opt.evaluation import Rows, Violation
 from ffsms_pin.opt.goals.curves import (
@@ -38,7 +38,6 @@ from ffsms_pin.opt.step.state import StepState
 from ffsms_pin.options import Angle, NotNegative, Numbers, Positive, Unit, Vector3
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.system.batch.stacks import exp3, log3
-from ffsms_pin.texts import length_text
 
 if TYPE_CHECKING:
     from ffsms_pin.opt.problem import Problem

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 import numpy as np
 
 from ffsms_pin.checks import FloatArray, Indices, at_least_zero, instance, positive, set_frozen
-from ffsms_pin.errors import InvalidValue
+from ffsms_pin.errors import InvalidValue, length_text
 from ffsms_pin.opt.derivatives import FrameVariable, RobotFrame, Variable, Variables
 from ffsms_pin.opt.evaluation import Rows, Violation
 from ffsms_pin.opt.goals.goal import ORIENTATION_REACH, Goal, Place, PoseError, as_goal, deadzone
@@ -20,7 +20,6 @@ from ffsms_pin.opt.step.state import StepState
 from ffsms_pin.options import Angle, NotNegative, Positive, Text, Unit
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.system.batch.stacks import dot
-from ffsms_pin.texts import length_text
 
 if TYPE_CHECKING:
     from ffsms_pin.opt.trajectory import Trajectory

@@ -22,7 +22,7 @@ import numpy as np
 import pinocchio as pin
 
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.errors import InvalidValue
+from ffsms_pin.errors import InvalidValue, length_text
 from ffsms_pin.kernel import kernel
 from ffsms_pin.opt.derivatives import Variables
 from ffsms_pin.opt.goals.curves import TimeLaw
@@ -38,7 +38,6 @@ from ffsms_pin.opt.search.time_law import check_bounded, check_timing, fastest_l
 from ffsms_pin.opt.step.state import rate_bounds
 from ffsms_pin.opt.trajectory import Trajectory, measure
 from ffsms_pin.robot.base_motion import advance
-from ffsms_pin.texts import length_text
 
 if TYPE_CHECKING:
     from ffsms_pin.opt.search.search import SearchOptions
