@@ -12,7 +12,7 @@ from ffsms_pin.opt.evaluation import UNBOUNDED
 from ffsms_pin.opt.rollouts import Rollouts
 from ffsms_pin.opt.step.state import StepState
 
-__all__ = ["AbovePlane", "LookAt"]
+__all__ = ["AbovePlane", "Below", "LookAt"]
 
 
 @dataclass(frozen=True)
@@ -75,3 +75,16 @@ class AbovePlane(opt.Limit):
         amount = max(0.0, -float(height.min()))
         note = f"the end effector is {1e3 * amount:.1f} mm below the plane" if amount else ""
         return opt.Violation(amount, motion.times[height < 1e-3], note)
+
+
+class Below(opt.Inequality):
+    """The end effector stays below a height [m]."""
+
+    name = "ceiling"
+
+    def __init__(self, height: float) -> None:
+        self.height = height
+
+    def slack(self, m: opt.Variables) -> opt.Variable:
+        slack: opt.Variable = self.height - m.tip[2]
+        return slack

@@ -289,8 +289,8 @@ def _limit_misses(record: Captured, mission: StateMachine, plant: SpaceManipulat
     if len(rows) < 2:
         return []
     first = rows[0]
-    motion = whole.client_pose[first], whole.client_twist[first]
-    problem = with_client(problem, other_motion(record.client, pin.XYZQUATToSE3(motion[0]), motion[1]))
+    pose, twist = pin.XYZQUATToSE3(whole.client_pose[first]), whole.client_twist[first]
+    problem = with_client(problem, other_motion(record.client, pose, twist))
     limits = [
         limit for limit in problem.limits if not any(limit is of_goal for of_goal in problem.goal_limits)
     ]

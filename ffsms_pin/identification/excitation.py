@@ -37,6 +37,7 @@ class Excitation(Term):
 
     The term is linearised about a plan. Solve the problem without the term, then with the term about that
     plan, and repeat this two or three times with the newest plan. The goal of the problem is still reached.
+    Use a plan of the problem's duration: after the end of a shorter plan, its last instant is used.
 
     Parameters
     ----------
@@ -62,6 +63,9 @@ class Excitation(Term):
     ) -> None:
         instance("identifier", identifier, Identifier)
         instance("plan", plan, Trajectory)
+        if plan.q.shape[1] != identifier.robot.nq:
+            text = f"must be a plan of the identifier's robot, with {identifier.robot.n} joints"
+            raise InvalidValue("plan", plan, text)
         self.weight, self.identifier = at_least_zero("weight", weight), identifier
         directions = whole("directions", directions, 1)
         root, Y = identifier.expected_equations(plan.q, plan.v)
@@ -100,13 +104,13 @@ class Excitation(Term):
 
     def _bodies(self, m: Variables) -> list[tuple[FrameVariable, Any, Any]]:
         """Return frame, velocity of the frame's origin and angular velocity of each body, inertial axes."""
-        sms, stack, spin, base = self.identifier.robot, m.stack, m.base_angular_velocity, m.base
+        sms, stack, angular_velocity, base = self.identifier.robot, m.stack, m.base_angular_velocity, m.base
         joints = [m.frame(name) for name in sms.joint_names]
         axes = [frame.axis(axis) for frame, axis in zip(joints, joint_axes(sms), strict=True)]
 
         def relative(moves: FloatArray, point: Any) -> tuple[Any, Any]:
             """Return the velocity of a point and the angular velocity, relative to the base."""
-            velocity, angular = 0.0 * spin, 0.0 * spin
+            velocity, angular = 0.0 * angular_velocity, 0.0 * angular_velocity
             for i in np.flatnonzero(moves):
                 rate = m.rates[i : i + 1]
                 if sms.layout.turns[i]:
@@ -116,7 +120,7 @@ class Excitation(Term):
                     velocity = velocity + rate * axes[i]
             return velocity, angular
 
-        origin = m.velocity - spin.cross(m.tip - base) - relative(stack.moves_tip, m.tip)[0]
+        origin = m.velocity - angular_velocity.cross(m.tip - base) - relative(stack.moves_tip, m.tip)[0]
         bodies = []
         for body in self.identifier.bodies:
             if body.index:
@@ -124,16 +128,18 @@ class Excitation(Term):
                 velocity, angular = relative(stack.carries[:, body.index - 1], frame)
             else:
                 frame = m.frame(str(sms.model.names[1]))
-                velocity, angular = 0.0 * spin, 0.0 * spin
-            bodies.append((frame, origin + spin.cross(frame - base) + velocity, spin + angular))
+                velocity, angular = 0.0 * angular_velocity, 0.0 * angular_velocity
+            bodies.append(
+                (frame, origin + angular_velocity.cross(frame - base) + velocity, angular_velocity + angular)
+            )
         return bodies
 
     def _momentum(self, parameters: FloatArray, body: tuple[FrameVariable, Any, Any]) -> tuple[Any, Any]:
         """Return the linear and angular momentum that a body would have with `parameters` (10,)."""
-        frame, velocity, spin = body
+        frame, velocity, angular_velocity = body
         m, cx, cy, cz, xx, xy, yy, xz, yz, zz = parameters
         moment, inertia = frame.axis([cx, cy, cz]), np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-        linear = m * velocity + spin.cross(moment)
+        linear = m * velocity + angular_velocity.cross(moment)
         pairs = zip(inertia, np.eye(3), strict=True)
-        turning = sum(frame.axis(row) * frame.axis(axis).dot(spin) for row, axis in pairs)
+        turning = sum(frame.axis(row) * frame.axis(axis).dot(angular_velocity) for row, axis in pairs)
         return linear, moment.cross(velocity) + turning + (frame - self._about).cross(linear)

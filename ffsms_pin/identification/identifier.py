@@ -128,6 +128,7 @@ class Identifier(Learner):
         self._used: FloatArray | None = None
         self._near: FloatArray | None = None
         self._offset: FloatArray | None = None
+        self._unseen: bool | None = None  # True if the samples have no linear velocity of the base
         self.samples = self._count = self._freed = 0
 
     def __repr__(self) -> str:
@@ -146,20 +147,26 @@ class Identifier(Learner):
         v : array_like, shape (6 + n,)
             Measured velocity in Pinocchio's layout. The linear velocity of the base is NaN if it is not
             measured. Then a sample adds three equations, of the angular momentum about the centre of mass, in
-            which the linear velocity follows from the masses of `robot`.
+            which the linear velocity follows from the masses of `robot`. Either all samples have a measured
+            linear velocity or none has.
         wheel_momentum : array_like, shape (w,), optional
             Spin momenta of the robot's wheels relative to the base [N m s]. Default: the wheels stand still.
 
         Raises
         ------
         InvalidValue
-            A shape is wrong, a number is not finite, or the time does not increase.
+            A shape is wrong, a number is not finite, the time does not increase, or the linear velocity is
+            measured in some samples only.
         """
         if not (isinstance(t, float) and math.isfinite(t)):
             t = number("t", t)
         if unseen := isinstance(v, np.ndarray) and bool(np.isnan(v[:3]).all()):
             v = np.concatenate([np.zeros(3), v[3:]])
         q, v = vector("q", q, self.robot.nq), vector("v", v, self.robot.nv)
+        if self._unseen not in (None, unseen):
+            text = "must be measured in all samples or in none; leave out the samples without it"
+            raise InvalidValue("v[:3], the base's linear velocity,", "NaN" if unseen else v[:3], text)
+        self._unseen = unseen
         if not t > self._time:
             raise InvalidValue("t", t, f"must be later than the previous sample at {self._time:g} s")
         self._time = t

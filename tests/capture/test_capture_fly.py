@@ -16,6 +16,7 @@ import coal
 import numpy as np
 import pinocchio as pin
 import pytest
+from own_parts import Below
 from scenario_files import CAPTURE, write
 
 import ffsms_pin as ffsms
@@ -148,19 +149,6 @@ def test_a_floating_plan_under_a_law_that_holds_the_base_is_warned_about() -> No
         capture.fly(
             held, q0, opt.Meet(client, GRASP), 6.0, control=control, planning=capture.Planning(dt=0.1)
         )
-
-
-class Below(opt.Inequality):
-    """The end effector stays below a height [m]."""
-
-    name = "ceiling"
-
-    def __init__(self, height: float) -> None:
-        self.height = height
-
-    def slack(self, m: opt.Variables) -> opt.Variable:
-        slack: opt.Variable = self.height - m.tip[2]
-        return slack
 
 
 def test_the_limits_of_the_plan_are_judged_up_to_the_contact(rigid: capture.Flight) -> None:

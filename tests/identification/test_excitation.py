@@ -78,5 +78,7 @@ def test_what_it_cannot_use_is_refused(
     plain: Any = "base"
     refused(lambda: Excitation(plain, plan), InvalidValue, "identifier")
     refused(lambda: Excitation(identifier, plain), InvalidValue, "plan")
+    other = Identifier(ffsms.load("satellite_panda"), ["base"])
+    refused(lambda: Excitation(other, plan), InvalidValue, "must be a plan of the identifier's robot")
     still = measure(problem, np.zeros_like(plan.joint_rates))
     refused(lambda: Excitation(identifier, still), InvalidValue, "must move the arm")

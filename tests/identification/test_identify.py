@@ -238,6 +238,20 @@ def test_gyros_and_encoders_alone_find_the_base(momentum: Any) -> None:
     base_of(identify(arm(), recording=(tracking.t[::4], q, v)), true_arm(), 1e-5)
 
 
+@pytest.mark.parametrize("first_measured", [True, False])
+def test_a_linear_velocity_in_some_samples_only_is_refused(first_measured: bool) -> None:
+    """A velocity from the model's masses would be weighed like a measured one."""
+    tracking, identifier = swung_by(true_arm(), arm()), Identifier(arm(), ["base"])
+    for k, measured_now in enumerate((first_measured, not first_measured)):
+        v = tracking.v[k].copy()
+        v[:3] = v[:3] if measured_now else np.nan
+        if k == 0:
+            identifier.update(float(tracking.t[k]), tracking.q[k], v)
+    with pytest.raises(InvalidValue, match="must be measured in all samples or in none"):
+        identifier.update(float(tracking.t[1]), tracking.q[1], v)
+    assert identifier.samples == 1
+
+
 def test_without_a_linear_velocity_that_is_mostly_noise_the_inertia_is_better_known() -> None:
     """In the regressors its noise costs more information than the velocity has."""
     tracking, true = swung_by(true_arm(), arm()), np.array(true_arm().model.inertias[1].toDynamicParameters())

@@ -10,6 +10,7 @@ import coal
 import numpy as np
 import pinocchio as pin
 import pytest
+from own_parts import Below
 
 import ffsms_pin as ffsms
 from ffsms_pin import opt
@@ -139,19 +140,6 @@ def test_the_base_may_move_before_the_first_row_of_its_limit(
     goal = problem.place.transformed(shift, np.eye(3))
     there = pin.SE3(goal.rotation, goal.position)
     assert judged(replace(problem, goal=there, limits=limits), plan, moved).arrived
-
-
-class Below(opt.Inequality):
-    """The end effector stays below a height [m]."""
-
-    name = "ceiling"
-
-    def __init__(self, height: float) -> None:
-        self.height = height
-
-    def slack(self, m: opt.Variables) -> opt.Variable:
-        slack: opt.Variable = self.height - m.tip[2]
-        return slack
 
 
 class Counted(opt.Limit):
