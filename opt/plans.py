@@ -17,6 +17,7 @@ from ffsms_pin.checks import common_length, one_of, optional_callable
 from ffsms_pin.errors import InvalidValue, UnknownOption, numerical_errors
 from ffsms_pin.geometry.obstacle import Obstacle
 from ffsms_pin.opt.costs import Coupling
+from ffsms_pin.opt.evaluation import Violation
 from ffsms_pin.opt.goals.goal import as_goal
 from ffsms_pin.opt.goals.path import Path
 from ffsms_pin.opt.goals.pose_constraints import FrameGoal, Waypoint, inertial_place, standing_goal
@@ -24,6 +25,7 @@ from ffsms_pin.opt.limits.alpha_box import AlphaBox
 from ffsms_pin.opt.limits.base_limits import BaseLimits
 from ffsms_pin.opt.limits.clearance import Clearance
 from ffsms_pin.opt.problem import Problem, default_limits, default_terms
+from ffsms_pin.opt.rollouts import RecordedRollouts
 from ffsms_pin.opt.search import SearchOptions, solve
 from ffsms_pin.opt.search.diagnosis import joint_limits_used, noted, reasons, refused, with_limit_notes
 from ffsms_pin.opt.search.path_steps import plan_path_stepwise
@@ -322,15 +324,27 @@ def _rows(name: str, value: Any) -> list[Any] | None:
     return list(value if isinstance(value, Sequence) else np.asarray(value))
 
 
+class _StepBox(AlphaBox):
+    """The box on alpha of re-planned motions, by which flights are not judged.
+
+    It is a property of the re-planning method, not a limit that a user has set.
+    """
+
+    def violation_in_flight(self, motion: RecordedRollouts) -> Violation:
+        """Return no violation."""
+        return Violation()
+
+
 def replannable(problem: Problem, plan: Trajectory | None = None) -> Problem:
     """Return the problem for re-planning in a closed loop.
 
-    The paper's box on alpha is added, because single steps always have it. A waypoint without a time gets the
-    time at which `plan` is nearest to it, because the loop cannot measure which waypoints were passed.
+    The paper's box on alpha is added, because single steps always have it; flights are judged by it only if
+    `problem` has it. A waypoint without a time gets the time at which `plan` is nearest to it, because the
+    loop cannot measure which waypoints were passed.
     """
     limits = list(problem.limits)
     if not any(isinstance(limit, AlphaBox) for limit in limits):
-        problem = replace(problem, limits=(*limits, AlphaBox()))
+        problem = replace(problem, limits=(*limits, _StepBox()))
     if plan is None:
         return problem
     limits = [

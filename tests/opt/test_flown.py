@@ -16,6 +16,7 @@ import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt import flown
+from ffsms_pin.opt.plans import replannable
 
 
 @pytest.fixture(scope="module")
@@ -214,6 +215,9 @@ def test_the_box_of_the_paper_is_judged(problem: opt.Problem, plan: opt.Trajecto
     assert judged(boxed, plan).arrived
     v[20, 6:] = 1.3 * problem.sms.at(plan.q[20]).coupling.V[:, 0]
     assert "|alpha_i| reaches 1.3" in flown.judge(boxed, boxed.sms, plan.t, plan.q, v).misses[0]
+    added = replannable(replace(problem, limits=[]))
+    assert [limit.name for limit in added.limits] == ["alpha box"]
+    assert flown.judge(added, added.sms, plan.t, plan.q, v).arrived  # re-planning has it, nobody asked for it
 
 
 def test_wheels_beyond_their_momentum_are_no_arrival(problem: opt.Problem, plan: opt.Trajectory) -> None:
