@@ -79,6 +79,7 @@ def test_what_is_said_of_an_estimate_comes_with_its_spread() -> None:
     assert 0.7 < np.sqrt(np.mean(np.square(off))) < 1.3
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_what_is_said_of_an_uncertain_body_holds_as_often_as_it_says() -> None:
     """Forty clients as they might be: two deviations hold nineteen of twenty, and hardly any without them."""

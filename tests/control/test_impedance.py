@@ -178,7 +178,7 @@ ARMS: dict[str, tuple[dict[str, float], dict[str, float], float, float]] = {
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("arm", ARMS)
+@pytest.mark.parametrize("arm", ["planar", pytest.param("panda", marks=pytest.mark.long)])
 def test_pressing_on_a_stiff_wall_is_stable_and_no_harder_than_the_limit(
     arm: str, request: pytest.FixtureRequest
 ) -> None:

@@ -386,7 +386,11 @@ def test_a_gripper_goes_round_a_ring(tmp_path: Path, opening: float) -> None:
 @pytest.mark.parametrize(
     ("more", "words"),
     [
-        ("[contact.envelope]\nforce = 0.5\ndistance = 1.0\nturn = 1.0\n", "the grip may have to bear"),
+        pytest.param(
+            "[contact.envelope]\nforce = 0.5\ndistance = 1.0\nturn = 1.0\n",
+            "the grip may have to bear",
+            marks=pytest.mark.long,
+        ),
         ("torque_share = 1e-3\n", "of a joint's torque limit"),
     ],
 )

@@ -102,6 +102,7 @@ def test_limits_of_the_base_are_kept_in_the_loop() -> None:
     assert max(miss.values()) < 2e-3
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_a_limit_of_the_base_that_bends_the_way() -> None:
     """Half a metre with the base within 3 degrees, on a wrong plant."""

@@ -93,6 +93,7 @@ def test_random_plants_of_a_spatial_arm() -> None:
         assert np.abs(tracking.v[:, 6:]).max() < 0.5
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_open_loop_plan_misses_where_replanning_does_not(planar: ffsms.SpaceManipulator) -> None:
     plant = perturb(planar, arm_mass=1.2)
