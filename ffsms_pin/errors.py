@@ -37,11 +37,13 @@ class InvalidValue(FfsmsError, ValueError):
         The argument.
     value : object
         The value of the argument.
+    reason : str
+        The reason of the refusal without the argument, its value and the remedy. Default: `expected`.
     """
 
-    def __init__(self, name: str, value: Any, expected: str) -> None:
+    def __init__(self, name: str, value: Any, expected: str, reason: str = "") -> None:
         super().__init__(f"{name} {expected}, got {short(value)}")
-        self.name, self.value = name, value
+        self.name, self.value, self.reason = name, value, reason or expected
 
 
 class UnknownOption(InvalidValue, TypeError):

@@ -12,7 +12,7 @@ import pinocchio as pin
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.client import FreeBody
 from ffsms_pin.client.client import carried
-from ffsms_pin.errors import FfsmsError, InvalidScenario, InvalidValue, length_text
+from ffsms_pin.errors import FfsmsError, InvalidValue, length_text
 from ffsms_pin.opt import Clearance, Meet, Problem, Trajectory
 from ffsms_pin.opt.evaluation import violation_of
 from ffsms_pin.opt.flown import least_clearance
@@ -62,13 +62,7 @@ def why_no_plan(plan: Trajectory) -> str:
 
 def refusal(error: FfsmsError) -> str:
     """Return the reason why planning raised an error, in one sentence without the arguments' values."""
-    message = str(error)
-    if isinstance(error, InvalidScenario):
-        message = message.removeprefix(f"scenario {error.source}: ").partition(", got ")[0]
-    if isinstance(error, InvalidValue):
-        message = message.removeprefix(f"{error.name} ").rpartition(", got ")[0]
-        message = message.removeprefix("must keep clear of obstacles: ").partition(" at the start; move")[0]
-    return message
+    return error.reason if isinstance(error, InvalidValue) else str(error)
 
 
 def moved_away(problem: Problem, *displacements: FloatArray) -> Planned:

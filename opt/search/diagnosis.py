@@ -79,8 +79,9 @@ def refused(problem: Problem) -> Trajectory | None:
     violations = [(limit, violation_of(limit, begin)) for limit in problem.limits if limit.refusal]
     for _, violation in violations:
         if violation.overlap:
-            remedy = f"{violation.overlap} at the start; move the start or the obstacle"
-            raise InvalidValue("q0", problem.joints0.round(6), f"must keep clear of obstacles: {remedy}")
+            overlap = violation.overlap
+            text = f"must keep clear of obstacles: {overlap} at the start; move the start or the obstacle"
+            raise InvalidValue("q0", problem.joints0.round(6), text, overlap)
     place = problem.place
     for obstacle in (obstacle for limit in problem.limits for obstacle in limit.obstacles):
         if obstacle.on_base or place.moves_with_base or obstacle.grasp is not None:
