@@ -23,9 +23,9 @@ from ffsms_pin.checks import FloatArray
 from ffsms_pin.client import after_capture
 from ffsms_pin.client.client import other_motion
 from ffsms_pin.export import to_mjcf
+from ffsms_pin.options.tables import radians
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.scenarios.captures import rendezvous
-from ffsms_pin.scenarios.keys import radians
 from ffsms_pin.scenarios.problems import meeting
 
 PARTS, IMPEDANCE = 16, 1e-3  # steps per control step; MuJoCo's regularisation, see the test

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from typing import get_args
 
-from ffsms_pin.scenarios.keys import Keys, about, description, models_in
+from ffsms_pin.options.tables import Keys, about, models_in
 from ffsms_pin.scenarios.tables import ScenarioFile
 
 __all__ = ["key_tables", "with_key_tables"]
@@ -45,7 +45,7 @@ def _add(found: dict[str, str], name: str, models: list[type[Keys]]) -> None:
             if inner := models_in(field.annotation):
                 _add(found, f"{name}.{key}", inner)
                 continue
-            more, what = about(field), description(field)
+            more, what = about(field), field.description
             if key == "use" and choice:
                 what = f'"{choice}": {model.__doc__}'.rstrip(".")
             cells = (

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from ffsms_pin.errors import InvalidScenario
-from ffsms_pin.scenarios.keys import DEGREES
+from ffsms_pin.options.tables import DEGREES
 
 # Keys that get a new value for each seed if the scenario has their table.
 _SEEDS = ("sensors.seed", "wrist.seed", "plant.random.seed", "client.sensor.seed")

@@ -21,11 +21,11 @@ from ffsms_pin.errors import InvalidScenario, SimulationDiverged, numerical_erro
 from ffsms_pin.files import check_writable, path_like
 from ffsms_pin.identification import Identifier, compared
 from ffsms_pin.opt.plans import plan_problem
+from ffsms_pin.options.tables import DEGREES, radians
 from ffsms_pin.references import Rest
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.scenarios.definition import Scenario
 from ffsms_pin.scenarios.fits import COORDINATED_WITH
-from ffsms_pin.scenarios.keys import DEGREES, radians
 from ffsms_pin.scenarios.tables import BASE_LAWS, NONE_IF_ABSENT
 from ffsms_pin.simulation import (
     Actuator,

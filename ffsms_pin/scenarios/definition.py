@@ -5,8 +5,8 @@ from __future__ import annotations
 import json
 import os
 import tomllib
-from collections.abc import Collection, Mapping
-from contextlib import AbstractContextManager
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any, TypeVar, get_origin
@@ -14,17 +14,23 @@ from typing import Any, TypeVar, get_origin
 import numpy as np
 import pinocchio as pin
 from pydantic import ValidationError
-from pydantic_core import ErrorDetails
 
 from ffsms_pin import opt
 from ffsms_pin.actuation import ReactionWheels, Thrusters
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.errors import InvalidScenario, InvalidValue, ResultError, meant, short
+from ffsms_pin.errors import InvalidScenario, InvalidValue, ResultError, meant
 from ffsms_pin.files import read_content, wrap_os_error, write_content
+from ffsms_pin.options.messages import (
+    LOADING,
+    message_of_check,
+    message_of_loading,
+    message_of_value,
+    table_at,
+)
+from ffsms_pin.options.tables import DEGREES, radians
 from ffsms_pin.robot import SatelliteBase, SpaceManipulator, load, mount, satellite_names
 from ffsms_pin.robot.mounting import face_placement
-from ffsms_pin.scenarios.fits import check_fits, named, table_at
-from ffsms_pin.scenarios.keys import DEGREES, Keys, about, models_in, radians
+from ffsms_pin.scenarios.fits import check_fits
 from ffsms_pin.scenarios.problems import (
     made_client,
     made_obstacles,
@@ -132,12 +138,26 @@ class Scenario:
                 sms = sms.with_actuators(wheels=wheels, thrusters=thrusters)
         return sms
 
-    def named(self, *paths: str) -> AbstractContextManager[None]:
-        """Add the file and the key to errors of the library inside the block.
+    @contextmanager
+    def named(self, *paths: str) -> Iterator[None]:
+        """Add the file and the key with the wrong value to errors of the library inside the block.
 
-        `paths` are the tables that the block reads, such as "friction", "client.sensor" or "via.2".
+        `paths` are the tables that the block reads, such as "friction", "client.sensor" or "via.2", the
+        second [[via]]. The message names the first table that has the key.
         """
-        return named(self.source, self.tables, *paths)
+        try:
+            yield
+        except InvalidValue as error:
+            message = message_of_value(error, ScenarioFile, self.tables, paths)
+            raise InvalidScenario(self.source, message) from None
+        except LOADING as error:
+            if str(error).startswith(f"scenario {self.source}"):
+                raise
+            message = message_of_loading(error, self.tables, paths)
+            if not message.startswith(("[robot]", "[plant]")):
+                raise InvalidScenario(self.source, message) from None
+            error.args = (f"scenario {self.source}: {message}",)  # errors of `load` keep their class
+            raise
 
     def made(self, kind: type[T], path: str, /, **values: Any) -> T:
         """Return a dataclass of options from the matching keys of a table and from `values`."""
@@ -353,103 +373,10 @@ def checked_tables(source: Path, content: Mapping[str, Any]) -> dict[str, Any]:
     try:
         typed = ScenarioFile.model_validate(content).given_values()
     except ValidationError as error:
-        # Misspelt keys are reported before missing keys, because a misspelling also makes a key missing.
-        order = {"extra_forbidden": 0, "missing": 2}
-        first = min(error.errors(include_url=False), key=lambda fault: order.get(fault["type"], 1))
-        raise InvalidScenario(source, _in_words(first, content)) from None
+        raise InvalidScenario(source, message_of_check(error, ScenarioFile, content, _SYNONYMS)) from None
     tables: dict[str, Any] = {}
     for name, field in ScenarioFile.model_fields.items():
         absent: Any = () if get_origin(field.annotation) is list else None if name in NONE_IF_ABSENT else {}
         tables[name] = typed.get(name, absent)
     check_fits(source, tables)
     return tables
-
-
-def _in_words(error: ErrorDetails, content: Mapping[str, Any]) -> str:
-    """Return the message for an error of a file: table, key, requirement and value in one line."""
-    kind, value = error["type"], error["input"]
-    title, name, model, values = _place(error["loc"], content)
-    if kind == "extra_forbidden":
-        if model is ScenarioFile:
-            return f"unknown table [{name}]; {_suggestion(name, list(model.model_fields))}"
-        key = name.removesuffix(DEGREES)
-        takers = [choice for choice, table in model.choices.items() if key in table.model_fields]
-        if not takers:
-            others = [key for table in model.choices.values() for key in table.allowed_keys()]
-            return f"unknown key '{name}' in {title}; {_suggestion(name, model.allowed_keys(), others)}"
-        own = ", ".join(model.chosen_keys())
-        takes = f", which takes {own}" if own else ""
-        instead = f'{model.chooser} = "{takers[0]}" takes it'
-        return f"{title} {name} is no option of {_chosen(model)}{takes}; {instead}"
-    if kind == "missing":
-        needed = f": {_chosen(model)} needs it" if name in model.chosen_keys() else "; it has no default"
-        return f"{title} {name} is missing{needed}"
-    if kind == "union_tag_not_found":
-        return f"{title} {model.chooser} is missing; it has no default"
-    if kind == "union_tag_invalid":
-        choices, value = ", ".join(f'"{choice}"' for choice in model.choices), values[model.chooser]
-        guess = meant(str(value), model.choices, "; ")
-        return f"{title} {model.chooser} must be one of {choices}{guess}, got {short(value)}"
-    if not name and kind in ("model_type", "model_attributes_type", "list_type"):
-        path = title.partition(" ")[0].strip("[]")
-        if title.startswith("[["):
-            return f"'{path}' may occur several times: write [[{path}]] and its keys below"
-        return f"'{path}' must be a table: write [{path}] and its keys below it"
-    if not name:
-        return f"{title} {_wrong(error)}"
-    unit, typed = about(model.model_fields[name])["unit"], name
-    if name + DEGREES in values:
-        unit, typed = unit.replace("rad", "deg"), name + DEGREES
-    return f"{title} {typed} {_wrong(error)}{f' [{unit}]' if unit else ''}, got {short(value)}"
-
-
-def _place(where: tuple[int | str, ...], content: Any) -> tuple[str, str, type[Keys], Any]:
-    """Return the title of the table with an error, the key, and the table's model and values.
-
-    The key is empty if the error is that of the whole table.
-    """
-    model: type[Keys] = ScenarioFile
-    title, path, values = "", "", content
-    steps = list(where)
-    while steps:
-        name = str(steps.pop(0))
-        fields = model.model_fields
-        kinds = models_in(fields[name].annotation) if name in fields else []
-        if not kinds:
-            return title, name, model, values
-        path = f"{path}.{name}" if path else name
-        title, model = f"[{path}]", kinds[0]
-        values = values.get(name, {}) if isinstance(values, Mapping) else {}
-        if get_origin(fields[name].annotation) is list:
-            title = f"[[{path}]]"
-            if steps:
-                i = int(steps.pop(0))
-                title, values = f"[[{path}]] {i + 1}", values[i]
-        if steps and model.choices:
-            model = model.choices[str(steps.pop(0))]
-    return title, "", model, values
-
-
-def _chosen(model: type[Keys]) -> str:
-    """Return the key and value that choose a table as text, such as `law = "pd"`."""
-    (choice,) = (choice for choice, table in model.choices.items() if table is model)
-    return f'{model.chooser} = "{choice}"'
-
-
-def _wrong(error: ErrorDetails) -> str:
-    """Return the message for a wrong value."""
-    if error["type"] == "literal_error":
-        choices = str(error["ctx"]["expected"]).replace(" or ", ", ").replace("'", '"')
-        return f"must be one of {choices}"
-    messages = {"bool_type": "must be true or false", "dict_type": "must be a table"}
-    return messages.get(error["type"], str(error["msg"]))
-
-
-def _suggestion(word: str, allowed: Collection[str], others: Collection[str] = ()) -> str:
-    """Return a similar or synonymous name as a question, and the allowed names.
-
-    The name is one of the allowed ones or of `others`, the keys of other choices.
-    """
-    synonym = _SYNONYMS.get(word)
-    guess = f"did you mean '{synonym}'?" if synonym in allowed else meant(word, [*allowed, *others])
-    return f"{guess} (allowed: {', '.join(sorted(allowed))})".lstrip()

@@ -1,17 +1,17 @@
-"""Checks that the tables of a scenario file fit together, and errors of the library with the file's key."""
+"""Checks that the tables of a scenario file fit together."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 from ffsms_pin import errors
 from ffsms_pin.control import LAWS
 from ffsms_pin.opt import Problem
-from ffsms_pin.scenarios.keys import DEGREES
-from ffsms_pin.scenarios.tables import DEFAULT_LAW, NONE_IF_ABSENT, STATION_KEEPING, is_table
+from ffsms_pin.options.messages import is_table
+from ffsms_pin.options.tables import DEGREES
+from ffsms_pin.scenarios.tables import DEFAULT_LAW, NONE_IF_ABSENT, STATION_KEEPING, ScenarioFile
 
 # Modes of a plan, and the actuators that hold the base in the closed loop.
 HELD_BY: Mapping[str, str] = {
@@ -47,9 +47,6 @@ OF_HORIZON: Mapping[str, tuple[str, ...]] = {
 }
 # Keys that need an attitude.
 _OF_ATTITUDE = ("spin", "arrival_spin", "orientation_reach")
-
-_OF_LOADING = errors.ModelNotFound, errors.FrameNotFound, errors.InvalidUrdf, errors.AmbiguousEndEffector
-_IN_A_FILE = "[robot] {key} = {listed}"  # advice of the library
 
 _Tables = Mapping[str, Any]
 
@@ -195,7 +192,7 @@ def _title(condition: str) -> str:
     """Return a condition as text for messages."""
     path, _, value = condition.partition(" = ")
     table, _, key = path.partition(".")
-    title = f"[{path}]" if is_table(path) else f"[{table}] {key}"
+    title = f"[{path}]" if is_table(ScenarioFile, path) else f"[{table}] {key}"
     return f'{title} = "{value}"' if value else title
 
 
@@ -260,75 +257,3 @@ def _attitude(title: str, place: _Tables) -> Iterator[str]:
 def _has(table: _Tables, key: str) -> bool:
     """Return whether a key is present, in radians or degrees."""
     return key in table or key + DEGREES in table
-
-
-@contextmanager
-def named(source: Path, tables: _Tables, *paths: str) -> Iterator[None]:
-    """Add the file and the key with the wrong value to errors of the library inside the block.
-
-    Parameters
-    ----------
-    source : Path
-    tables : mapping
-        The tables of the file.
-    *paths : str
-        The tables that the block reads, such as "friction", "client.sensor" or "via.2", the second [[via]].
-        The message names the first table that has the key.
-    """
-    try:
-        yield
-    except errors.InvalidValue as error:
-        raise errors.InvalidScenario(source, _in_words(error, tables, paths)) from None
-    except _OF_LOADING as error:
-        if str(error).startswith(f"scenario {source}"):
-            raise
-        title, table = table_at(tables, paths[0]) if paths else ("", {})
-        keys = ("end_effector", "frame") if isinstance(error, errors.FrameNotFound) else ("model",)
-        unclear = isinstance(error, errors.AmbiguousEndEffector | errors.InvalidUrdf)
-        key = next((f" {key}:" for key in keys if key in table), "") if not unclear else ""
-        message = f"{title}{key} {errors.advised(str(error), _IN_A_FILE)}".lstrip()
-        if title not in ("[robot]", "[plant]"):
-            raise errors.InvalidScenario(source, message) from None
-        error.args = (f"scenario {source}: {message}",)  # errors of `load` keep their class
-        raise
-
-
-def table_at(tables: _Tables, path: str) -> tuple[str, _Tables]:
-    """Return the title of a table in messages, and the values of the table.
-
-    `path` is the table's name in dots, such as "client.sensor"; "via.2" is the second of the tables [[via]].
-    """
-    values: Any = tables
-    title, row = path, ""
-    for step in path.split("."):
-        if step.isdecimal():
-            values, title, row = values[int(step) - 1], path.rpartition(".")[0], f" {step}"
-        else:
-            values = values.get(step) or {}
-    return (f"[[{title}]]{row}" if row else f"[{title}]"), values
-
-
-def _in_words(error: errors.InvalidValue, tables: _Tables, paths: tuple[str, ...]) -> str:
-    """Return the message for a wrong value, with the key of the file, or else the library's name of it."""
-    message = errors.advised(str(error), _IN_A_FILE)
-    wrong = message.removeprefix(error.name).rpartition(", got ")[0]
-    prefix, _, name = error.name.replace(" ", ".").rpartition(".")
-    name, entry, _ = name.partition("[")  # an entry belongs to the key of its list
-    if isinstance(tables.get(prefix), Mapping):
-        paths = (prefix, *paths)
-    for path in paths:
-        title, table = table_at(tables, path)
-        if name in table and is_table(f"{path}.{name}"):  # the whole table
-            return f"[{path}.{name}]{wrong}, got {errors.short(error.value)}"
-        if isinstance(inner := table.get(prefix), Mapping):
-            title, table = f"[{path}.{prefix}]", inner
-        for key in (name, name + DEGREES):
-            if key in table:
-                wrong = wrong.replace(" [rad]", "") if key.endswith(DEGREES) else wrong
-                narrower = entry or (isinstance(error.value, str) and not isinstance(table[key], str))
-                value = error.value if narrower else table[key]
-                return f"{title} {key}{wrong}, got {errors.short(value)}"
-    if isinstance(tables.get(prefix), Mapping):
-        return f"[{prefix}] {name}{message.removeprefix(error.name)}"
-    title = f"{table_at(tables, paths[0])[0]} " if len(paths) == 1 and "[" not in error.name else ""
-    return f"{title}{message}"

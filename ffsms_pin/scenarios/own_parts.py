@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from ffsms_pin import opt
 from ffsms_pin.errors import FfsmsError, InvalidScenario
-from ffsms_pin.scenarios.keys import radians
+from ffsms_pin.options.tables import radians
 from ffsms_pin.scenarios.tables import PACKAGED
 
 if TYPE_CHECKING:

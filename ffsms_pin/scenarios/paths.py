@@ -16,8 +16,8 @@ from ffsms_pin.client import FreeBody
 from ffsms_pin.errors import InvalidScenario
 from ffsms_pin.files import read_content
 from ffsms_pin.opt.goals.named_curves import CurvePlacement
+from ffsms_pin.options.tables import radians
 from ffsms_pin.robot import SpaceManipulator
-from ffsms_pin.scenarios.keys import radians
 from ffsms_pin.scenarios.tables import CURVES
 from ffsms_pin.system.batch.stacks import rotations
 

@@ -18,9 +18,9 @@ from ffsms_pin.checks import FloatArray
 from ffsms_pin.client import Client
 from ffsms_pin.errors import InvalidScenario
 from ffsms_pin.opt.problem import default_limits, default_terms
+from ffsms_pin.options.tables import options_of, radians
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.robot.base_motion import straight_end
-from ffsms_pin.scenarios.keys import options_of, radians
 from ffsms_pin.scenarios.own_parts import made_part
 from ffsms_pin.scenarios.paths import path_goal
 from ffsms_pin.scenarios.tables import SHAPES

@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
-from pydantic import ConfigDict, WithJsonSchema
-
 from ffsms_pin import opt, simulation
 from ffsms_pin.actuation import ReactionWheels, Thrusters
 from ffsms_pin.capture.camera import Camera
@@ -21,8 +19,8 @@ from ffsms_pin.identification import Identifier
 from ffsms_pin.opt.goals.named_curves import CurvePlacement
 from ffsms_pin.opt.problem import default_terms
 from ffsms_pin.options import *
+from ffsms_pin.options.tables import FileKeys, Keys, file_of, table_of, tables_by, union_of
 from ffsms_pin.robot import SatelliteBase, load
-from ffsms_pin.scenarios.keys import *
 from ffsms_pin.system import RobotLimits
 
 DEFAULT_LAW = "sliding-mode"
@@ -45,54 +43,45 @@ CURVES: dict[str, Any] = {
     "helix": opt.Helix,
     "rounded-square": opt.RoundedSquare,
 }
-_Sensor: Any = table_of(Camera)
-_Belief: Any = table_of(Belief)
-_Envelope: Any = table_of(Envelope)
-_Go: Any = table_of(GoLimits)
-_Nozzle: Any = table_of(Nozzle)
-_Ring: Any = table_of(Ring)
-_BaseLimits: Any = table_of(opt.BaseLimits)
-_Dump: Any = table_of(MomentumDump)
-_OF_PLANT = "that of [plant] and [plant.random]"
-_Masses: Any = table_of(MassUncertainty, defaults=dict.fromkeys(("arm", "base", "base_inertia"), _OF_PLANT))
+_OF_PLANT = dict.fromkeys(("arm", "base", "base_inertia"), "that of [plant] and [plant.random]")
+_MASSES: Any = table_of(MassUncertainty, defaults=_OF_PLANT)
 
 
-class MountTable(Keys):
+class MountTable(FileKeys):
     """The table [robot.mount]: the satellite that an arm is mounted on."""
 
-    position: Vector3 = key("m", "centre of the +x face")
+    position: Annotated[Vector3, Unit("m", "centre of the +x face")] = None
     """position of the arm's root link in the base frame, whose origin is the box's centre"""
-    rpy: Vector3 = angle("rad", "[0, 1.5708, 0]")
+    rpy: Annotated[Vector3, Angle("rad", "[0, 1.5708, 0]")] = None
     """roll, pitch and yaw of the arm's root link. Default: the arm's z axis along the base's x axis"""
 
 
-_Mount: Any = table_of(SatelliteBase, base=MountTable)
-
-
-class RobotTable(Keys):
+class RobotTable(FileKeys):
     """The table [robot]: the robot, by name or file."""
 
-    model: Text = key("", "", required=True)
+    model: Annotated[Text, Unit()]
     """a packaged robot, such as `planar_3r` or `satellite_panda`, or the path of a URDF, relative to the
     scenario file's folder"""
-    mount: _Mount = table()
+    mount: Annotated[Any, table_of(MountTable, SatelliteBase)] = None
 
 
-class StartTable(Keys):
+class StartTable(FileKeys):
     """The table [start]: the joints; base axes are inertial, the system's centre of mass at their origin."""
 
-    joints: Numbers = angle("rad or m", "", "joint positions at the start, one per joint", required=True)
-    joint_rates: PerJoint = angle("rad/s or m/s", "0")
+    joints: Annotated[Numbers, Angle("rad or m")]
+    """joint positions at the start, one per joint"""
+    joint_rates: Annotated[PerJoint, Angle("rad/s or m/s", "0")] = None
     """joint rates at the start of plan and closed loop; per joint"""
 
 
-class PlaceTable(Keys):
+class PlaceTable(FileKeys):
     """A desired pose of a frame of the robot."""
 
-    position: Vector3 = key("m", "", "desired position of the frame, at rest", required=True)
-    rpy: Vector3 = angle("rad", "any attitude")
+    position: Annotated[Vector3, Unit("m")]
+    """desired position of the frame, at rest"""
+    rpy: Annotated[Vector3, Angle("rad", "any attitude")] = None
     """desired attitude of the frame: roll, pitch and yaw about the axes of `relative_to`"""
-    relative_to: Literal["inertial", "base", "start"] = key("", '"inertial"')
+    relative_to: Annotated[Literal["inertial", "base", "start"], Unit()] = "inertial"
     """axes of `position` and `rpy`: "inertial"; "base", the base link's frame at the start of the motion; or
     "start", this frame itself at the start. The desired pose does not move with the base"""
 
@@ -100,209 +89,225 @@ class PlaceTable(Keys):
 class TargetTable(PlaceTable):
     """The table [target]: the goal of the end effector."""
 
-    position: Vector3 = key("m", "", "desired position of the end effector")
-    velocity: Vector3 = key("m/s", "0")
+    position: Annotated[Vector3, Unit("m")] = None
+    """desired position of the end effector"""
+    velocity: Annotated[Vector3, Unit("m/s", "0")] = None
     """velocity of a moving target, which is at `position` at the start; the end effector meets it at the
     deadline with this velocity"""
-    spin: Vector3 = angle("rad/s", "0")
+    spin: Annotated[Vector3, Angle("rad/s", "0")] = None
     """angular velocity of a rotating target, whose attitude is `rpy` at the start"""
-    arrival_velocity: Vector3 = key("m/s", "0", "end-effector velocity at the deadline, for a target at rest")
-    arrival_spin: Vector3 = angle("rad/s", "0")
+    arrival_velocity: Annotated[Vector3, Unit("m/s", "0")] = None
+    """end-effector velocity at the deadline, for a target at rest"""
+    arrival_spin: Annotated[Vector3, Angle("rad/s", "0")] = None
     """end-effector angular velocity at the deadline; needs `rpy` and `arrival_velocity`"""
 
 
 class AlsoTable(PlaceTable):
     """The table [[also]]: the goal of another frame."""
 
-    frame: Text = key("", "", "name of a frame of the robot: a link or a joint", required=True)
+    frame: Annotated[Text, Unit()]
+    """name of a frame of the robot: a link or a joint"""
 
 
-class PathTable(Keys):
+class PathTable(FileKeys):
     """The table [path]: a curve that the end effector follows."""
 
-    curve: Text = key("", "", required=True)
+    curve: Annotated[Text, Unit()]
     """"line": from the origin of the curve's axes to `end`; "circle": about the z axis, beginning on the x
     axis; "helix": a circle that rises along z, with the origin at half its height; "rounded-square": about
     the z axis, beginning in the middle of the side at +x; "points": splines through `points`"""
-    frame: Literal["inertial", "base", "client"] = key("", '"inertial"')
+    frame: Annotated[Literal["inertial", "base", "client"], Unit()] = "inertial"
     """frame to which the curve is fixed, as in `opt.Path`"""
-    position: Vector3 = key("m", "0", "origin of the curve's axes in the axes of `frame`")
-    rpy: Vector3 = angle("rad", "0", "roll, pitch and yaw of the curve's axes")
-    relative_to: Literal["frame", "start"] = key("", '"frame"')
+    position: Annotated[Vector3, Unit("m", "0")] = None
+    """origin of the curve's axes in the axes of `frame`"""
+    rpy: Annotated[Vector3, Angle("rad", "0")] = None
+    """roll, pitch and yaw of the curve's axes"""
+    relative_to: Annotated[Literal["frame", "start"], Unit()] = "frame"
     """"start": `position` and `rpy` are relative to the end effector at the start of the motion"""
-    attitude: Vector3 = angle("rad", "any", "roll, pitch and yaw of the end effector in the curve's axes")
+    attitude: Annotated[Vector3, Angle("rad", "any")] = None
+    """roll, pitch and yaw of the end effector in the curve's axes"""
 
 
 class PointsTable(PathTable):
     """The table [path] with `curve = "points"`."""
 
-    points: Rows = key("m", "", "positions, in the curve's axes")
-    file: Text = key("", "")
+    points: Annotated[Rows, Unit("m")] = None
+    """positions, in the curve's axes"""
+    file: Annotated[Text | None, Unit()] = None
     """CSV file in place of `points` and `times`, relative to the scenario file's folder: columns x, y, z [m]
     and, optionally, t [s] and an attitude qx, qy, qz, qw, named in its first line"""
-    times: Numbers = key("s", "none: a geometric curve")
+    times: Annotated[Numbers, Unit("s", "none: a geometric curve")] = None
     """times of the points, beginning at zero. If the motion ends before the last point, it does not follow
     the rest of the path, and the plan has a note"""
 
 
-class ClientTable(Keys):
+class ClientTable(FileKeys):
     """The table [client]: a free rigid body that is met and captured, or inspected along a [path]."""
 
-    position: Vector3 = key("m", "", "position of the client's centre of mass at the start")
-    rpy: Vector3 = angle("rad", "0", "roll, pitch and yaw of the client at the start")
-    joints: Numbers = angle("rad or m", "")
+    position: Annotated[Vector3, Unit("m")] = None
+    """position of the client's centre of mass at the start"""
+    rpy: Annotated[Vector3, Angle("rad", "0")] = None
+    """roll, pitch and yaw of the client at the start"""
+    joints: Annotated[Numbers, Angle("rad or m")] = None
     """joint positions that place the client, instead of `position` and `rpy`: at the deadline its grasp is
     where a straight joint-space motion to these positions brings the end effector"""
-    velocity: Vector3 = key("m/s", "0")
+    velocity: Annotated[Vector3, Unit("m/s", "0")] = None
     """velocity of the client's centre of mass, inertial axes; at the start, or with `joints` at the
     deadline"""
-    spin: Vector3 = angle("rad/s", "0", "angular velocity of the client at the time of `velocity`")
-    size: Sizes3 = key("m", "")
+    spin: Annotated[Vector3, Angle("rad/s", "0")] = None
+    """angular velocity of the client at the time of `velocity`"""
+    size: Annotated[Sizes3, Unit("m")] = None
     """sides of the drawn box; clearance to the client needs an [[obstacle]] with on = "client"."""
-    sensor: _Sensor = table()
-    belief: _Belief = table()
+    sensor: Annotated[Any, table_of(Camera)] = None
+    belief: Annotated[Any, table_of(Belief)] = None
 
 
-class MeetTable(Keys):
+class MeetTable(FileKeys):
     """The table [meet]: the rendezvous of the end effector with the client."""
 
-    grasp: Vector3 = key("m", "0", "grasp frame's position in the client's axes, from its centre of mass")
-    grasp_rpy: Vector3 = angle("rad", "0", "grasp frame's roll, pitch and yaw relative to the client's axes")
+    grasp: Annotated[Vector3, Unit("m", "0")] = None
+    """grasp frame's position in the client's axes, from its centre of mass"""
+    grasp_rpy: Annotated[Vector3, Angle("rad", "0")] = None
+    """grasp frame's roll, pitch and yaw relative to the client's axes"""
 
 
-class ContactTable(Keys):
+class ContactTable(FileKeys):
     """The table [contact]: the contact with the client, and the time after it."""
 
-    kind: Text = key("", '"rigid"')
+    kind: Annotated[Text, Unit()] = "rigid"
     """"rigid": the grip is rigid from the contact on; "compliant": it is a spring and a damper, then rigid"""
-    envelope: _Envelope = table()
-    go: _Go = table()
-    masses: _Masses = table()
-    nozzle: _Nozzle = table()
-    ring: _Ring = table()
+    envelope: Annotated[Any, table_of(Envelope)] = None
+    go: Annotated[Any, table_of(GoLimits)] = None
+    masses: Annotated[Any, _MASSES] = None
+    nozzle: Annotated[Any, table_of(Nozzle)] = None
+    ring: Annotated[Any, table_of(Ring)] = None
 
 
-class ObstacleTable(Keys):
+class ObstacleTable(FileKeys):
     """The table [[obstacle]]: a body that the robot must not touch."""
 
-    shape: Text = key("", "", required=True)
+    shape: Annotated[Text, Unit()]
     """shape of the obstacle: "box", "sphere", "cylinder", "capsule" or "mesh"."""
-    position: Vector3 = key("m", "0", "position of the shape's centre, or of a mesh's origin")
-    rpy: Vector3 = angle("rad", "0", "roll, pitch and yaw of the shape, as in a URDF")
-    on: Literal["inertial", "base", "client"] = key("", '"inertial"')
+    position: Annotated[Vector3, Unit("m", "0")] = None
+    """position of the shape's centre, or of a mesh's origin"""
+    rpy: Annotated[Vector3, Angle("rad", "0")] = None
+    """roll, pitch and yaw of the shape, as in a URDF"""
+    on: Annotated[Literal["inertial", "base", "client"], Unit()] = "inertial"
     """frame to which the obstacle is fixed: "inertial" axes, the "base" link's or the "client"'s"""
 
 
-class PlanTable(Keys):
+class PlanTable(FileKeys):
     """The table [plan]: options of the plan."""
 
-    method: Annotated[str, OneOf(opt.METHODS)] = key("", '"horizon"')
+    method: Annotated[str, OneOf(opt.METHODS), Unit()] = "horizon"
     """one of `opt.METHODS`; methods other than "horizon" are for comparison"""
-    reach: Positive = key("m", "0.02")
+    reach: Annotated[Positive, Unit("m")] = opt.Pose.reach
     """the paper's r_th: a plan reaches its target if it stays within this distance in the last tenth of its
     duration; a closed loop arrives if it ends within this distance"""
-    base_limits: _BaseLimits = table()
+    base_limits: Annotated[Any, table_of(opt.BaseLimits)] = None
 
 
-class ControlTable(Keys):
+class ControlTable(FileKeys):
     """The table [control]: the joints' law and its gains."""
 
-    law: Text = key("", f'"{DEFAULT_LAW}"')
+    law: Annotated[Text, Unit()] = DEFAULT_LAW
     """"sliding-mode" (the paper's), "computed-torque", "pd", "impedance" or "admittance"; see
     [contact](contact.md) for the last two"""
-    torque_limit: PerJointLimit = key(
-        "N m or N", "[limits] torque", "torque saturation; per joint, may be inf"
-    )
-    dt: Positive = key("s", "0.001", "control and integration step; the torque is constant in a step")
-    offset: PerJoint = angle("rad or m", "0")
+    torque_limit: Annotated[PerJointLimit, Unit("N m or N", "[limits] torque")] = None
+    """torque saturation; per joint, may be inf"""
+    dt: Annotated[Positive, Unit("s")] = 0.001
+    """control and integration step; the torque is constant in a step"""
+    offset: Annotated[PerJoint, Angle("rad or m", "0")] = None
     """deviation of the simulated arm from the plan's start; per joint"""
 
 
-class AttitudeTable(Keys):
+class AttitudeTable(FileKeys):
     """The table [attitude]: the law of the base."""
 
-    law: Text = key("", '"quaternion"')
+    law: Annotated[Text, Unit()] = "quaternion"
     """"quaternion": attitude feedback, with any law of [control]; "coordinated": one model-based law for arm
     and base, with `law = "computed-torque"` and its gains under [control]; "station-keeping": thrusters also
     hold the base's position"""
-    attitude: Vector3 = angle("rad", "that at the start", "roll, pitch, yaw of the root frame to hold")
+    attitude: Annotated[Vector3, Angle("rad", "that at the start")] = None
+    """roll, pitch, yaw of the root frame to hold"""
 
 
 class DumpingTable(AttitudeTable):
     """The table [attitude] of a law that unloads the wheels by thrusters."""
 
-    dump: _Dump = table()
+    dump: Annotated[Any, table_of(MomentumDump)] = None
 
 
-class ReferenceTable(Keys):
+class ReferenceTable(FileKeys):
     """The table [reference]: the reference of the closed loop."""
 
-    kind: Text = key("", '"plan"')
+    kind: Annotated[Text, Unit()] = "plan"
     """"plan": the plan made once; "re-planning": the motion is re-planned from the measured state by
     `opt.Replanning`. The plan made once is then simulated for comparison"""
-    hold: NotNegative = key("s", "0", "time for which the target is held after the arrival")
+    hold: Annotated[NotNegative, Unit("s")] = 0.0
+    """time for which the target is held after the arrival"""
 
 
-class SimulationTable(Keys):
+class SimulationTable(FileKeys):
     """The table [simulation]: the plant's start, and its integration."""
 
-    q0: Numbers = key("", "the plan's start")
+    q0: Annotated[Numbers, Unit("", "the plan's start")] = None
     """configuration at the start (nq numbers) in Pinocchio's layout: base position, quaternion (x, y, z, w),
     joints"""
 
 
-class RandomPlantTable(Keys):
+class RandomPlantTable(FileKeys):
     """The table [plant.random]: a plant drawn at random around that of [plant]."""
 
-    seed: Whole = key("", "", "seed of the draw; equal seeds give equal plants", required=True)
+    seed: Annotated[Whole, Unit()]
+    """seed of the draw; equal seeds give equal plants"""
 
 
-_Random: Any = table_of(simulation.random_plants, base=RandomPlantTable)
-
-
-class PlantTable(Keys):
+class PlantTable(FileKeys):
     """The table [plant]: the simulated robot, if it differs from the model."""
 
-    model: Text = key("", "the model", "another robot with the same joints, as under [robot]")
-    end_effector: Text = key("", "the model's", "end-effector frame of that robot; needs `model`")
-    random: _Random = table()
+    model: Annotated[Text | None, Unit("", "the model")] = None
+    """another robot with the same joints, as under [robot]"""
+    end_effector: Annotated[Text | None, Unit("", "the model's")] = None
+    """end-effector frame of that robot; needs `model`"""
+    random: Annotated[Any, table_of(RandomPlantTable, simulation.random_plants)] = None
 
 
-class EstimatorTable(Keys):
+class EstimatorTable(FileKeys):
     """The table [estimator]: the filter of the measurements."""
 
-    on: bool = key("", "true", "false: the measurements are used without a filter")
+    on: Annotated[bool, Unit()] = True
+    """false: the measurements are used without a filter"""
 
 
-class GuardsTable(Keys):
+class GuardsTable(FileKeys):
     """The table [guards]: limits of the flight."""
 
-    on: bool = key("", "true", "false: no guards; only a state that is not finite ends the run")
+    on: Annotated[bool, Unit()] = True
+    """false: no guards; only a state that is not finite ends the run"""
 
 
-class CampaignTable(Keys):
+class CampaignTable(FileKeys):
     """The table [campaign]: the draws of `ffsms-pin campaign`; a single run does not use it."""
 
-    seed: Whole = key("", "1", "seed of the first run; further runs have consecutive seeds")
-    draw: dict[str, Any] = key("", "")
+    seed: Annotated[Whole, Unit()] = 1
+    """seed of the first run; further runs have consecutive seeds"""
+    draw: Annotated[Any, Table(), Unit()] = None
     """distributions by key of this file, such as `plant.arm_mass = { uniform = [0.8, 1.2] }`"""
 
 
-class PartTable(Keys):
+class PartTable(FileKeys):
     """The tables [[term]] and [[limit]]."""
 
-    use: Text = key("", "", required=True)
+    use: Annotated[Text, Unit()]
     """name of one of the library's terms or limits"""
 
 
-class OwnPart(Keys):
+class OwnPart(FileKeys):
     """A term or limit of a user's own class; its further keys are the keyword arguments of the class."""
 
-    model_config = ConfigDict(extra="allow")
-
-    use: Annotated[Text, WithJsonSchema({"type": "string", "pattern": ":"})] = key(
-        "", "", f'a class of your own, written "{OWN}"', required=True
-    )
+    use: Annotated[str, Name(pattern=":"), Unit()]
+    """a class of your own, written "package.module:Class"."""
 
 
 _TERMS = (
@@ -315,8 +320,8 @@ _LIMITS = (
 )
 
 PACKAGED: Mapping[str, Mapping[str, Any]] = {
-    "term": by_name(_TERMS),
-    "limit": by_name(_LIMITS),
+    kind: {part.name.replace(" ", "-"): part for part in parts}
+    for kind, parts in (("term", _TERMS), ("limit", _LIMITS))
 }
 """The packaged terms and limits by their names in a scenario file."""
 
@@ -343,26 +348,24 @@ _CONTACTS = tables_by("kind", ContactTable, {"rigid": None, "compliant": Grip}, 
 _REFERENCES = tables_by("kind", ReferenceTable, {"plan": None, "re-planning": Replan})
 _ATTITUDES = tables_by("law", DumpingTable, BASE_LAWS, bases={STATION_KEEPING: AttitudeTable})
 _TABLES: dict[str, Any] = {
-    "robot": table_of(load, base=RobotTable),
-    "start": StartTable,
-    "target": table_of(opt.Pose, base=TargetTable, omit=("reach",)),  # `reach` is a key of [plan]
-    "also": list[table_of(opt.Pose, base=AlsoTable)],  # type: ignore[misc]  # a class made at import
-    "via": list[table_of(opt.Waypoint, base=PlaceTable, defaults={"name": '"via 1", ...'})],  # type: ignore[misc]
+    "robot": table_of(RobotTable, load),
+    "start": table_of(StartTable),
+    "target": table_of(TargetTable, opt.Pose, omit=("reach",)),  # `reach` is a key of [plan]
+    "also": list[table_of(AlsoTable, opt.Pose)],  # type: ignore[misc]  # a class made at import
+    "via": list[table_of(PlaceTable, opt.Waypoint, defaults={"name": '"via 1", ...'})],  # type: ignore[misc]
     "path": union_of(_PATHS),
-    "client": table_of(Client, base=ClientTable),
-    "meet": table_of(opt.Meet, base=MeetTable),
+    "client": table_of(ClientTable, Client),
+    "meet": table_of(MeetTable, opt.Meet),
     "contact": union_of(_CONTACTS),
-    "plan": table_of(opt.Problem, default_terms, opt.SearchOptions, opt.Clearance, base=PlanTable),
+    "plan": table_of(PlanTable, opt.Problem, default_terms, opt.SearchOptions, opt.Clearance),
     "term": list[union_of(_TERM_TABLES)],  # type: ignore[misc]
     "limit": list[union_of(_LIMIT_TABLES)],  # type: ignore[misc]
     "obstacle": list[union_of(_OBSTACLES)],  # type: ignore[misc]
     "limits": table_of(RobotLimits, defaults={**_OF_URDF, "acceleration": "1.25 /s times the rate limit"}),
     "control": union_of(tables_by("law", ControlTable, LAWS)),
     "reference": union_of(_REFERENCES),
-    "simulation": table_of(
-        simulation.Conditions, base=SimulationTable, defaults={"momentum": "[plan] momentum"}
-    ),
-    "plant": table_of(simulation.InertialError, base=PlantTable),
+    "simulation": table_of(SimulationTable, simulation.Conditions, defaults={"momentum": "[plan] momentum"}),
+    "plant": table_of(PlantTable, simulation.InertialError),
     "wheels": table_of(ReactionWheels),
     "thrusters": table_of(Thrusters),
     "attitude": union_of(_ATTITUDES),
@@ -370,32 +373,20 @@ _TABLES: dict[str, Any] = {
     "actuator": table_of(simulation.Actuator),
     "sensors": table_of(simulation.Sensors),
     "wrist": table_of(simulation.WristSensor),
-    "estimator": table_of(simulation.Estimator, base=EstimatorTable),
+    "estimator": table_of(EstimatorTable, simulation.Estimator),
     "disturbance": list[table_of(simulation.Wrench)],  # type: ignore[misc]
     "capture": list[table_of(simulation.Capture)],  # type: ignore[misc]
     "fault": list[table_of(simulation.JointFault)],  # type: ignore[misc]
-    "guards": table_of(simulation.Guards, base=GuardsTable, defaults=_OF_ENVELOPE),
+    "guards": table_of(GuardsTable, simulation.Guards, defaults=_OF_ENVELOPE),
     "learn": table_of(Identifier),
-    "campaign": CampaignTable,
+    "campaign": table_of(CampaignTable),
 }
 # Tables with required keys, which are reported as missing if the table is absent.
 _REQUIRED = ("robot", "start")
 
-ScenarioFile: type[Keys] = file_of(_TABLES, "ScenarioFile", required=_REQUIRED)
+_ABOUT = "A scenario: robot, task, plan, control, and the conditions of the closed loop."
+ScenarioFile: type[Keys] = file_of(_TABLES, "ScenarioFile", _ABOUT, required=_REQUIRED)
 """The tables of a scenario file by name."""
-ScenarioFile.__doc__ = "A scenario: robot, task, plan, control, and the conditions of the closed loop."
 
 # Tables whose absence differs from a table without keys.
 NONE_IF_ABSENT = ("path", "client", "meet", "wheels", "thrusters", "attitude", "wrist", "learn")
-
-
-def is_table(path: str) -> bool:
-    """Return whether a key, such as "attitude.dump", is a table."""
-    model: type[Keys] = ScenarioFile
-    for step in path.split("."):
-        field = model.model_fields.get(step)
-        inner = [] if field is None else models_in(field.annotation)
-        if not inner:
-            return False
-        model = inner[0]
-    return True

@@ -17,8 +17,8 @@ from ffsms_pin import opt, simulation as sim
 from ffsms_pin.control import MomentumDump, QuaternionFeedback, StationKeeping
 from ffsms_pin.errors import FfsmsError, InvalidScenario
 from ffsms_pin.opt.plans import PlanOptions
+from ffsms_pin.options.tables import Keys, models_in
 from ffsms_pin.scenarios import closed_loop, run, scenario
-from ffsms_pin.scenarios.keys import Keys, models_in
 from ffsms_pin.scenarios.tables import ScenarioFile
 
 

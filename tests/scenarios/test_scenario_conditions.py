@@ -14,8 +14,8 @@ from condition_files import CONDITIONS, QUICK, ran, text
 import ffsms_pin as ffsms
 from ffsms_pin import control, opt, simulation as sim
 from ffsms_pin.errors import InvalidScenario
+from ffsms_pin.options.tables import options_of
 from ffsms_pin.scenarios import Outcome, run, scenario, summary
-from ffsms_pin.scenarios.keys import options_of
 
 
 @pytest.fixture(scope="module")

@@ -14,10 +14,10 @@ from scenario_files import QUICK, write
 from ffsms_pin import opt
 from ffsms_pin.cli import main
 from ffsms_pin.errors import FfsmsError, InvalidScenario, InvalidValue
+from ffsms_pin.options.tables import OWN, models_in
 from ffsms_pin.scenarios import run, scenario, summary
 from ffsms_pin.scenarios.closed_loop import planned
 from ffsms_pin.scenarios.comparisons import compare
-from ffsms_pin.scenarios.keys import OWN, models_in
 from ffsms_pin.scenarios.replanning import replanning
 from ffsms_pin.scenarios.tables import PACKAGED, ScenarioFile
 

@@ -15,9 +15,9 @@ import pytest
 
 from ffsms_pin import control, opt, simulation
 from ffsms_pin.cli.main import main
+from ffsms_pin.options.tables import about, models_in, options_of
 from ffsms_pin.scenarios import scenario, scenario_names
 from ffsms_pin.scenarios.definition import packaged_path, schema
-from ffsms_pin.scenarios.keys import about, description, models_in, options_of
 from ffsms_pin.scenarios.tables import PACKAGED, ScenarioFile
 
 
@@ -92,7 +92,7 @@ def test_options_of_a_law_come_from_its_parameters() -> None:
     pd, sliding = model.choices["pd"], model.choices["sliding-mode"]
     stiffness = about(pd.model_fields["K_p"])
     assert (stiffness["unit"], stiffness["default_in_words"]) == ("N m/rad", "0.5")
-    assert description(sliding.model_fields["Gamma"]).startswith("Slope of the sliding surface")
+    assert str(sliding.model_fields["Gamma"].description).startswith("Slope of the sliding surface")
 
 
 def test_an_editor_offers_the_keys_of_the_choice(tmp_path: Path) -> None:
@@ -114,4 +114,4 @@ def test_every_key_has_a_description() -> None:
         for model in models_in(field.annotation):
             for name, inner in model.model_fields.items():
                 if not models_in(inner.annotation) and table not in ("term", "limit"):
-                    assert description(inner), f"{table}.{name}"
+                    assert inner.description, f"{table}.{name}"

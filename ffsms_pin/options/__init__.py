@@ -96,14 +96,16 @@ class Integer(Kind):
 
 @dataclass(frozen=True)
 class Name(Kind):
-    """A text that is not empty."""
+    """A text that is not empty; `pattern` is a regular expression that it has a match of."""
+
+    pattern: str | None = None
 
     def schema(self) -> Any:
         """Return the schema of a str."""
         from pydantic_core.core_schema import str_schema
 
         requirement = "must be a text that is not empty"
-        text = _described(str_schema(strict=True), requirement)
+        text = _described(str_schema(strict=True, pattern=self.pattern), requirement)
         return _checked(text, lambda value: value.strip() and "\0" not in value, requirement)
 
 
@@ -166,6 +168,17 @@ class ByName(Kind):
             return value
 
         return no_info_before_validator_function(check, dict_schema(str_schema(), self.of.schema()))
+
+
+@dataclass(frozen=True)
+class Table(Kind):
+    """A table of any content."""
+
+    def schema(self) -> Any:
+        """Return the schema of a dict."""
+        from pydantic_core.core_schema import dict_schema, str_schema
+
+        return dict_schema(str_schema())
 
 
 @dataclass(frozen=True)

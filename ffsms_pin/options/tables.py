@@ -1,8 +1,10 @@
-"""Pydantic models of the tables of a scenario file: keys with their units, defaults and descriptions.
+"""Tables of options in files: pydantic models, made from fields and parameters with a unit.
 
-A key is a field made by `key` or `angle`, or an option of the library (`table_of`, `tables_by`). The checks,
-the JSON Schema and the page of the documentation are made from the models. A key that a file leaves out is
-absent from the values of the file, so that the library's default applies.
+A key of a table is a field of a dataclass, or a parameter of a class or function, such as
+``delay: Annotated[NotNegative, Unit("s")] = 0.0``. The type of a nested table is
+``Annotated[Any, table_of(...)]``.
+The checks, the JSON Schema and the page of the documentation are made from the models. A key that a file
+leaves out is absent from the values of the file, so that the library's default applies.
 """
 
 from __future__ import annotations
@@ -14,7 +16,7 @@ import math
 import re
 import sys
 import textwrap
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from functools import cache
 from itertools import pairwise
 from types import SimpleNamespace
@@ -39,44 +41,13 @@ from pydantic_core import CoreSchema
 from ffsms_pin.options import Angle, Kind, Unit, unusable
 
 DEGREES = "_deg"  # ending of the keys that give an angle in degrees
-
-
-def key(
-    unit: str, default: str, what: str | None = None, *, required: bool = False, degrees: bool = False
-) -> Any:
-    """Return the field of a key, from its unit and its default as text.
-
-    The description is `what`, or else the docstring below the field. A file must have a `required` key. With
-    `degrees` a file may also use the key's name with `_deg`.
-    """
-    more: dict[str, Any] = {"unit": unit, "default_in_words": default, "degrees": degrees}
-    return Field(... if required else None, description=what, json_schema_extra=more)
-
-
-def angle(unit: str, default: str, what: str | None = None, *, required: bool = False) -> Any:
-    """Return the field of a key that a file may also give in degrees."""
-    return key(unit, default, what, required=required, degrees=True)
-
-
-def table() -> Any:
-    """Return the field of a nested table."""
-    return Field(None)
-
-
-def description(field: FieldInfo) -> str:
-    """Return the description of a key in one line."""
-    return " ".join((field.description or "").split()).rstrip(".")
-
-
-def about(field: FieldInfo) -> Mapping[str, Any]:
-    """Return the unit, the default as text, and True if degrees are allowed; empty for a nested table."""
-    return field.json_schema_extra if isinstance(field.json_schema_extra, dict) else {}
+OWN = "package.module:Class"  # the name under which a user's own classes stand among the choices
 
 
 class Keys(BaseModel):
     """A table, which rejects unknown keys."""
 
-    model_config = ConfigDict(extra="forbid", strict=True, frozen=True, use_attribute_docstrings=True)
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
 
     # The key that chooses one table of `choices`, to which this table belongs; set by `tables_by`.
     chooser: ClassVar[str] = ""
@@ -130,18 +101,20 @@ class Keys(BaseModel):
         """Return the JSON Schema, which has a second key for each angle, in degrees."""
         reference = handler(core_schema)
         schema = handler.resolve_ref_schema(reference)
-        for name, field in cls.model_fields.items():
-            if field.description:
-                schema["properties"][name]["description"] = description(field)
-            if about(field).get("degrees"):
-                twin = {**schema["properties"][name], "unit": "deg", "degrees": False}
-                schema["properties"][name + DEGREES] = twin
-                if name in (required := schema.get("required", [])):
-                    required.remove(name)
-                    schema.setdefault("allOf", []).append(
-                        {"anyOf": [{"required": [name]}, {"required": [name + DEGREES]}]}
-                    )
+        for name in cls.angle_keys():
+            twin = {**schema["properties"][name], "unit": "deg", "degrees": False}
+            schema["properties"][name + DEGREES] = twin
+            if name in (required := schema.get("required", [])):
+                required.remove(name)
+                schema.setdefault("allOf", []).append(
+                    {"anyOf": [{"required": [name]}, {"required": [name + DEGREES]}]}
+                )
         return reference
+
+
+def about(field: FieldInfo) -> Mapping[str, Any]:
+    """Return the unit, the default as text, and True if degrees are allowed; empty for a nested table."""
+    return field.json_schema_extra if isinstance(field.json_schema_extra, dict) else {}
 
 
 def models_in(annotation: Any) -> list[type[Keys]]:
@@ -151,26 +124,42 @@ def models_in(annotation: Any) -> list[type[Keys]]:
     return [model for inner in get_args(annotation) for model in models_in(inner)]
 
 
+class OwnKeys(Keys):
+    """The table of a user's own class, whose further keys are the arguments of the class."""
+
+    model_config = ConfigDict(extra="allow")
+
+
+class FileKeys:
+    """A base for keys that only a file has; its subclasses are dataclasses."""
+
+    def __init_subclass__(cls) -> None:
+        dataclasses.dataclass(kw_only=True)(cls)
+
+
 class Option(NamedTuple):
-    """A field or parameter of the library that is a key of a table; a required one has the default None."""
+    """A field or parameter that is a key of a table; `unit` is None for a nested table."""
 
     kind: Any
-    unit: Unit
-    default: str | None
+    unit: Unit | None
+    default: str
     what: str
+    required: bool
 
     @property
     def key(self) -> tuple[Any, Any]:
-        """The type and the `key` of a field in a table."""
-        required, degrees = self.default is None, isinstance(self.unit, Angle)
-        return self.kind, key(
-            self.unit.name, self.default or "", self.what, required=required, degrees=degrees
-        )
+        """The type and the field in a pydantic model."""
+        if self.unit is None:
+            return self.kind, Field(None)
+        more: dict[str, Any] = {"unit": self.unit.name, "default_in_words": self.default}
+        more["degrees"] = isinstance(self.unit, Angle)
+        value = ... if self.required else None
+        return self.kind, Field(value, description=self.what, json_schema_extra=more)
 
 
 @cache
 def options_of(source: Any) -> dict[str, Option]:
-    """Return the fields of a dataclass, or the parameters of a class or function, whose type has a `Unit`."""
+    """Return the options of a class or function: nested tables, and fields or parameters with a unit."""
     what, options = descriptions(source), {}
     for name, parameter in inspect.signature(source).parameters.items():
         if not str(parameter.annotation).startswith("Annotated["):
@@ -178,56 +167,41 @@ def options_of(source: Any) -> dict[str, Option]:
         hint = _hint(source, parameter)
         parts = _metadata(hint)
         unit = next((part for part in parts if isinstance(part, Unit)), None)
-        if unit is None:
+        kinds = [Annotated[Any, part] for part in parts if isinstance(part, Kind)]
+        tables = [part for part in parts if models_in(part)]
+        if unit is None and not tables:
             continue
-        kind = next((Annotated[Any, part] for part in parts if isinstance(part, Kind)), get_args(hint)[0])
+        kind = [*tables, *kinds, get_args(hint)[0]][0]
         required = parameter.default is parameter.empty
-        default = None if required else unit.default or in_words(parameter.default)
-        options[name] = Option(kind, unit, default, what.get(name, ""))
+        default = "" if required else (unit and unit.default) or in_words(parameter.default)
+        options[name] = Option(kind, unit, default, what.get(name, ""), required)
     return options
 
 
-class MadeKeys(Keys):
-    """The base of tables made at import time, whose keys have no docstrings in the source."""
-
-    model_config = ConfigDict(use_attribute_docstrings=False)
-
-
-OWN = "package.module:Class"  # the name under which a user's own classes stand among the choices
-
-
-def table_of(
-    *sources: Any,
-    base: type[Keys] = MadeKeys,
-    omit: Collection[str] = (),
-    defaults: Mapping[str, str] | None = None,
-) -> Any:
-    """Return a table whose keys are the options of classes or functions of the library.
+def table_of(*sources: Any, omit: Collection[str] = (), defaults: Mapping[str, str] | None = None) -> Any:
+    """Return a table whose keys are the options of classes or functions.
 
     Parameters
     ----------
     *sources : class or function
-    base : type, optional
-        A table with further keys, which also sets name and docstring. Default: those of the first source.
+        The first sets name and docstring of the table, and its options replace others of the same name.
     omit : collection of str
-        Options without a key.
+        Options of the other sources without a key.
     defaults : mapping, optional
         Defaults as text, by key, that differ from the library's in a file; these keys are optional.
     """
-    named = sources[0] if base is MadeKeys else base
-    title = (inspect.getdoc(named) or "").partition("\n")[0]
-    return _table(named.__name__, title, base, _keys(sources, base, omit, defaults or {}))
+    return _table(sources[0].__name__, sources[0], _options(sources, omit, defaults))
 
 
 def tables_by(
     chooser: str,
-    base: type[Keys],
+    base: type[FileKeys],
     choices: Mapping[str, Any],
     *shared: Any,
-    bases: Mapping[str, type[Keys]] | None = None,
+    bases: Mapping[str, type[FileKeys]] | None = None,
     omit: Collection[str] = (),
     defaults: Mapping[str, str] | None = None,
-    own: type[Keys] | None = None,
+    own: Any = None,
 ) -> dict[str, type[Keys]]:
     """Return a table for each value of a key, such as the laws of [control].
 
@@ -236,32 +210,30 @@ def tables_by(
     chooser : str
         The key, such as "law".
     base : type
-        The table with this key.
+        The keys of all tables, with this key first.
     choices : mapping
         By value, a class or function whose options are further keys, or None.
     *shared : class or function
         Sources of further keys of all tables.
     bases : mapping, optional
-        Tables that replace `base`, by value.
+        Classes that replace `base`, by value.
     omit, defaults
         As in `table_of`.
     own : type, optional
-        The table of a user's own class, whose value of the key is an import path.
+        The keys of a user's own class, whose value of the key is an import path.
     """
     tables: dict[str, type[Keys]] = {}
     for choice, source in choices.items():
         chosen_base = (bases or {}).get(choice, base)
-        sources = shared if source is None else (source, *shared)
-        field = chosen_base.model_fields[chooser]
-        default = about(field)["default_in_words"]
-        chosen = key("", default, field.description, required=default != f'"{choice}"')
-        keys = {chooser: (Literal[choice], chosen), **_keys(sources, chosen_base, omit, defaults or {})}
-        title = (inspect.getdoc(source or base) or "").partition("\n")[0]
-        tables[choice] = _table(f"{chosen_base.__name__}.{choice}", title, chosen_base, keys)
+        sources = [chosen_base, *([] if source is None else [source]), *shared]
+        options = _options(sources, omit, defaults)
+        required = options[chooser].default != f'"{choice}"'
+        options[chooser] = options[chooser]._replace(kind=Literal[choice], required=required)
+        tables[choice] = _table(f"{chosen_base.__name__}.{choice}", source or base, options)
     for table in tables.values():
         table.chooser, table.choices = chooser, tables
     if own is not None:
-        tables[OWN] = own
+        tables[OWN] = _table(own.__name__, own, options_of(own), OwnKeys)
     return tables
 
 
@@ -281,39 +253,37 @@ def union_of(tables: Mapping[str, type[Keys]]) -> Any:
     return Annotated[Union[tagged], Discriminator(chosen)]  # noqa: UP007
 
 
-def by_name(parts: Iterable[Any]) -> dict[str, Any]:
-    """Return terms or limits of the library by their names in a scenario file."""
-    return {part.name.replace(" ", "-"): part for part in parts}
-
-
-def file_of(tables: Mapping[str, Any], name: str, required: Collection[str]) -> type[Keys]:
-    """Return the model of a file with these tables.
+def file_of(tables: Mapping[str, Any], name: str, what: str, required: Collection[str]) -> type[Keys]:
+    """Return the model of a file with these tables; `what` is its docstring.
 
     An absent table that is `required` is read as an empty one, whose missing keys are then reported.
     """
     fields: dict[str, Any] = {
-        title: (kind, Field({}, validate_default=True) if title in required else table())
+        title: (kind, Field({}, validate_default=True) if title in required else Field(None))
         for title, kind in tables.items()
     }
-    return create_model(name, __base__=MadeKeys, **fields)
+    return create_model(name, __base__=Keys, __doc__=what, **fields)
 
 
-def _keys(
-    sources: Iterable[Any], base: type[Keys], omit: Collection[str], defaults: Mapping[str, str]
-) -> dict[str, Any]:
-    """Return the options of classes or functions as keys, except for the keys of `base`."""
-    options = {name: option for source in sources for name, option in options_of(source).items()}
-    return {
-        name: option._replace(default=defaults.get(name, option.default)).key
-        for name, option in options.items()
-        if name not in base.model_fields and name not in omit
-    }
+def _options(
+    sources: Sequence[Any], omit: Collection[str], defaults: Mapping[str, str] | None
+) -> dict[str, Option]:
+    """Return the options of several sources; see `table_of` for the parameters."""
+    options: dict[str, Option] = {}
+    for source in sources:
+        for name, option in options_of(source).items():
+            if defaults and name in defaults:
+                option = option._replace(default=defaults[name], required=False)
+            if source is sources[0] or name not in omit:
+                options.setdefault(name, option)
+    return options
 
 
-def _table(name: str, title: str, base: type[Keys], keys: Mapping[str, Any]) -> Any:
-    """Return the table with the keys of `base` and further keys."""
-    bases = MadeKeys if issubclass(base, MadeKeys) else (base, MadeKeys)
-    return create_model(name, __base__=bases, __doc__=title, **keys)
+def _table(name: str, source: Any, options: Mapping[str, Option], base: type[Keys] = Keys) -> Any:
+    """Return the table of options; the first line of the source's docstring is that of the table."""
+    title = (inspect.getdoc(source) or "").partition("\n")[0]
+    fields: dict[str, Any] = {key: option.key for key, option in options.items()}
+    return create_model(name, __base__=base, __doc__=title, **fields)
 
 
 def _hint(source: Any, parameter: inspect.Parameter) -> Any:
@@ -351,7 +321,7 @@ def descriptions(source: Any) -> dict[str, str]:
                 texts |= dict.fromkeys(names.partition(" :")[0].split(", "), _BRACKETS.sub("", text))
         if dataclasses.is_dataclass(kind):
             texts |= _below_fields(kind)
-    return texts
+    return {name: " ".join(text.split()).rstrip(".") for name, text in texts.items()}
 
 
 def _below_fields(kind: Any) -> dict[str, str]:
