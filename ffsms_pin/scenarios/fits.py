@@ -13,16 +13,8 @@ from ffsms_pin.options.messages import is_table
 from ffsms_pin.options.tables import DEGREES
 from ffsms_pin.scenarios.tables import DEFAULT_LAW, NONE_IF_ABSENT, STATION_KEEPING, ScenarioFile
 
-# Modes of a plan, and the actuators that hold the base in the closed loop.
-HELD_BY: Mapping[str, str] = {
-    "rotation-floating": "wheels",
-    "rotation-flying": "thrusters",
-    "translation-flying": "thrusters",
-    "flying": "thrusters",
-}
-
-
 COORDINATED_WITH = "computed-torque"  # the joints' law whose gains the base law "coordinated" uses
+OF_HORIZON = ("effort", "base", "time_limit")  # keys of [plan] only for the method "horizon"
 # Defaults of the keys whose values are conditions.
 _DEFAULTS = {
     "plan.method": "horizon",
@@ -39,81 +31,54 @@ _SET_TWICE = (
     ("limit", "clearance", ("clearance", "collision")),
     ("limit", "base", ("base_limits",)),
 )
-# Keys of [plan] only for "horizon", and what uses them; re-planning takes terms whatever the method.
-OF_HORIZON: Mapping[str, tuple[str, ...]] = {
-    "effort": ("plan.method = horizon", "reference.kind = re-planning"),
-    "base": ("plan.method = horizon", "reference.kind = re-planning"),
-    "time_limit": ("plan.method = horizon",),
-}
 # Keys that need an attitude.
 _OF_ATTITUDE = ("spin", "arrival_spin", "orientation_reach")
 
 _Tables = Mapping[str, Any]
 
+_OTHERS = "{}; other methods do not use it"
+_SENSOR = "a table {}, its sensor; may be empty"
+_ATTITUDE = "attitude, faces, or a file with attitudes"
 
 # Conditions are tables, keys or values of keys: "attitude", "attitude.dump", "attitude.law = coordinated".
-# Each row has a condition, the conditions of which at least one must then hold, and their text in messages.
-_NEEDS: tuple[tuple[str, tuple[str, ...], str], ...] = (
-    *(
-        (f"plan.{key}", users, '[plan] method = "horizon"; other methods do not use it')
-        for key, users in OF_HORIZON.items()
-    ),
-    (
-        "learn",
-        ("reference.kind = re-planning",),
-        '[reference] kind = "re-planning", because a plan made once uses no estimate',
-    ),
-    *(
-        (f"control.law = {law}", ("wrist",), "a table [wrist], its sensor; may be empty")
-        for law, made in LAWS.items()
-        if made.needs_wrist
-    ),
-    ("meet", ("client",), "a table [client]"),
-    ("contact", ("meet",), "a table [meet]"),
-    ("client", ("meet", "path"), "a table [meet], which may be empty, or a [path]"),
-    ("client", ("client.joints", "client.position"), "position, or joints for a reachable grasp"),
-    ("client.joints", ("meet",), "a table [meet]; with a [path] give the client's position"),
-    ("client.belief", ("client.sensor",), "a table [client.sensor], which may be empty"),
-    (
-        "contact.go",
-        ("client.sensor",),
-        "a table [client.sensor], because a known client needs no go decision",
-    ),
-    ("path.frame = client", ("client",), "a table [client]"),
-    *(
-        (
-            f"path.{key}",
-            ("path.attitude", "path.faces", "path.file"),
-            "attitude, faces, or a file with attitudes",
-        )
-        for key in ("orientation_tolerance", "orientation_reach")
-    ),
-    ("simulation.wheel_momentum", ("attitude",), "a table [attitude], without which the wheels stand still"),
-    ("thrusters", ("attitude",), "a table [attitude], without which they never fire; it may be empty"),
-    ("estimator", ("sensors",), "a table [sensors], because perfect sensors need no estimator"),
-    ("plant.end_effector", ("plant.model",), "model, the robot that has this frame"),
-    *(
-        (f"plan.mode = {mode}", ("attitude",), f"a table [attitude], with {holder} to hold the base")
-        for mode, holder in HELD_BY.items()
-    ),
-    ("attitude", ("wheels", "robot.wheels", "thrusters"), "[wheels] or [thrusters]"),
-    ("attitude.dump", ("wheels", "robot.wheels"), "[wheels] and [thrusters]"),
-    ("attitude.dump", ("thrusters",), "[wheels] and [thrusters]"),
-    (f"attitude.law = {STATION_KEEPING}", ("thrusters",), "[thrusters]"),
-    (
-        "attitude.law = coordinated",
-        (f"control.law = {COORDINATED_WITH}",),
-        f'[control] law = "{COORDINATED_WITH}"',
-    ),
-    *(
-        (
-            f"plan.mode = {mode}",
-            (f"attitude.{key} = {value}",),
-            f'[attitude] {key} = "{value}", to hold the place',
-        )
-        for mode, holds in {"flying": "both", "translation-flying": "place"}.items()
-        for key, value in {"law": STATION_KEEPING, "holds": holds}.items()
-    ),
+# Each row has a condition, the conditions of which at least one must then hold, and the end of the message,
+# in which {} is the first of them.
+_NEEDS: tuple[tuple[str, str, str], ...] = (
+    # Re-planning takes terms for any method of the first plan.
+    ("plan.effort", "plan.method = horizon | reference.kind = re-planning", _OTHERS),
+    ("plan.base", "plan.method = horizon | reference.kind = re-planning", _OTHERS),
+    ("plan.time_limit", "plan.method = horizon", _OTHERS),
+    ("learn", "reference.kind = re-planning", "{}, because a plan made once uses no estimate"),
+    *((f"control.law = {law}", "wrist", _SENSOR) for law, made in LAWS.items() if made.needs_wrist),
+    ("meet", "client", "a table {}"),
+    ("contact", "meet", "a table {}"),
+    ("client", "meet | path", "a table {}, which may be empty, or a [path]"),
+    ("client", "client.position | client.joints", "position, or joints for a reachable grasp"),
+    ("client.joints", "meet", "a table {}; with a [path] give the client's position"),
+    ("client.belief", "client.sensor", "a table {}, which may be empty"),
+    ("contact.go", "client.sensor", "a table {}, because a known client needs no go decision"),
+    ("path.frame = client", "client", "a table {}"),
+    ("path.orientation_tolerance", "path.attitude | path.faces | path.file", _ATTITUDE),
+    ("path.orientation_reach", "path.attitude | path.faces | path.file", _ATTITUDE),
+    ("simulation.wheel_momentum", "attitude", "a table {}, without which the wheels stand still"),
+    ("thrusters", "attitude", "a table {}, without which they never fire; it may be empty"),
+    ("estimator", "sensors", "a table {}, because perfect sensors need no estimator"),
+    ("plant.end_effector", "plant.model", "model, the robot that has this frame"),
+    ("plan.mode = rotation-floating", "attitude", "a table {}, with wheels to hold the base"),
+    ("plan.mode = rotation-flying", "attitude", "a table {}, with thrusters to hold the base"),
+    ("plan.mode = translation-flying", "attitude", "a table {}, with thrusters to hold the base"),
+    ("plan.mode = flying", "attitude", "a table {}, with thrusters to hold the base"),
+    ("attitude", "wheels | robot.wheels | thrusters", "{} or [thrusters]"),
+    ("attitude.dump", "wheels | robot.wheels", "{} and [thrusters]"),
+    ("attitude.dump", "thrusters", "[wheels] and {}"),
+    (f"attitude.law = {STATION_KEEPING}", "thrusters", "{}"),
+    ("attitude.law = coordinated", f"control.law = {COORDINATED_WITH}", "{}"),
+    ("plan.mode = flying", f"attitude.law = {STATION_KEEPING}", "{}, to hold the place"),
+    ("plan.mode = flying", "attitude.holds = both", "{}, to hold the place"),
+    ("plan.mode = translation-flying", f"attitude.law = {STATION_KEEPING}", "{}, to hold the place"),
+    ("plan.mode = translation-flying", "attitude.holds = place", "{}, to hold the place"),
+    ("path.curve = points", "path.points | path.file", "either points or file"),
+    ("client.sensor", "path.frame = client | meet", "{}, because other paths do not use its measurements"),
 )
 # Two conditions that exclude each other, and the message.
 _EXCLUDES: tuple[tuple[str, str, str], ...] = (
@@ -129,22 +94,27 @@ _EXCLUDES: tuple[tuple[str, str, str], ...] = (
     ("target", "path", "[target] is not for a [path]: the end effector follows the path"),
     ("meet", "path", "[meet] and [path] exclude each other; keep one"),
     ("plan.reach", "path", "[plan] reach is not for a [path]: use [path] reach"),
-    *(
-        (without, "meet", f"{what} is not for a capture of a [client]: {instead}")
-        for without, what, instead in (
-            ("reference.hold", "[reference] hold", "use [contact] after"),
-            ("plan.reach", "[plan] reach", "use [meet] reach"),
-            ("target", "[target]", "use [meet] grasp"),
-            ("learn", "[learn]", "use [contact] identify"),
-            ("capture", "[[capture]]", "both attach a body to the end effector"),
-        )
+    ("reference.hold", "meet", "[reference] hold is not for a capture of a [client]: use [contact] after"),
+    ("plan.reach", "meet", "[plan] reach is not for a capture of a [client]: use [meet] reach"),
+    ("target", "meet", "[target] is not for a capture of a [client]: use [meet] grasp"),
+    ("learn", "meet", "[learn] is not for a capture of a [client]: use [contact] identify"),
+    (
+        "capture",
+        "meet",
+        "[[capture]] is not for a capture of a [client]: both attach a body to the end effector",
     ),
+    (
+        "meet.half_angle",
+        "meet.standoff = 0.0",
+        "[meet] half_angle needs a corridor, which standoff = 0 switches off",
+    ),
+    ("path.points", "path.file", '[path] curve = "points" needs either points or file'),
 )
 
 
 def check_fits(source: Path, tables: _Tables) -> None:
     """Raise `InvalidScenario` if tables of a file do not fit together."""
-    for check in (_parts, _conditions, _task, _places):
+    for check in (_parts, _conditions, _places):
         for problem in check(tables):
             raise errors.InvalidScenario(source, problem)
 
@@ -165,15 +135,13 @@ def _parts(tables: _Tables) -> Iterator[str]:
 
 def _conditions(tables: _Tables) -> Iterator[str]:
     """Yield messages about tables, keys and values that need or exclude others."""
-    for condition, others, message in _EXCLUDES:
-        if _given(tables, condition) and _given(tables, others):
+    for condition, other, message in _EXCLUDES:
+        if _given(tables, condition) and _given(tables, other):
             yield message
-    for condition, needed, requirement in _NEEDS:
+    for condition, others, requirement in _NEEDS:
+        needed = others.split(" | ")
         if _given(tables, condition) and not any(_given(tables, other) for other in needed):
-            yield f"{_title(condition)} needs {requirement}"
-    meet = tables["meet"] or {}
-    if meet.get("standoff") == 0.0 and _has(meet, "half_angle"):
-        yield "[meet] half_angle needs a corridor, which standoff = 0 switches off"
+            yield f"{_title(condition)} needs {requirement.format(_title(needed[0]))}"
 
 
 def _given(tables: _Tables, condition: str) -> bool:
@@ -182,7 +150,7 @@ def _given(tables: _Tables, condition: str) -> bool:
     table, _, key = path.partition(".")
     values = tables[table]
     if value:
-        return values is not None and values.get(key, _DEFAULTS.get(path)) == value
+        return values is not None and str(values.get(key, _DEFAULTS.get(path))) == value
     if key:
         return _has(values or {}, key)
     return values is not None if table in NONE_IF_ABSENT else bool(values)
@@ -196,28 +164,14 @@ def _title(condition: str) -> str:
     return f'{title} = "{value}"' if value else title
 
 
-def _task(tables: _Tables) -> Iterator[str]:
-    """Yield messages about target, client and path."""
-    if tables["path"] is not None:
-        yield from _path(tables["path"], tables["client"])
-    elif tables["meet"] is None and "position" not in tables["target"]:
+def _places(tables: _Tables) -> Iterator[str]:
+    """Yield messages about obstacles, the target, goals of other frames, and waypoints."""
+    target = tables["target"]
+    if tables["path"] is None and tables["meet"] is None and "position" not in target:
         yield "[target] position is missing; it has no default"
     for i, row in enumerate(tables["obstacle"], start=1):
         if row.get("on") == "client" and tables["client"] is None:
             yield f'[[obstacle]] {i} on = "client" needs a table [client]'
-
-
-def _path(path: _Tables, client: _Tables | None) -> Iterator[str]:
-    """Yield messages about a path."""
-    if path["curve"] == "points" and ("points" in path) == ("file" in path):
-        yield '[path] curve = "points" needs either points or file'
-    if client is not None and "sensor" in client and path.get("frame") != "client":
-        yield '[client.sensor] needs [path] frame = "client", because other paths do not use its measurements'
-
-
-def _places(tables: _Tables) -> Iterator[str]:
-    """Yield messages about the target, goals of other frames, and waypoints."""
-    target = tables["target"]
     yield from _attitude("[target]", target)
     moves = [key for key in ("velocity", "spin", "spin" + DEGREES) if any(target.get(key, ()))]
     arrives = [key for key in target if key.startswith("arrival_")]
