@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import io
-from collections.abc import Mapping, Sequence
-from pathlib import Path
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,18 +11,15 @@ import pinocchio as pin
 from ffsms_pin import opt
 from ffsms_pin.checks import FloatArray, direction
 from ffsms_pin.client import FreeBody
-from ffsms_pin.errors import InvalidScenario
-from ffsms_pin.files import read_content
+from ffsms_pin.errors import InvalidScenario, ResultError
 from ffsms_pin.opt.goals.named_curves import CurvePlacement
+from ffsms_pin.opt.goals.path_files import PathSamples, path_samples
 from ffsms_pin.options.tables import radians
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.scenarios.tables import CURVES
-from ffsms_pin.system.batch.stacks import rotations
 
 if TYPE_CHECKING:
     from ffsms_pin.scenarios.definition import Scenario
-
-_POSITION, _ATTITUDE = ("x", "y", "z"), ("qx", "qy", "qz", "qw")  # columns of a file of points
 
 
 def path_goal(scenario: Scenario, sms: SpaceManipulator, q0: FloatArray, client: FreeBody | None) -> opt.Path:
@@ -43,7 +38,8 @@ def path_goal(scenario: Scenario, sms: SpaceManipulator, q0: FloatArray, client:
         if values["curve"] == "points":
             points, attitudes, options["times"] = _samples(scenario, values)
             placed = scenario.made(CurvePlacement, "path", **place)
-            options["curve"] = [placed.place(*row) for row in zip(points, attitudes, strict=True)]
+            turns = [None] * len(points) if attitudes is None else attitudes
+            options["curve"] = list(map(placed.place, points, turns))
         else:
             options["curve"] = scenario.made(CURVES[values["curve"]], "path", **place)
         return scenario.made(opt.Path, "path", **options)
@@ -64,53 +60,16 @@ def _placement(values: Mapping[str, Any], sms: SpaceManipulator, q0: FloatArray,
     return tool * pose
 
 
-def _samples(
-    scenario: Scenario, values: Mapping[str, Any]
-) -> tuple[FloatArray, Sequence[Any], FloatArray | None]:
-    """Return the points (K, 3), their attitudes (3, 3) or None, and their times (K,) or None."""
+def _samples(scenario: Scenario, values: Mapping[str, Any]) -> PathSamples:
+    """Return the samples of the table, or of its file."""
     if "file" not in values:
-        points = np.array(values["points"])
-        return points, [None] * len(points), values.get("times")
-    columns = _columns(scenario.source, values["file"])
-    points = np.column_stack([columns[name] for name in _POSITION])
-    attitudes: Any = [None] * len(points)
-    if "qx" in columns:
-        file = f"[path] file = '{values['file']}'"
-        for name in ("attitude", "faces"):
-            if name in values:
-                raise InvalidScenario(scenario.source, f"{file} has attitudes, and {name} too; keep one")
-        turns = np.stack([columns[name] for name in _ATTITUDE])
-        if (zero := ~turns.any(axis=0)).any():
-            row = int(np.argmax(zero)) + 1
-            raise InvalidScenario(scenario.source, f"{file}: the quaternion of row {row} is zero")
-        attitudes = np.moveaxis(rotations(turns / np.linalg.norm(turns, axis=0)), -1, 0)
-    return points, attitudes, columns.get("t")
-
-
-def _columns(source: Path, name: str) -> dict[str, FloatArray]:
-    """Return the named columns of a CSV file of points; raise `InvalidScenario` for any other file."""
+        return PathSamples(np.array(values["points"]), None, values.get("times"))
+    file = f"[path] file = '{values['file']}'"
     try:
-        text = read_content(source.parent / name).decode("utf-8-sig")
-        table = np.atleast_1d(np.genfromtxt(io.StringIO(text), delimiter=",", names=True))
-    except FileNotFoundError:
-        raise InvalidScenario(source, f"[path] file = '{name}' does not exist") from None
-    except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or " ".join(str(error).split())
-        raise InvalidScenario(source, f"[path] file = '{name}' cannot be read ({reason})") from None
-    names = table.dtype.names or ()
-    attitude = [column for column in _ATTITUDE if column in names]
-    if (
-        set(names) - {"t", *_POSITION, *_ATTITUDE}
-        or set(_POSITION) - set(names)
-        or len(attitude) in (1, 2, 3)
-    ):
-        remedy = "must have columns x, y, z, and may have t and qx, qy, qz, qw, named in its first line"
-        raise InvalidScenario(source, f"[path] file = '{name}' {remedy}")
-    columns = {column: np.asarray(table[column], dtype=np.float64) for column in names}
-    for column, numbers in columns.items():
-        if not np.isfinite(numbers).all():
-            row = int(np.argmin(np.isfinite(numbers))) + 1
-            raise InvalidScenario(
-                source, f"[path] file = '{name}': {column} of row {row} is no finite number"
-            )
-    return columns
+        samples = path_samples(scenario.source.parent / values["file"])
+    except ResultError as error:
+        raise InvalidScenario(scenario.source, f"{file} {error.problem}") from None
+    for name in ("attitude", "faces"):
+        if samples.attitudes is not None and name in values:
+            raise InvalidScenario(scenario.source, f"{file} has attitudes, and {name} too; keep one")
+    return samples

@@ -1,0 +1,58 @@
+"""The samples of an `opt.Path` in a CSV file."""
+
+from __future__ import annotations
+
+import io
+import os
+from typing import NamedTuple
+
+import numpy as np
+
+from ffsms_pin.checks import FloatArray
+from ffsms_pin.errors import ResultError
+from ffsms_pin.files import read_content
+from ffsms_pin.system.batch.stacks import rotations
+
+_POSITION, _ATTITUDE = ("x", "y", "z"), ("qx", "qy", "qz", "qw")
+
+
+class PathSamples(NamedTuple):
+    """The samples of a path: positions (K, 3) [m], and attitudes (K, 3, 3) and times (K,) [s], if any."""
+
+    positions: FloatArray
+    attitudes: FloatArray | None = None
+    times: FloatArray | None = None
+
+
+def path_samples(path: str | os.PathLike[str]) -> PathSamples:
+    """Read the samples of a path from a CSV file.
+
+    The file has the columns x, y, z [m] and, optionally, t [s] and quaternions qx, qy, qz, qw, named in its
+    first line. `ResultError` is raised if the file cannot be read or has other columns or values.
+    """
+    try:
+        text = read_content(path).decode("utf-8-sig")
+        table = np.atleast_1d(np.genfromtxt(io.StringIO(text), delimiter=",", names=True))
+    except FileNotFoundError:
+        raise ResultError(path, "does not exist") from None
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or " ".join(str(error).split())
+        raise ResultError(path, f"cannot be read ({reason})") from None
+    names = set(table.dtype.names or ())
+    turned = len(names.intersection(_ATTITUDE))
+    if names - {"t", *_POSITION, *_ATTITUDE} or set(_POSITION) - names or turned in (1, 2, 3):
+        remedy = "must have columns x, y, z, and may have t and qx, qy, qz, qw, named in its first line"
+        raise ResultError(path, remedy)
+    columns = {name: np.asarray(table[name], dtype=np.float64) for name in table.dtype.names or ()}
+    for name, numbers in columns.items():
+        if not (known := np.isfinite(numbers)).all():
+            row = int(np.argmin(known)) + 1
+            raise ResultError(path, f"has a wrong row: {name} of row {row} is no finite number")
+    positions, attitudes = np.column_stack([columns[name] for name in _POSITION]), None
+    if turned:
+        quaternions = np.stack([columns[name] for name in _ATTITUDE])
+        if (zero := ~quaternions.any(axis=0)).any():
+            row = int(np.argmax(zero)) + 1
+            raise ResultError(path, f"has a wrong row: the quaternion of row {row} is zero")
+        attitudes = np.moveaxis(rotations(quaternions / np.linalg.norm(quaternions, axis=0)), -1, 0)
+    return PathSamples(positions, attitudes, columns.get("t"))
