@@ -44,8 +44,8 @@ from ffsms_pin.capture.estimate import ClientEstimate
 from ffsms_pin.capture.prediction import predicted
 from ffsms_pin.errors import FfsmsError
 from ffsms_pin.robot.base_motion import straight_end
-from ffsms_pin.scenarios.captures import rendezvous
 from ffsms_pin.scenarios.definition import packaged_path
+from ffsms_pin.scenarios.problems import rendezvous
 
 KINDS = ("capture", "dark", "axis", "drawn", "right", "wrong", "estimate")
 OFF = 0.1  # relative deviation of a client's prior mass and inertia

@@ -25,8 +25,7 @@ from ffsms_pin.client.client import other_motion
 from ffsms_pin.export import to_mjcf
 from ffsms_pin.options.tables import radians
 from ffsms_pin.robot import SpaceManipulator
-from ffsms_pin.scenarios.captures import rendezvous
-from ffsms_pin.scenarios.problems import meeting
+from ffsms_pin.scenarios.problems import meeting, rendezvous
 
 PARTS, IMPEDANCE = 16, 1e-3  # steps per control step; MuJoCo's regularisation, see the test
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -12,12 +13,13 @@ from ffsms_pin.actuation import ReactionWheels
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.control.laws import reduced_dynamics
 from ffsms_pin.errors import InvalidValue, length_text
-from ffsms_pin.opt import Trajectory
-from ffsms_pin.opt.flown import LeastClearance
+from ffsms_pin.geometry.bodies import chosen_mode
+from ffsms_pin.opt import Path, Trajectory
+from ffsms_pin.opt.flown import LeastClearance, least_clearance
 from ffsms_pin.opt.rollouts import ARRIVAL_SHARE
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.robot.base_motion import advance
-from ffsms_pin.simulation import Tracking
+from ffsms_pin.simulation import Tracking, Wrench, WristSensor
 from ffsms_pin.system.dynamics import frame_pose
 
 _ROUNDING = 1e-9  # relative; a limit that is met up to rounding counts as kept
@@ -88,6 +90,43 @@ def plan_numbers(sms: SpaceManipulator, made: Trajectory) -> dict[str, Any]:
         **base_numbers(sms, made.q),
         "peak_rate_rad_per_s": float(np.abs(made.joint_rates).max()),
     }
+
+
+def plan_summary(plan: Trajectory) -> dict[str, Any]:
+    """Return the numbers of a plan for the summary of a run, with its settings; keys end in their unit."""
+    late = plan.t >= ARRIVAL_SHARE * plan.duration - 1e-9
+    goal, path = None if plan.problem is None else plan.problem.goal, {}
+    if isinstance(goal, Path):
+        angle = float(np.degrees(goal.orientation_tolerance))
+        path = {"path_tolerance_m": goal.tolerance, "path_orientation_tolerance_deg": angle}
+    return {
+        "reached": plan.reached,
+        "within_tolerance": plan.within_tolerance,
+        "note": plan.note,
+        "duration_s": plan.duration,
+        "planning_step_s": plan.dt,
+        "kappa": plan.kappa,
+        "target_m": plan.target.tolist(),
+        "reach_m": plan.reach,
+        "final_error_m": float(plan.position_error[-1]),
+        "error_over_last_10_percent_m": float(plan.position_error[late].max()),
+        **(path_numbers(plan) if path else {}),
+        **path,
+        "cost_integral_s": plan.cost_integral,
+        "largest_alpha_rad_per_s": float(np.abs(plan.alpha).max()),
+    }
+
+
+def planned_clearance(sms: SpaceManipulator, plan: Trajectory, mode: str) -> dict[str, Any]:
+    """Return the least clearance of a plan within the robot and to obstacles.
+
+    `mode` is the `collision` of `opt.Clearance`.
+    """
+    checked = {"checked": chosen_mode(sms) if mode == "auto" else mode}
+    if plan.problem is None:
+        return checked | clearance_numbers(None)
+    motion = plan.problem.motion(plan.joint_rates, plan.dt)
+    return checked | clearance_numbers(least_clearance(plan.problem, sms, motion))
 
 
 def path_numbers(plan: Trajectory, flown: Tracking | None = None) -> dict[str, float]:
@@ -164,6 +203,30 @@ def tracked_numbers(
         "base": base_numbers(plant, tracking.q),
         **_actuator_numbers(plant, tracking),
     }
+
+
+def attempt_numbers(
+    sms: SpaceManipulator, plan: Trajectory, tracking: Tracking, stopped: str
+) -> dict[str, Any]:
+    """Return the final errors of a run that may have `stopped`, for the reason in this text."""
+    ended = len(tracking.t) > 0
+    return {
+        "stopped": stopped,
+        "arrived": not stopped and tracking.arrived,
+        "final_error_m": float(tracking.position_error[-1]) if ended else None,
+        **(path_numbers(plan, tracking) if ended else {}),
+        **(joint_error_numbers(sms, tracking) if ended else {}),
+    }
+
+
+def wrist_numbers(tracking: Tracking, sensor: WristSensor, pushes: Sequence[Wrench]) -> dict[str, Any]:
+    """Return the largest load of a wrist and its limits; `pushes` act on the end effector."""
+    load = tracking.contact_wrench if tracking.contact_wrench.size else np.zeros((len(tracking.t), 6))
+    for push in pushes:
+        load = load + [push.value(float(t)) for t in tracking.t]
+    force, moment = (float(np.linalg.norm(half, axis=1).max()) for half in (load[:, :3], load[:, 3:]))
+    limits = {"force_limit_N": finite(sensor.force_limit), "moment_limit_Nm": finite(sensor.moment_limit)}
+    return {"force_max_N": force, "moment_max_Nm": moment, **limits}
 
 
 def joint_numbers(

@@ -97,6 +97,18 @@ def read_content(path: str | os.PathLike[str], largest: int = LARGEST_TEXT) -> b
         return file.read(min(largest, os.fstat(file.fileno()).st_size))  # read() allocates the whole size
 
 
+def read_json(path: str | os.PathLike[str]) -> dict[str, Any]:
+    """Read a mapping from a JSON file; raise `ResultError` if it cannot be read or holds no mapping."""
+    try:
+        with wrap_os_error(path, "read"):
+            content = json.loads(read_content(path))
+    except (ValueError, RecursionError) as error:
+        raise ResultError(path, f"cannot be read ({error})") from None
+    if not isinstance(content, dict):
+        raise ResultError(path, "does not hold a JSON object")
+    return content
+
+
 def load_arrays(path: str | os.PathLike[str], kind: str, names: Sequence[str]) -> dict[str, NDArray[Any]]:
     """Return the named arrays of an npz file that `save_arrays` wrote for the same `kind` of result.
 

@@ -14,9 +14,9 @@ from typing import Any
 from ffsms_pin.campaigns.draws import drawn_content, flat_draws
 from ffsms_pin.checks import whole
 from ffsms_pin.errors import ResultError
-from ffsms_pin.files import LARGEST_DATA, read_content
+from ffsms_pin.files import LARGEST_DATA, read_content, read_json
 from ffsms_pin.scenarios import Scenario, scenario
-from ffsms_pin.scenarios.definition import read, read_json, scenario_of
+from ffsms_pin.scenarios.definition import read, scenario_of
 from ffsms_pin.version import __version__
 
 

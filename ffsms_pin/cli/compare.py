@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from ffsms_pin import scenarios
+from ffsms_pin.analysis import plan_numbers, why_not_reached
 from ffsms_pin.cli.output import (
     chosen_folder,
     new_table,
@@ -18,7 +19,6 @@ from ffsms_pin.cli.output import (
 )
 from ffsms_pin.plotting import save_formats
 from ffsms_pin.plotting.comparisons import plot_comparison
-from ffsms_pin.scenarios.comparisons import comparison_numbers
 from ffsms_pin.scenarios.fits import OF_HORIZON
 
 _ROWS = [
@@ -50,6 +50,18 @@ def run(arguments: argparse.Namespace) -> int:
     table.add_row("reached", *("yes" if row["reached"] else "no" for row in numbers.values()))
     number_rows(table, numbers.values(), _ROWS)
     return printed(folder, table, *_remarks(comparison, numbers))
+
+
+def comparison_numbers(comparison: scenarios.Comparison) -> dict[str, dict[str, Any]]:
+    """Return a row of numbers for each method: those of `plan_numbers` and the planning time."""
+    return {
+        method: {
+            **plan_numbers(comparison.sms, made),
+            "planning_s": comparison.times[method],
+            "note": why_not_reached(made) or made.note,
+        }
+        for method, made in comparison.plans.items()
+    }
 
 
 def _remarks(comparison: scenarios.Comparison, numbers: dict[str, dict[str, Any]]) -> Iterator[str]:

@@ -13,10 +13,11 @@ from ffsms_pin.cli.main import named
 from ffsms_pin.cli.output import say
 from ffsms_pin.client import Client
 from ffsms_pin.errors import FfsmsError, InvalidValue, ResultError
+from ffsms_pin.files import read_json
 from ffsms_pin.opt import Trajectory
 from ffsms_pin.robot import SpaceManipulator, load
 from ffsms_pin.scenarios import Scenario, scenario, scenario_names
-from ffsms_pin.scenarios.definition import load_scenario, read_json
+from ffsms_pin.scenarios.definition import load_scenario
 from ffsms_pin.scenarios.problems import grasp_of
 from ffsms_pin.simulation import Phase, Tracking
 from ffsms_pin.simulation.client_motion import ClientMotion, client_motion

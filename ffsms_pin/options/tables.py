@@ -346,6 +346,17 @@ def in_words(default: Any) -> str:
     return "" if default is None else f'"{default}"'
 
 
+def in_line(value: Any) -> str:
+    """Return a value of a file as text in one line; tables are in parentheses."""
+    if isinstance(value, Mapping):
+        return "(" + ", ".join(f"{key} {in_line(inner)}" for key, inner in value.items()) + ")"
+    if isinstance(value, tuple):
+        return "[" + ", ".join(map(in_line, value)) + "]"
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    return f"{value:.6g}" if isinstance(value, float) else str(value)
+
+
 def frozen(value: Any) -> Any:
     """Return a value with lists as tuples and tables as dicts."""
     if isinstance(value, Keys):

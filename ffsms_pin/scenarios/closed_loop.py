@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+import math
 import os
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import partial
+from inspect import signature
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
 
-from ffsms_pin import opt
+from ffsms_pin import capture, opt
+from ffsms_pin.capture.recording import Captured
 from ffsms_pin.capture.visual_replanning import with_client
 from ffsms_pin.checks import FloatArray, instance, optional_callable
 from ffsms_pin.control import LAWS, BaseLaw, Coordinated, JointLaw, MomentumDump
@@ -26,6 +29,8 @@ from ffsms_pin.references import Rest
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.scenarios.definition import Scenario
 from ffsms_pin.scenarios.fits import COORDINATED_WITH
+from ffsms_pin.scenarios.problems import rendezvous
+from ffsms_pin.scenarios.replanning import replan_options, replanning
 from ffsms_pin.scenarios.tables import BASE_LAWS, NONE_IF_ABSENT
 from ffsms_pin.simulation import (
     Actuator,
@@ -47,9 +52,6 @@ from ffsms_pin.simulation import (
 )
 from ffsms_pin.simulation.held import Held
 from ffsms_pin.simulation.setup import checked_events, set_up
-
-if TYPE_CHECKING:
-    from ffsms_pin.capture.recording import Captured
 
 StageProgress = Callable[[str, float], None]
 
@@ -227,11 +229,7 @@ class ClosedLoop:
 
     def reference(self, plan: opt.Trajectory) -> Reference:
         """Return the reference: the plan, or a reference that re-plans in the loop."""
-        if not self.scenario.replans:
-            return self.plan_once(plan)
-        from ffsms_pin.scenarios.replanning import replanning  # only for re-planning
-
-        return replanning(self.scenario, self.sms, plan)
+        return replanning(self.scenario, self.sms, plan) if self.scenario.replans else self.plan_once(plan)
 
     def plan_once(self, plan: opt.Trajectory) -> Reference:
         """Return the plan followed by rest for the time that the scenario holds the target."""
@@ -240,8 +238,6 @@ class ClosedLoop:
         if scenario.path is not None and "sensor" in (scenario.client or {}) and plan.problem is not None:
             plan = replace(plan, problem=with_client(plan.problem, scenario.made_client(self.sms)))
         if scenario.meet is not None and "sensor" in scenario.client:  # the plan was made for an estimate
-            from ffsms_pin.scenarios.captures import rendezvous
-
             target = rendezvous(scenario, self.sms).target
         return plan if target is None and hold <= 0.0 else Held(plan, hold, target)
 
@@ -263,8 +259,6 @@ def prepared(scenario: Scenario, sms: SpaceManipulator, q0: FloatArray) -> Close
     """Return a scenario's closed loop for a plan from q0 (nq,), checked against robot and motion."""
     loop = ClosedLoop(scenario, sms, loop_options(scenario, sms, q0))
     if scenario.replans:
-        from ffsms_pin.scenarios.replanning import replanning
-
         replanning(scenario, sms)
     target = scenario.target.get("position", (0.0, 0.0, 0.0))
     with scenario.named("control", "simulation", "plan"):
@@ -393,15 +387,14 @@ def run(
         trajectory = planned(scenario, sms, q0, stage(progress, "planning"))
         ended = time.perf_counter()
         report = stage(progress, "tracking")
-        tracking, capture, note, learnt = flown(loop.saving(path), trajectory, law, report)
+        flight = flown(loop.saving(path), trajectory, law, report)
         tracked, open_loop = time.perf_counter(), None
         if scenario.replans:
             report = stage(progress, "plan once")
             open_loop = attempt(partial(loop.run, loop.plan_once(trajectory), law, report))
     timing = Timing(ended - started, tracked - ended)
-    return Outcome(
-        scenario, sms, loop.plant, law, trajectory, tracking, timing, note, open_loop, capture, learnt
-    )
+    others = flight.note, open_loop, flight.capture, flight.learnt
+    return Outcome(scenario, sms, loop.plant, law, trajectory, flight.tracking, timing, *others)
 
 
 class Flown(NamedTuple):
@@ -425,9 +418,7 @@ def flown(
     With `once` the plan is not re-planned.
     """
     if loop.scenario.meet is not None:
-        from ffsms_pin.scenarios.captures import fly_scenario  # imported only for a capture
-
-        flight = fly_scenario(loop, plan, progress, once)
+        flight = _fly(loop, plan, progress, once)
         return Flown(flight.captured.approach, flight.captured, flight.note)
     reference = loop.plan_once(plan) if once else loop.reference(plan)
     if isinstance(reference, opt.Replanning) and reference.learn is not None:
@@ -440,6 +431,50 @@ def flown(
     if isinstance(reference.learn, Identifier):
         learnt = compared(reference.learn, loop.plant)
     return Flown(tracking, None, reference.note, learnt)
+
+
+def _fly(
+    loop: ClosedLoop, plan: opt.Trajectory, progress: Callable[[float], None] | None, once: bool
+) -> capture.Flight:
+    """Fly a scenario's capture by `capture.fly`; see `flown` for the parameters."""
+    scenario, sms = loop.scenario, loop.sms
+    meeting, attitude = rendezvous(scenario, sms), scenario.attitude
+    base = None if attitude is None else partial(base_law, attitude)
+    return capture.fly(
+        **{field.name: getattr(meeting, field.name) for field in fields(meeting)},
+        envelope=scenario.made(capture.Envelope, "contact.envelope"),
+        control=capture.Control(partial(controller, scenario), base, loop.options["dt"]),
+        plant=loop.plant,
+        plant_q0=loop.options["q0"],
+        conditions=loop.options["conditions"],
+        replan=replan_options(scenario, sms, capture.Replan) if scenario.replans and not once else False,
+        procedure=scenario.made(
+            capture.Procedure,
+            "contact",
+            go=scenario.made(capture.GoLimits, "contact.go"),
+            masses=capture.MassUncertainty(**_mass_deviations(scenario)),
+        ),
+        plan=plan,
+        progress=progress,
+    )
+
+
+def _mass_deviations(scenario: Scenario) -> dict[str, float]:
+    """Return the deviations of the servicer's masses in [contact.masses]; default: those of [plant]."""
+    plant, drawn, defaults = scenario.plant, scenario.plant.get("random"), signature(random_plants).parameters
+    base = plant.get("base_mass", 1.0)
+    factors = {
+        "arm_mass": plant.get("arm_mass", 1.0),
+        "base_mass": base,
+        "base_inertia": plant.get("base_inertia", base),
+    }
+    deviations = {}
+    for key, factor in factors.items():
+        share = 0.0 if drawn is None else drawn.get(key, defaults[key].default)
+        drawn_deviation = share / math.sqrt(3.0)  # of a uniform distribution between -share and share
+        bias = float(np.abs(np.asarray(factor) - 1.0).max())
+        deviations[key.removesuffix("_mass")] = math.hypot(drawn_deviation, bias)
+    return deviations | dict(scenario.contact.get("masses", {}))
 
 
 def check_call(scenario: Scenario, progress: StageProgress | None) -> None:

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass, field
-from typing import Any
 
-from ffsms_pin.analysis import plan_numbers, why_not_reached
 from ffsms_pin.checks import names
 from ffsms_pin.errors import InvalidValue, numerical_errors
 from ffsms_pin.opt import METHODS, Trajectory
@@ -56,29 +54,16 @@ def compare(
     if methods is not None:
         names("methods", methods, METHODS, "methods")
     sms = scenario.load()
-    plans: dict[str, Trajectory] = {}
-    times: dict[str, float] = {}
     with scenario.named():
         problem = scenario.problem(sms)
         left_out = {name: why for name in methods or METHODS if (why := lacking(problem, name))}
     for name in left_out if methods else ():  # reject a named method before any planning
         raise InvalidValue("methods", name, f"{left_out[name]}; take 'horizon'")
+    plans, times = {}, {}
     for method in (name for name in methods or METHODS if name not in left_out):
+        started = time.perf_counter()
         with scenario.named():
             q0 = scenario.start_configuration(sms)
-            started = time.perf_counter()
             plans[method] = planned(scenario, sms, q0, stage(progress, method), method)
         times[method] = time.perf_counter() - started
     return Comparison(scenario, sms, plans, times, left_out)
-
-
-def comparison_numbers(comparison: Comparison) -> dict[str, dict[str, Any]]:
-    """Return a row of numbers for each method: those of `plan_numbers` and the planning time."""
-    return {
-        method: {
-            **plan_numbers(comparison.sms, made),
-            "planning_s": comparison.times[method],
-            "note": why_not_reached(made) or made.note,
-        }
-        for method, made in comparison.plans.items()
-    }

@@ -19,7 +19,7 @@ from ffsms_pin import opt
 from ffsms_pin.actuation import ReactionWheels, Thrusters
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import InvalidScenario, InvalidValue, ResultError, meant
-from ffsms_pin.files import read_content, wrap_os_error, write_content
+from ffsms_pin.files import read_content, read_json, write_content
 from ffsms_pin.options.messages import (
     LOADING,
     message_of_check,
@@ -313,18 +313,6 @@ def load_scenario(path: str | os.PathLike[str]) -> Scenario:
     if not all(isinstance(content.get(key), kind) for key, kind in kinds.items()):
         raise ResultError(path, "is not the scenario of a run")
     return replace(scenario_of(Path(content["file"]), content["tables"]), name=content["name"])
-
-
-def read_json(path: str | os.PathLike[str]) -> dict[str, Any]:
-    """Read a mapping from a JSON file; raise `ResultError` if it cannot be read or holds no mapping."""
-    try:
-        with wrap_os_error(path, "read"):
-            content = json.loads(read_content(path))
-    except (ValueError, RecursionError) as error:
-        raise ResultError(path, f"cannot be read ({error})") from None
-    if not isinstance(content, dict):
-        raise ResultError(path, "does not hold a JSON object")
-    return content
 
 
 def scenario_names() -> list[str]:

@@ -10,10 +10,8 @@ import numpy as np
 import pinocchio as pin
 
 from ffsms_pin import opt
-from ffsms_pin.capture.camera import Camera
-from ffsms_pin.capture.estimate import ClientEstimate
-from ffsms_pin.capture.options import Belief, Nozzle, Ring
-from ffsms_pin.capture.rendezvous import first_estimate
+from ffsms_pin.capture import Belief, Camera, ClientEstimate, Grip, Nozzle, Planning, Ring
+from ffsms_pin.capture.rendezvous import Rendezvous, first_estimate
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.client import Client
 from ffsms_pin.errors import InvalidScenario
@@ -58,8 +56,6 @@ def planning_problem(
         A value does not fit the robot, or a term or limit cannot be made.
     """
     if scenario.meet is not None:
-        from ffsms_pin.scenarios.captures import rendezvous  # imported only for a capture
-
         with scenario.named("plan", "meet", "start", "simulation"):
             return rendezvous(scenario, sms, q0).problem(client=client, dt=dt)
     plan, q0 = scenario.plan, scenario.start_configuration(sms) if q0 is None else q0
@@ -194,11 +190,7 @@ def bare_client(scenario: Scenario, sms: SpaceManipulator) -> Client:
 
 def made_client(scenario: Scenario, sms: SpaceManipulator) -> Client:
     """Return the client of a scenario, with the shapes of a nozzle or ring of [contact]."""
-    if scenario.meet is None:
-        return bare_client(scenario, sms)
-    from ffsms_pin.scenarios.captures import rendezvous  # imported only for a capture
-
-    return rendezvous(scenario, sms).client
+    return bare_client(scenario, sms) if scenario.meet is None else rendezvous(scenario, sms).client
 
 
 def seen_client(scenario: Scenario, sms: SpaceManipulator) -> Client | ClientEstimate:
@@ -211,11 +203,26 @@ def seen_client(scenario: Scenario, sms: SpaceManipulator) -> Client | ClientEst
     )
 
 
-def guide_of(scenario: Scenario) -> Nozzle | Ring | None:
-    """Return the options of the nozzle or ring of [contact], if there is one."""
-    kinds: dict[str, type[Nozzle | Ring]] = {"nozzle": Nozzle, "ring": Ring}
-    name = next((name for name in kinds if name in scenario.contact), None)
-    return None if name is None else scenario.made(kinds[name], f"contact.{name}")
+def rendezvous(scenario: Scenario, sms: SpaceManipulator, q0: FloatArray | None = None) -> Rendezvous:
+    """Return the rendezvous of a scenario from q0 (nq,), by default the start in the file."""
+    q0 = scenario.start_configuration(sms) if q0 is None else q0
+    contact, options, made = scenario.contact, scenario.options, scenario.made
+    guides: dict[str, type[Nozzle | Ring]] = {"nozzle": Nozzle, "ring": Ring}
+    with scenario.named("plan", "meet", "start", "simulation"):
+        client = bare_client(scenario, sms)
+        goal, sees = meeting(scenario.meet or {}, client), "sensor" in scenario.client
+        search = opt.SearchOptions(**options(opt.SearchOptions, "plan"))
+        return Rendezvous(
+            sms,
+            q0,
+            goal,
+            scenario.arrival,
+            Planning(**options(Planning, "plan"), **parts(scenario, sms, q0, goal, client), search=search),
+            made(Camera, "client.sensor") if sees else None,
+            made(Belief, "client.belief") if sees else None,
+            made(Grip, "contact") if contact.get("kind") == "compliant" else None,
+            next((made(kind, f"contact.{name}") for name, kind in guides.items() if name in contact), None),
+        )
 
 
 def meeting(meet: Mapping[str, Any], client: Client | ClientEstimate) -> opt.Meet:

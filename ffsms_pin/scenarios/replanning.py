@@ -4,20 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any
+from typing import Any, TypeVar
 
 import pinocchio as pin
 
-from ffsms_pin.capture.estimate import ClientEstimate
-from ffsms_pin.capture.visual_replanning import VisualReplanning
+from ffsms_pin.capture import ClientEstimate, Replan, VisualReplanning
 from ffsms_pin.checks import rigid_body
 from ffsms_pin.identification import Identifier
 from ffsms_pin.opt import Path, Replanning, ReplanOptions, Trajectory
 from ffsms_pin.opt.plans import replannable
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.scenarios.definition import Scenario
-from ffsms_pin.scenarios.problems import bare_client, seen_client
+from ffsms_pin.scenarios.problems import bare_client, rendezvous, seen_client
 from ffsms_pin.simulation import Sensors
+
+Options = TypeVar("Options", bound=ReplanOptions)
 
 
 def replanning(scenario: Scenario, sms: SpaceManipulator, plan: Trajectory | None = None) -> Replanning:
@@ -27,11 +28,8 @@ def replanning(scenario: Scenario, sms: SpaceManipulator, plan: Trajectory | Non
     passes them, because the loop cannot detect passed waypoints.
     """
     if scenario.meet is not None:
-        from ffsms_pin.scenarios.captures import rendezvous, replan  # imported only for a capture
-
-        return rendezvous(scenario, sms).replanning(plan, replan(scenario, sms))
-    reference, jerk = scenario.reference, scenario.per_joint(sms, "reference", "jerk")
-    options = scenario.made(ReplanOptions, "reference", jerk=jerk)
+        return rendezvous(scenario, sms).replanning(plan, replan_options(scenario, sms, Replan))
+    reference, options = scenario.reference, replan_options(scenario, sms, ReplanOptions)
     client = None if scenario.client is None else seen_client(scenario, sms)
     problem = replannable(scenario.problem(sms, dt=reference.get("dt"), client=client), plan)
     if isinstance(problem.goal, Path) and problem.goal.timing == "fastest":  # the plan fixes the times
@@ -45,6 +43,11 @@ def replanning(scenario: Scenario, sms: SpaceManipulator, plan: Trajectory | Non
         if isinstance(client, ClientEstimate):
             return VisualReplanning(problem, bare_client(scenario, sms), client.sensor, client, **loop)
         return Replanning(problem, **loop)
+
+
+def replan_options(scenario: Scenario, sms: SpaceManipulator, kind: type[Options]) -> Options:
+    """Return the options of re-planning in the table [reference]."""
+    return scenario.made(kind, "reference", jerk=scenario.per_joint(sms, "reference", "jerk"))
 
 
 def learner(scenario: Scenario, sms: SpaceManipulator) -> Identifier | None:

@@ -3,18 +3,14 @@
 from __future__ import annotations
 
 import platform
-from collections.abc import Mapping
 from importlib.metadata import version
 from typing import Any
 
 import numpy as np
 
-from ffsms_pin import analysis, opt
-from ffsms_pin.analysis import finite
+from ffsms_pin import analysis
 from ffsms_pin.checks import instance
-from ffsms_pin.geometry.bodies import chosen_mode
-from ffsms_pin.opt.flown import least_clearance
-from ffsms_pin.opt.rollouts import ARRIVAL_SHARE
+from ffsms_pin.options.tables import in_line
 from ffsms_pin.scenarios.closed_loop import Outcome
 from ffsms_pin.scenarios.definition import Scenario
 from ffsms_pin.scenarios.tables import NONE_IF_ABSENT
@@ -33,28 +29,15 @@ def summary(outcome: Outcome) -> dict[str, Any]:
     """
     instance("outcome", outcome, Outcome)
     plan = outcome.trajectory
-    late = plan.t >= ARRIVAL_SHARE * plan.duration - 1e-9
     joints = analysis.joint_numbers(outcome.sms, plan, outcome.tracking, outcome.controller.torque_limit)
     return {
         "scenario": outcome.scenario.name,
         "robot": str(outcome.scenario.robot["model"]),
         "method": str(outcome.scenario.plan.get("method", "horizon")),
-        "reached": plan.reached,
-        "within_tolerance": plan.within_tolerance,
-        "note": plan.note,
-        "duration_s": plan.duration,
-        "planning_step_s": plan.dt,
-        "kappa": plan.kappa,
-        "target_m": plan.target.tolist(),
-        "reach_m": plan.reach,
-        "final_error_m": float(plan.position_error[-1]),
-        "error_over_last_10_percent_m": float(plan.position_error[late].max()),
-        **_path(outcome),
-        "cost_integral_s": plan.cost_integral,
-        "largest_alpha_rad_per_s": float(np.abs(plan.alpha).max()),
+        **analysis.plan_summary(plan),
         "joint_limits_kept": all(joint["limits_kept"] for joint in joints),
         "joints": joints,
-        "clearance": _clearance(outcome),
+        "clearance": analysis.planned_clearance(outcome.sms, plan, outcome.scenario.clearance[1]),
         "base": analysis.base_numbers(outcome.sms, plan.q),
         **analysis.planned_actuators(outcome.sms, plan),
         "conditions": _described(outcome.scenario),
@@ -70,23 +53,10 @@ def summary(outcome: Outcome) -> dict[str, Any]:
     }
 
 
-def _path(outcome: Outcome) -> dict[str, float]:
-    """Return the plan's largest errors from its path, and the tolerances; empty without a path."""
-    plan = outcome.trajectory
-    goal = None if plan.problem is None else plan.problem.goal
-    if not isinstance(goal, opt.Path):
-        return {}
-    return {
-        **analysis.path_numbers(plan),
-        "path_tolerance_m": goal.tolerance,
-        "path_orientation_tolerance_deg": float(np.degrees(goal.orientation_tolerance)),
-    }
-
-
 def _tracking(outcome: Outcome) -> dict[str, Any]:
     """Return the numbers of the closed loop and, if it was re-planned, those of the plan made once."""
-    sms, plan = outcome.sms, outcome.trajectory
-    numbers = {
+    sms, plan, once = outcome.sms, outcome.trajectory, outcome.open_loop
+    return {
         **analysis.tracked_numbers(sms, plan, outcome.tracking, outcome.plant),
         "clearance": analysis.clearance_numbers(outcome.tracking.least_clearance),
         "note": _note(outcome),
@@ -94,19 +64,8 @@ def _tracking(outcome: Outcome) -> dict[str, Any]:
         "torque_max_relative": float((np.abs(outcome.tracking.tau) / outcome.controller.torque_limit).max()),
         **_wrist(outcome),
         "longest_time_constant_s": float(outcome.controller.time_constants(plan.q[0])[-1]),
-        "open_loop": None,
+        "open_loop": None if once is None else analysis.attempt_numbers(sms, plan, *once),
     }
-    if outcome.open_loop is not None:
-        tracking, stopped = outcome.open_loop
-        ended = len(tracking.t) > 0
-        numbers["open_loop"] = {
-            "stopped": stopped,
-            "arrived": not stopped and tracking.arrived,
-            "final_error_m": float(tracking.position_error[-1]) if ended else None,
-            **(analysis.path_numbers(plan, tracking) if ended else {}),
-            **(analysis.joint_error_numbers(sms, tracking) if ended else {}),
-        }
-    return numbers
 
 
 def _note(outcome: Outcome) -> str:
@@ -123,24 +82,8 @@ def _wrist(outcome: Outcome) -> dict[str, Any]:
     tracking = outcome.tracking if outcome.capture is None else outcome.capture.whole
     if scenario.wrist is None:
         return {}
-    sensor = WristSensor(**scenario.wrist)
-    load = tracking.contact_wrench if tracking.contact_wrench.size else np.zeros((len(tracking.t), 6))
-    for push in (Wrench(**row) for row in scenario.disturbance if row.get("on") == "end-effector"):
-        load = load + [push.value(float(t)) for t in tracking.t]
-    force, moment = (float(np.linalg.norm(half, axis=1).max()) for half in (load[:, :3], load[:, 3:]))
-    limits = {"force_limit_N": finite(sensor.force_limit), "moment_limit_Nm": finite(sensor.moment_limit)}
-    return {"wrist": {"force_max_N": force, "moment_max_Nm": moment, **limits}}
-
-
-def _clearance(outcome: Outcome) -> dict[str, Any]:
-    """Return the least clearance of the plan within the robot and to obstacles."""
-    mode = outcome.scenario.clearance[1]
-    plan, sms = outcome.trajectory, outcome.sms
-    checked = {"checked": chosen_mode(sms) if mode == "auto" else mode}
-    if plan.problem is None:
-        return checked | analysis.clearance_numbers(None)
-    motion = plan.problem.motion(plan.joint_rates, plan.dt)
-    return checked | analysis.clearance_numbers(least_clearance(plan.problem, sms, motion))
+    pushes = [Wrench(**row) for row in scenario.disturbance if row.get("on") == "end-effector"]
+    return {"wrist": analysis.wrist_numbers(tracking, WristSensor(**scenario.wrist), pushes)}
 
 
 def _timing(outcome: Outcome) -> dict[str, float]:
@@ -165,22 +108,8 @@ def _described(scenario: Scenario) -> dict[str, str]:
         several = table if isinstance(table, tuple) else [defaults.get(name, {}) | table]
         for i, values in enumerate(several, start=1):
             if values or name in NONE_IF_ABSENT:
-                lines[name if len(several) == 1 else f"{name} {i}"] = _words(values) or "as by default"
+                lines[name if len(several) == 1 else f"{name} {i}"] = in_line(values)[1:-1] or "as by default"
     for name in ("mode", "base_limits", "momentum", "locked", "effort", "base", "time_limit"):
         if name in scenario.plan:
-            lines[f"plan.{name}"] = _value(scenario.plan[name])
+            lines[f"plan.{name}"] = in_line(scenario.plan[name])
     return lines
-
-
-def _words(values: Mapping[str, Any]) -> str:
-    return ", ".join(f"{key} {_value(value)}" for key, value in values.items())
-
-
-def _value(value: Any) -> str:
-    if isinstance(value, Mapping):
-        return f"({_words(value)})"
-    if isinstance(value, tuple):
-        return "[" + ", ".join(_value(item) for item in value) + "]"
-    if isinstance(value, bool):
-        return "yes" if value else "no"
-    return f"{value:.6g}" if isinstance(value, float) else str(value)

@@ -13,8 +13,8 @@ from scenario_files import CAPTURE, write
 import ffsms_pin as ffsms
 from ffsms_pin import capture, opt, scenarios
 from ffsms_pin.control import SlidingModeController, StationKeeping
-from ffsms_pin.scenarios.captures import rendezvous
 from ffsms_pin.scenarios.definition import packaged_path
+from ffsms_pin.scenarios.problems import rendezvous
 
 PLACES = np.repeat([[0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1], [1, 0, 0], [-1, 0, 0]], 2, axis=0)
 WAYS = np.repeat([[0, 0, 1], [1, 0, 0], [0, 1, 0]], 4, axis=0) * np.tile([1, -1], 6)[:, None]

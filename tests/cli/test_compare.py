@@ -13,8 +13,9 @@ from scenario_files import IN_RADIANS, SECOND, write
 from ffsms_pin import opt
 from ffsms_pin.analysis import why_not_reached
 from ffsms_pin.cli import main
+from ffsms_pin.cli.compare import comparison_numbers
 from ffsms_pin.scenarios import scenario
-from ffsms_pin.scenarios.comparisons import Comparison, compare, comparison_numbers
+from ffsms_pin.scenarios.comparisons import Comparison, compare
 
 SCENARIO = f"""{IN_RADIANS}\
 [plan]

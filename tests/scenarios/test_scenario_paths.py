@@ -13,10 +13,10 @@ from scenario_files import write
 from ffsms_pin import opt
 from ffsms_pin.campaigns import Campaign, report
 from ffsms_pin.campaigns.rows import run_numbers
+from ffsms_pin.cli.compare import comparison_numbers
 from ffsms_pin.cli.run import missed, summary_table
 from ffsms_pin.errors import InvalidScenario
 from ffsms_pin.scenarios import compare, run, scenario, summary
-from ffsms_pin.scenarios.comparisons import comparison_numbers
 
 ARM = """
 robot = {model = "planar_3r"}

@@ -10,7 +10,7 @@ import pytest
 from ffsms_pin import opt, scenarios
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.geometry.bodies import BodyStack
-from ffsms_pin.scenarios.captures import rendezvous
+from ffsms_pin.scenarios.problems import rendezvous
 
 
 class Standing:
