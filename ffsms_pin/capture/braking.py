@@ -19,7 +19,7 @@ _STEP = 0.02  # [s] time step of a braking
 _SLOWER = 1.25  # factor on the duration if a torque is too large
 _LONGEST = 60.0  # [s] longest duration of a braking
 _BACK = 0.0, 0.05, 0.15  # [m] additional clearances of final postures, because the joints overshoot them
-_LEAST = 0.5  # [s] shortest duration; in less time even slow joints would stop with a jump of the torque
+_LEAST = 0.5  # [s] shortest duration; it avoids a jump of the torque when slow joints stop
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,8 +27,9 @@ class Braking:
     """A motion in which all joints come to rest; the base follows from the momentum equation.
 
     The joint rates fall as 1 - 3 s^2 + 2 s^3, where s goes from 0 to 1, so the acceleration does not jump at
-    either end. Joints that would pass a position limit stop early; all others come to rest together. The
-    motion is a reference for `simulate`. After its end the joints rest.
+    either end. For a motion to a required posture, a quintic displacement is added. Joints that would pass a
+    position limit stop early; all others come to rest together. The motion is a reference for `simulate`.
+    After its end the joints rest.
 
     Attributes
     ----------
@@ -43,7 +44,7 @@ class Braking:
     momentum : ndarray, shape (6,)
         Total momentum [linear; angular] [kg m/s; kg m^2/s], inertial axes, about the common centre of mass.
     torque_share : float
-        The largest required joint torque, as a share of its limit.
+        The largest ratio of a required joint torque to its limit.
     note : str
         The violated limits, with values; empty if all are satisfied.
     clearance : float
@@ -51,7 +52,7 @@ class Braking:
         between two bodies of the servicer that are nearer than required. Infinite if no clearance is
         required.
     nearest : str
-        The pair of bodies at that distance.
+        The names of the two bodies at the distance `clearance`.
     """
 
     robot: SpaceManipulator
@@ -108,7 +109,8 @@ def brake(
     torque_limit : array_like, optional
         The torque limits [N m], one number or (n,). Default: the robot's.
     share : float
-        The share of the torque limits that the motion may use; the rest is for the controller's corrections.
+        The share of the torque limits that the motion may use; the remainder is for the controller's
+        corrections.
     coast : float
         The time for which the joints keep their rates before they brake [s].
     room : HeldClient, optional
@@ -117,10 +119,10 @@ def brake(
     Returns
     -------
     Braking
-        A motion of at least 0.5 s. If no motion within 60 s satisfies the torque limits, because a fast
-        rotation also loads joints at rest, the motion with the smallest torque share is returned. If no
-        motion keeps the clearance, the motion with the largest clearance is returned. In both cases `note`
-        has the violation.
+        A motion of at least 0.5 s. A fast rotation also loads joints at rest. If therefore no motion within
+        60 s satisfies the torque limits, the motion with the smallest torque share is returned. If no motion
+        keeps the clearance, the motion with the largest clearance is returned. In both cases `note` has the
+        violation.
     """
     robot = after.robot
     limits = robot.limits
@@ -183,7 +185,7 @@ def move_and_rest(
 def _braking(
     after: AfterCapture, duration: float, torques: FloatArray, coast: float, end: FloatArray | None
 ) -> Braking:
-    """Return a braking of `duration` [s] after `coast` [s] at constant rates, to `end` (n,) if set."""
+    """Return a motion with constant rates for `coast` [s], then a braking of `duration` [s] to `end` (n,)."""
     robot, whole, start = after.robot, coast + duration, after.v[6:]
     steps = max(2, round(whole / _STEP))
     t, joints, limits = np.linspace(0.0, whole, steps + 1), robot.layout.positions(after.q), robot.limits
@@ -192,7 +194,7 @@ def _braking(
     least = 1.5 * speeds / limits.acceleration
     # A joint that would pass its limit brakes before the others.
     coasts = np.clip(slack / speeds - 0.55 * least, 0.0, coast)
-    # Such a joint moves on by half of its stopping time times its rate; 1.95 < 2 allows for the time steps.
+    # A joint travels half of its rate times its stopping time; 1.95 < 2 allows for the time steps.
     stops = np.maximum(np.minimum(duration, 1.95 * (slack / speeds - coasts)), least)
     s = np.clip((t[:, None] - coasts) / stops, 0.0, 1.0)
     rates = (1.0 - s**2 * (3.0 - 2.0 * s)) * start

@@ -71,7 +71,7 @@ class Camera:
         return np.repeat(noise, 3)
 
     def sees(self, t: float, rng: np.random.Generator) -> bool:
-        """Return whether a measurement made at t [s] arrives; some are hidden, others drop out randomly."""
+        """Return whether a measurement made at t [s] is neither hidden nor randomly dropped."""
         hidden = any(begin <= t <= end for begin, end in self.hidden)
         return not (hidden or (self.dropouts and rng.random() < self.dropouts))
 
@@ -81,8 +81,8 @@ def measured(
 ) -> Client:
     """Return a client with the pose and twist that a camera measures at t [s], noise included.
 
-    The returned client has its time zero at t. Mass and inertia are not measured: they are those of
-    `believed`, by default the true ones.
+    The returned client has its time zero at t. A camera does not measure mass and inertia, so they are copied
+    from `believed`, by default from the true client.
     """
     noise = sensor.deviations * rng.normal(size=12)
     if sensor.outliers and rng.random() < sensor.outliers:

@@ -33,20 +33,21 @@ class LeastDistance(NamedTuple):
 class ClientDistances:
     """Distances between a servicer's bodies and those of a client.
 
-    Distances from the gripper to the nozzle or ring around the grasp are included only with `guides`, because
-    contact forces act between them. If the client is grasped, the distances of the gripper are left out.
+    Distances to the convex pieces of a nozzle or ring are included only if `guides` is true, because the
+    gripper may touch these pieces. If the client is grasped, the distances of the gripper are left out.
 
     Parameters
     ----------
     sms : SpaceManipulator
+        The servicer.
     obstacles : sequence of Obstacle
-        The obstacles; those on the client are used, with poses in the client's axes.
+        Obstacles, of which only those on the client are used. Their poses are in the client's axes.
     clearance : float
         The required distance [m].
     collision : str
         The collision geometry, see `opt.Clearance`.
     guides : bool
-        True to include distances from the gripper to a nozzle or ring around the grasp.
+        True to include distances from the gripper to the pieces of a nozzle or ring at the grasp.
     """
 
     def __init__(
@@ -77,7 +78,7 @@ class ClientDistances:
         """Return the distances (m, K) [m] of m pairs of bodies at K configurations (K, nq) and client poses.
 
         The poses are `positions` (K, 3) [m] and `attitudes` (K, 3, 3). Distances beyond `near` [m] are lower
-        bounds. A distance to a nozzle or ring is relative to the overlap that plans permit in the grasp.
+        bounds. If plans permit an overlap of two bodies in the grasp, their distance is increased by it.
         """
         values = [
             self._stack.values(self._poses(*some), near)
@@ -93,7 +94,10 @@ class ClientDistances:
         held: bool = False,
         near: float = FAR,
     ) -> LeastDistance:
-        """Return the least distances at K configurations (K, nq); `held` is true if the client is grasped."""
+        """Return the least distances at K configurations and client poses, for the arguments see `distances`.
+
+        `held` is true if the client is grasped.
+        """
         values = self.distances(q, positions, attitudes, near)
         if held:
             values[~self._others] = np.inf
@@ -106,12 +110,12 @@ class ClientDistances:
         return ClientDistances(self._sms, [ball], self.clearance, self._stack.mode)
 
     def at(self, q: FloatArray, pose: Any, held: bool = False) -> tuple[float, str]:
-        """Return the least distance [m] and its pair, at q (nq,) and a client pose (pinocchio.SE3)."""
+        """Return the least distance [m] and its pair of bodies, at q (nq,) and a pose (pinocchio.SE3)."""
         nearest = self.nearest(q[None], pose.translation[None], pose.rotation[None], held)
         return float(nearest.distance[0]), self.names[int(nearest.pair[0])]
 
     def closing_speed(self, v: FloatArray, client_twist: FloatArray) -> float:
-        """Return an upper bound of the closing speed of any pair [m/s], for Pinocchio's v (6 + n,)."""
+        """Return an upper bound of the closing speed of any pair [m/s], for v (6 + n,) and client twist."""
         length = self._stack.arm.length + float(self._stack.sizes[:, 0].max())
         turning = float(np.linalg.norm(v[3:6]) + np.abs(v[6:]).sum())
         linear = float(np.linalg.norm(v[:3]) + np.linalg.norm(client_twist[:3]))
@@ -159,16 +163,16 @@ class ClientDistances:
 
 
 class _Rows:
-    """The poses of a client, one for each configuration, with row numbers as times."""
+    """A stand-in for the client, whose pose at "time" k is row k of `positions` and `attitudes`."""
 
     positions, attitudes = np.zeros((1, 3)), np.eye(3)[None]
 
     def pose(self, t: float) -> Any:
-        """Return the pose of a row."""
+        """Return the pose (pinocchio.SE3) in row t."""
         return pin.SE3(self.attitudes[int(t)], self.positions[int(t)])
 
     def poses(self, times: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the positions (K, 3) and attitudes (K, 3, 3) of rows."""
+        """Return the positions (K, 3) [m] and attitudes (K, 3, 3) in the rows `times` (K,)."""
         rows = np.asarray(times).astype(np.intp)
         return self.positions[rows], self.attitudes[rows]
 

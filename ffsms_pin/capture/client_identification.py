@@ -90,7 +90,7 @@ class ClientIdentification:
     client : Client
         The assumed client, with its time zero at the latch.
     share : float
-        The relative standard deviation of the servicer's masses, which adds to that of the results.
+        The relative standard deviation of the servicer's masses, which increases that of the results.
     """
 
     def __init__(self, sms: SpaceManipulator, q: FloatArray, client: Client, share: float) -> None:
@@ -146,7 +146,10 @@ class ClientIdentification:
         return self._of(values, deviations, duration, result.note)
 
     def _values(self, parameters: FloatArray) -> FloatArray:
-        """Return mass, centre of mass and central inertia (10,) from `parameters` (10,), client's axes."""
+        """Return mass, centre of mass and central inertia (10,), client's axes.
+
+        `parameters` (10,) are the dynamic parameters (Pinocchio's layout) in the axes of the link.
+        """
         body = self._placement.actInv(pin.Inertia.FromDynamicParameters(parameters))
         return np.concatenate([[body.mass], body.lever, body.inertia[np.triu_indices(3)]])
 
@@ -174,7 +177,7 @@ def teaching_motion(
     room: HeldClient | None,
     locked: Sequence[str] = (),
 ) -> tuple[Trajectory | None, str]:
-    """Return a motion of small swings for the identification of the grasped client; or None and the reason.
+    """Return small swings of the joints that identify the grasped client; without them, None and the reason.
 
     The motion ends where it begins. If the client would come too near to the servicer, smaller swings are
     tried.

@@ -1,16 +1,17 @@
 """Prediction of the contact load when a grip closes on a known or estimated client.
 
-A contact wrench w at the grasp accelerates both bodies. W is the sum of their mobilities at the grasp, the
-inverse of their reduced mass. The mobility of the end effector with free joints is J_b H_b^-1 J_b^T + J*
+A contact wrench w at the grasp accelerates both bodies. W, the inverse of their reduced mass, is the sum of
+their mobilities at the grasp. The mobility of the end effector with free joints is J_b H_b^-1 J_b^T + J*
 H_q^-1 J*^T; the client is a free body. With the pose x of the grasp relative to the end effector
 [displacement; rotation], and the stiffness K and the damping C of the grip,
 
     x'' = -W (K x + C x'),    w = K x + C x'.
 
-A second load accelerates a rotating client, so that it follows the arm: x'' = a - W (K x + C x'), from rest.
-Here a is the relative acceleration if the client is free and the joints keep their rates. The joints are
-locked in this W, because the control law is fast compared with this load; it is slow compared with the first
-load. The two loads are added.
+A rotating client must also be accelerated to follow the arm. This second load is the solution w of x'' = a -
+W (K x + C x') with x = x' = 0 at the start. Here a is the acceleration of the grasp relative to the end
+effector if the client is free and the joints keep their rates. The joints are free in the W of the first
+load, which changes faster than the control law reacts. They are locked in the W of the second load, which
+changes more slowly. The two loads are added.
 """
 
 from __future__ import annotations

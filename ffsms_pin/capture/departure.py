@@ -25,10 +25,10 @@ from ffsms_pin.geometry.bodies import clearance_stack
 from ffsms_pin.geometry.distances import Poses
 from ffsms_pin.system.batch.stacks import quaternions
 
-_STEP, _MOST = 0.02, 6000  # [m] relative displacement between two instants, and their largest number
+_STEP, _MOST = 0.02, 6000  # [m] relative displacement between two instants; largest number of instants
 _LARGEST_TURN = 2.0  # chord of half a turn on a unit circle
 _ON_THE_WAY = 0.2  # [s] between two evaluated instants of a motion
-_DRAWN, _BEST = 24, 3  # number of random postures, and of the best of these to which motions are tried
+_DRAWN, _BEST = 24, 3  # numbers of random postures, and of the best random postures that are tried
 _BLENDS = 1.0, 0.75, 0.5, 0.25  # shares of the displacement to a posture, tried in order
 
 
@@ -38,8 +38,8 @@ class ClosestApproach(NamedTuple):
     Attributes
     ----------
     distance : float
-        The least distance less three standard deviations of the client's estimate [m]; above 1 m it is a
-        lower bound.
+        The least distance minus three standard deviations of the client's estimate [m]. A value above 1 m
+        is a lower bound.
     pair : str
         The two bodies that come closest.
     time : float
@@ -55,7 +55,7 @@ class ClosestApproach(NamedTuple):
 
     @property
     def clear(self) -> bool:
-        """The verdict: true if both keep clear of each other."""
+        """True if servicer and client keep clear of each other for `span`."""
         return self.distance > 0.0
 
     def __str__(self) -> str:
@@ -135,8 +135,8 @@ def departure(
     plain : Braking
         The braking at the present posture.
     drifts : tuple of two bools
-        True if the base moves by its linear momentum, and true if it turns by its angular momentum; false if
-        a base law prevents this.
+        The first is true if the base drifts with its linear momentum, the second if it turns with its angular
+        momentum. A value is false if a base law holds this part of the base's pose.
     postures : list of ndarray
         Joint positions (n,) at which the arm may rest, besides random ones. If the list is empty, only
         `plain` is tried.
@@ -200,7 +200,10 @@ def _motions(
 
 
 def _clear_on_the_way(closeness: ClientDistances, motion: Braking, client: FreeBody, t: float) -> bool:
-    """Return whether the robot keeps clear of the client and of itself, or at least its initial clearance."""
+    """Return whether a motion keeps the robot clear of the client and of itself.
+
+    A distance that is too small at the start must not decrease further.
+    """
     stride = max(1, round(_ON_THE_WAY / (motion.duration / (len(motion.t) - 1))))
     rows = np.unique([*range(0, len(motion.t), stride), len(motion.t) - 1])
     q = motion.q[rows]

@@ -8,13 +8,13 @@ free body, a = w' = I^-1 (I w x w),
 
 A Kalman filter (R. E. Kalman, "A new approach to linear filtering and prediction problems", Journal of Basic
 Engineering 82, 1960) processes each measurement at the time at which it was made. The torque-free motion
-predicts the client from that time on, so latency only makes the estimate older.
+predicts the client from that time on, so latency only increases the age of the estimate.
 
 The error of the assumed inertia has six parameters, the entries of a symmetric matrix X: the second moments
-of mass S = tr(I)/2 - I become S^1/2 exp(X) S^1/2, which is physically consistent for every X (Lee, Wensing,
-Park, IEEE Transactions on Robotics 36, 2020). The tumbling motion determines the ratios of the inertia. The
-scale of the inertia, tr(X), and the mass are unobservable in free motion, so their uncertainty stays. The
-state has velocities instead of momenta, because measured velocities do not depend on the inertia.
+of mass S = tr(I)/2 - I become S^1/2 exp(X) S^1/2. The inertia is then physically consistent for every X (Lee,
+Wensing, Park, IEEE Transactions on Robotics 36, 2020). The tumbling motion determines the ratios of the
+inertia. The scale of the inertia, tr(X), and the mass are unobservable in free motion, so their uncertainty
+stays. The state has velocities instead of momenta, because measured velocities do not depend on the inertia.
 
 A measurement is refused as an outlier if nu^T P_nu^-1 nu exceeds the 99.9 % quantile of its chi-squared
 distribution, with the innovation nu and its covariance P_nu. If several refused measurements agree with each
@@ -36,13 +36,13 @@ from ffsms_pin.errors import InvalidValue
 from ffsms_pin.threads import one_blas_thread
 
 _MOST_UNLIKELY = 32.90949040736021  # the 99.9 % quantile of chi-squared with 12 degrees of freedom
-# The number of consecutive refused measurements that are compared, and the number of these that must agree
-# with an earlier one for a restart from the earlier one.
+# The number of latest refused measurements that are stored, and the number of later measurements that must
+# agree with a stored one, so that the estimate restarts from the stored one.
 _REFUSED, _AGREE = 5, 3
 # The state has twelve entries for the motion, five for the ratios of the inertia (X without its trace, in an
 # orthonormal basis), and the logarithms of the inertia's scale and of the mass.
 _SIZE, _FORM, _SCALE, _MASS = 19, slice(12, 17), 17, 18
-_OF_PUSHES = 0.1  # relative standard deviation of pushes, because they are computed with uncertain masses
+_OF_PUSHES = 0.1  # relative standard deviation of velocity changes by pushes, due to uncertain masses
 _BASIS = np.array(
     [
         np.diag([1, -1, 0]),
@@ -64,7 +64,7 @@ class ClientEstimate:
     first : Client
         The client as measured first, with the assumed mass and inertia and its time zero at the measurement.
     t : float
-        The time of that measurement [s].
+        The time of the first measurement [s].
     sensor : Camera
         The camera whose measurements update the estimate.
     mass_deviation : float
@@ -90,7 +90,7 @@ class ClientEstimate:
         inertia_deviation: float = 0.0,
     ) -> None:
         self.refused = self.restarts = 0
-        self._refused: list[tuple[Client, float]] = []  # at most _REFUSED, since the last accepted one
+        self._refused: list[tuple[Client, float]] = []  # since the last accepted one
         self._body, self._since, self._sensor = first, t, sensor
         self._assumed = first
         self._doubts = tuple(
@@ -102,7 +102,7 @@ class ClientEstimate:
         of_body = [*np.repeat(moments, 5), moments / np.sqrt(3.0), self._doubts[0]]
         self._P = np.diag(np.concatenate([sensor.deviations, of_body]) ** 2)
         self.measured_at = self._since
-        self._gained = np.zeros(2)  # changes of velocity and spin by all pushes since the last measurement
+        self._gained = np.zeros(2)  # summed changes of velocity and spin by pushes since `measured_at`
 
     @property
     def sensor(self) -> Camera:
@@ -182,8 +182,9 @@ class ClientEstimate:
     def spread(self) -> list[Client]:
         """Return clients that deviate by one standard deviation in independent directions of the state.
 
-        There are twelve clients, six more if the inertia is uncertain, and one more if the mass is. The
-        standard deviation of a function of the client is the root of the sum of squares of its changes.
+        There are twelve clients, six more if the inertia is uncertain, and one more if the mass is. To first
+        order, the standard deviation of a function of the client is the root of the sum of its squared
+        changes over these clients.
         """
         return [self._from_start(body) for body in self._spread_bodies()]
 
@@ -200,7 +201,7 @@ class ClientEstimate:
         return [self._moved(x) for x in moves.T]
 
     def _from_start(self, body: Client) -> Client:
-        """Return a client with time zero at the last update as a client with the estimate's time zero."""
+        """Shift the time zero of a client from the last update to the estimate's time zero."""
         return other_motion(body, body.pose(-self._since), body.twist(-self._since))
 
     def _moved(self, x: FloatArray) -> Client:
@@ -229,7 +230,10 @@ class ClientEstimate:
 
     @property
     def covariance(self) -> FloatArray:
-        """The covariance (12, 12) of position, velocity, attitude and angular momentum at the last update."""
+        """The covariance (12, 12) of position, velocity, attitude and angular momentum at the last update.
+
+        All are in inertial axes; the units are m, m/s, rad and kg m^2/s.
+        """
         body, R, w = self._body, self._body.start_pose.rotation, _spin(self._body)
         slopes = np.eye(12, _SIZE)
         slopes[6:9, 6:9], slopes[9:, 6:9] = R, -R @ pin.skew(body.inertia @ w)
@@ -313,7 +317,7 @@ class ClientEstimate:
 
 
 def as_client(body: FreeBody) -> Client:
-    """Return a client unchanged, or the estimated client of an estimate."""
+    """Return a `Client` unchanged, or the estimated client of a `ClientEstimate`."""
     if isinstance(body, ClientEstimate):
         return body.client()
     if not isinstance(body, Client):

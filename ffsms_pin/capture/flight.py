@@ -48,7 +48,7 @@ class Flight:
 
     @property
     def latched(self) -> bool:
-        """The verdict: true if the client was latched."""
+        """True if the client was latched."""
         return self.captured.caught
 
     @property
@@ -92,7 +92,7 @@ class Flight:
 
     @property
     def prediction(self) -> Prediction:
-        """The motion after the capture, predicted when the gripper closed, or else from the plan."""
+        """The prediction at the contact, or the prediction from the plan if the gripper did not close."""
         return self.captured.expected or self.captured.planned
 
     @property

@@ -98,7 +98,7 @@ def fly(
     planning : Planning, optional
         Options of the plan: time step, terms, limits and obstacles. Default: `Planning()`.
     procedure : Procedure, optional
-        Attempts, retreat, limits of the go decision, braking. Default: `Procedure()`.
+        Options of attempts, retreat, go decision and braking. Default: `Procedure()`.
     plan : Trajectory, optional
         An existing plan to the client. Default: the motion is planned first.
     progress : callable, optional

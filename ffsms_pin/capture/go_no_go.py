@@ -25,8 +25,8 @@ _AGE, _PERIODS = 2.0, 5.0  # largest age beyond the latency: 2 s, or five sensor
 class GoLimits:
     """The limits of the client's uncertainty from the go decision to the contact.
 
-    The motion of a free client can be predicted for longer than `age`, until a body touches the client. Near
-    the grasp a touch is possible, so the age of the last measurement is limited.
+    The motion of a free client can be predicted for longer than `age`. Near the grasp, however, a contact may
+    change the motion, so the age of the last measurement is limited.
 
     Raises
     ------
@@ -35,9 +35,9 @@ class GoLimits:
     """
 
     age: Annotated[Positive | None, Unit("s", "the latency and 2 s, or 5 periods")] = None
-    """The largest age of the last accepted measurement. Default: the sensor's latency plus the longer time of
-    2 s and five sensor periods. The default allows a few lost pictures. At the largest speed of the default
-    envelope, 50 mm/s, an end effector moves by 0.1 m in 2 s, a distance in which it can stop."""
+    """The largest age of the last accepted measurement. Default: the sensor's latency plus 2 s or five
+    sensor periods, whichever is longer. The default allows a few lost measurements. At the largest speed of
+    the default envelope, 50 mm/s, an end effector moves 0.1 m in 2 s, and can stop within this distance."""
     distance: Annotated[Positive | None, Unit("m", "that of the envelope")] = None
     """The limit of three standard deviations of the predicted grasp position at the contact. The default is
     at most the half width of the corridor at its mouth."""
@@ -57,10 +57,11 @@ class GoLimits:
     def lacks(
         self, meet: Meet, now: float, contact: float, envelope: Envelope, measuring: bool = True
     ) -> str:
-        """Return a text of the uncertainty that is too large at `now` [s] for a contact at `contact` [s].
+        """Return the uncertainty that is too large at `now` [s] for a contact at `contact` [s], in words.
 
-        The text is empty if all limits are satisfied. `measuring` is true if the client is measured during
-        the motion. If it is measured only once, before planning, the age of the measurement is not limited.
+        The result is empty if all limits are satisfied. `measuring` is true if the client is measured during
+        the motion. If the client is measured only once, before planning, the age of the measurement is not
+        limited.
         """
         client = meet.client
         if not isinstance(client, ClientEstimate):

@@ -16,8 +16,8 @@ from ffsms_pin.errors import InvalidValue
 from ffsms_pin.geometry.convex_parts import hull_of
 
 _SIZES = 1e-4, 100.0  # [m] smallest and largest dimension; qhull fails on much flatter shapes
-_NARROW = 0.75  # share of a cone's length behind which a probe may come nearer to the wall than the clearance
-_MOST_SIDES = 360  # sides of a polygon, one per degree
+_NARROW = 0.75  # share of a cone's length from the entry; deeper, a probe may be nearer than the clearance
+_MOST_SIDES = 360  # largest number of sides of a polygon, one per degree
 
 
 class Scene(NamedTuple):
@@ -99,9 +99,7 @@ def probe_in_nozzle(
         throat_radius=throat_radius, cone_length=cone_length, throat_length=throat_length,
     )  # fmt: skip
     if not probe_radius < throat_radius < entry_radius:
-        message = (
-            f"must lie between those of the probe and the entry, {probe_radius:g} and {entry_radius:g} m"
-        )
+        message = f"must lie between the radii of probe and entry, {probe_radius:g} and {entry_radius:g} m"
         raise InvalidValue("throat_radius", throat_radius, message)
     if not 2.0 * probe_radius < probe_length:
         raise InvalidValue(
@@ -112,7 +110,7 @@ def probe_in_nozzle(
     rod = coal.Capsule(probe_radius, probe_length - 2.0 * probe_radius)
     probe = (rod, pin.SE3(np.eye(3), np.array([0.0, 0.0, -0.5 * probe_length])))
     end, wall = cone_length + throat_length, 0.5 * throat_radius
-    # The profile runs down the inside and back up the outside; the protruding lip makes it convex.
+    # The profile follows the inside to the end and returns on a straight outside, so it is convex.
     profile = np.array([
         [entry_radius, 0.0], [throat_radius, cone_length], [throat_radius, end],
         [throat_radius + wall, end], [entry_radius + wall, 0.0],
@@ -145,11 +143,11 @@ def gripper_on_ring(
 ) -> Scene:
     """Make a gripper of two fingers and a palm, and the rim of a launch adapter ring.
 
-    Each finger's pad consists of four balls at the corners of a square, and the palm of two balls, so they
-    hold the rim in all directions and no contact point jumps. The end-effector frame is in the centre of the
-    pads: z towards the ring, y from finger to finger, along the ring's radius. Only the gripped segment of
-    the ring and its neighbours have contact. With an `opening` below the ring's thickness the pads squeeze
-    the ring; such a load belongs in the event `Close`.
+    Each finger's pad consists of four balls at the corners of a square, and the palm of two balls. These
+    balls hold the rim in all directions, and their contact points do not jump. The end-effector frame is in
+    the centre of the pads: z towards the ring, y from finger to finger, along the ring's radius. Only the
+    gripped segment of the ring and its neighbours have contact. If `opening` is less than the ring's
+    thickness, the pads squeeze the ring; pass such a load in the event `Close`.
 
     Parameters
     ----------

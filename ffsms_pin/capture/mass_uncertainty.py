@@ -40,11 +40,11 @@ class MassUncertainty:
     def robots(
         self, sms: SpaceManipulator, shown: tuple[FloatArray, FloatArray] | None = None
     ) -> tuple[SpaceManipulator, list[SpaceManipulator]]:
-        """Return the most likely robot, and robots one standard deviation away in independent directions.
+        """Return the most likely robot, and robots that deviate by one sigma in independent directions.
 
         A free motion determines the ratios of the masses but not their scale. `shown` has the information
-        matrix G of r, and G r (`opt.Replanning.shown`). The vector r (n + 1,) has the relative changes of the
-        ratios to the base's mass: those of the arm's masses, and last that of the base's inertia. The
+        matrix G of r, and G r (`opt.Replanning.shown`). The vector r (n + 1,) has the relative changes of
+        ratios to the base's mass: the ratios of the arm's n masses, then the ratio of the base's inertia. The
         posterior of all masses follows from `shown` and the standard deviations, to first order.
         """
         n = sms.n

@@ -211,7 +211,7 @@ class Planning:
         and braking.
     obstacles : sequence of opt.Obstacle
         Obstacles in addition to those of an `opt.Clearance`. Obstacles on the goal's client are parts of that
-        client: the flight ends if the servicer touches one and the simulation does not model the contact.
+        client. The flight ends if the servicer touches such an obstacle and the contact is not modelled.
     joint_rates : array_like, shape (n,), optional
         Joint rates at the start [rad/s]. Default: at rest.
     momentum : array_like, shape (6,), optional
@@ -263,7 +263,7 @@ class Control:
     law : callable
         A function from a robot to the law of its joints, such as a class of `ffsms_pin.control`. The default
         is computed torque with K_p = 100 1/s^2 and K_d = 20 1/s, without estimation of friction and payload,
-        because contact loads are neither.
+        because contact loads would bias the estimates.
     base : callable, optional
         A function from a robot to the law of its base, such as `ffsms_pin.control.QuaternionFeedback`.
         Default: the base floats.

@@ -87,7 +87,7 @@ def _too_much(*checks: tuple[str, float, float | None, str]) -> str:
 
 @dataclass(frozen=True, eq=False)
 class Prediction:
-    """The predicted motion of servicer and client after the joints have come to rest, and of the wheels.
+    """The predicted motion after the joints have come to rest, and the predicted momentum of the wheels.
 
     Attributes
     ----------
@@ -150,7 +150,7 @@ def _deviation(spread: list[FloatArray], middle: FloatArray) -> FloatArray:
 def _beside(
     name: str, what: str, unit: str, predicted: FloatArray, deviation: FloatArray, simulated: FloatArray
 ) -> dict[str, Any]:
-    """Return a prediction, its deviation, its error and the verdict within 3 sigma for a summary."""
+    """Return summary entries: a prediction, its deviation, its error, and whether it is within 3 sigma."""
     off = np.abs(simulated - predicted)
     numbers: dict[str, Any] = {
         f"{name}_{what}_{unit}": predicted.tolist(),
@@ -183,6 +183,7 @@ def predicted(
     q, v : ndarray, shape (nq,) and (6 + n,)
         The state of the servicer at the contact.
     client : Client or ClientEstimate
+        The client or its estimate.
     t : float
         Time of the contact [s].
     wheel_momentum : ndarray, shape (w,), optional

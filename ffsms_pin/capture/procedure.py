@@ -140,7 +140,17 @@ class CaptureOptions(Procedure):
 
 
 class Closing(NamedTuple):
-    """The time [s], distance [m] and angle [rad] (2,) to the grasp, and relative twist (6,) at a closing."""
+    """A closing of the gripper.
+
+    Attributes
+    ----------
+    time : float
+        The time [s].
+    miss : ndarray, shape (2,)
+        The distance [m] and the angle [rad] from the end effector to the grasp.
+    relative : ndarray, shape (6,)
+        The end effector's twist relative to the grasp, inertial axes.
+    """
 
     time: float
     miss: FloatArray
@@ -148,6 +158,6 @@ class Closing(NamedTuple):
 
 
 def missed(plant: SpaceManipulator, now: Instant, grasp: Any) -> tuple[FloatArray, FloatArray]:
-    """Return distance [m] and angle [rad] (2,) from end effector to grasp, and the relative twist (6,)."""
+    """Return the values `miss` (2,) and `relative` (6,) of a `Closing` at the present instant."""
     offset = relative_motion(plant, now.q, now.v, *carried(now.client_pose, now.client_twist, grasp))
     return np.linalg.norm(offset[:6].reshape(2, 3), axis=1), -offset[6:]

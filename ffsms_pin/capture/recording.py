@@ -27,7 +27,7 @@ from ffsms_pin.opt.flown import LeastClearance, least_clearance, limit_misses, r
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.simulation import Phase, Sensors, Tracking, simulate
 
-# Integration steps in a control step with contact by default, because a stiff grasp is faster than an arm.
+# Default integration steps in a control step with contact: a stiff contact oscillates faster than an arm.
 _SUBSTEPS = 8
 _JUDGED = 0.02  # [s] between two evaluations of clearances
 
@@ -87,7 +87,7 @@ class Captured:
 
     @property
     def caught(self) -> bool:
-        """The verdict: true if the client was latched."""
+        """True if the client was latched."""
         return self.after is not None
 
     @property
@@ -98,7 +98,7 @@ class Captured:
 
     @property
     def contact_at(self) -> float:
-        """The time when the gripper closed on the client, or the first attempt ended [s]."""
+        """The time [s] of the contact or, if the client was not latched, the end of the first attempt."""
         if self.caught:
             return [phase.time for phase in self.phases if phase.name == "contact"][-1]
         return next(phase.time for phase in self.phases if phase.name in ("retreat", "braking", "collision"))
@@ -233,7 +233,7 @@ def captured(
     conditions = options["conditions"]
     spun = plan.wheel_momentum[-1] if plan.wheel_momentum.size else conditions.wheel_momentum
     planned = mission.predict(plan.q[-1], plan.v[-1], plan.duration, spun)
-    # [s] The duration of most runs.
+    # [s] The expected duration of the run, to which the progress refers.
     shown = plan.duration + max(mission.handling.after, mission.handling.identify)
     if mission.base_law is not None:
         options["base_controller"] = mission
@@ -254,7 +254,7 @@ def captured(
 
 
 def _judged(record: Captured, mission: StateMachine, plant: SpaceManipulator) -> Tracking:
-    """Return the recording with its verdict on latch and clearance."""
+    """Return the recording with its verdict on latch, limits and clearance."""
     whole, last = record.whole, record.phases[-1]
     least = _least_clearance(record, mission, plant)
     misses = [whole.stopped] if whole.stopped else []

@@ -101,7 +101,7 @@ class Rendezvous:
 
     @property
     def clearance(self) -> opt.Clearance:
-        """The clearance limit of the plan; the default without obstacles if the plan has none."""
+        """The clearance limit of the plan, or the default `opt.Clearance` if the plan has none."""
         return next((limit for limit in self._limits if isinstance(limit, opt.Clearance)), opt.Clearance())
 
     @cached_property
@@ -129,8 +129,8 @@ class Rendezvous:
     def first_estimate(self) -> Client | ClientEstimate:
         """Return the known or estimated client at the start of the motion.
 
-        With a camera it is estimated from a first measurement with latency and noise; without a camera it is
-        the true client.
+        With a camera, the client is estimated from a first measurement with latency and noise. Without a
+        camera, the true client is known.
         """
         if self.camera is None:
             return self.client
@@ -185,7 +185,7 @@ class Rendezvous:
         return plan_problem(self.problem(), "horizon", self.planning.search or opt.SearchOptions())
 
     def replanning(self, plan: opt.Trajectory | None = None, replan: Replan | None = None) -> opt.Replanning:
-        """Return a reference that re-plans from the measured state, and to the measured client."""
+        """Return a reference that re-plans from the measured state to the known or estimated client."""
         replan = Replan() if replan is None else replan
         known = self.first_estimate()
         problem = replannable(self.problem(client=known, dt=replan.dt), plan)
@@ -230,7 +230,7 @@ def _with_guide(client: Client, scene: Scene | None) -> Client:
 def _guided(
     obstacles: Sequence[opt.Obstacle], guide: Nozzle | Ring | None, scene: Scene | None, client: Any
 ) -> list[opt.Obstacle]:
-    """Return obstacles and a guide on a client: the guide's hull, and its pieces for the end effector."""
+    """Return the obstacles and, for a guide on a client, its hull and its pieces for the end effector."""
     if guide is None or scene is None or client is None:
         return list(obstacles)
     whole = opt.Obstacle(scene.hull, on=client, name=guide.name, grasp=scene.grasp)
@@ -244,7 +244,7 @@ def _guided(
 def _touched(
     bodies: Sequence[opt.Obstacle], guide: Nozzle | Ring | None, scene: Scene | None, client: Client
 ) -> list[opt.Obstacle]:
-    """Return the bodies of a client and the exact pieces of its guide; no pieces without bodies."""
+    """Return the bodies of a client and the exact pieces of its guide; empty if there are no bodies."""
     if guide is None or scene is None or not bodies:
         return list(bodies)
     pieces = [

@@ -1,4 +1,4 @@
-"""The state machine of a capture: the reference and the laws of each state, and its transitions.
+"""The state machine of a capture: the reference and the laws of each state, and the transitions.
 
     approach -> closing -> contact -> braking -> rest
     braking -> identification -> rest, if a motion to identify the client is requested
@@ -51,21 +51,21 @@ from ffsms_pin.system.dynamics import centroidal
 
 # The laws of a robot's joints and, if there is one, of its base.
 Laws = Callable[[SpaceManipulator], tuple[JointLaw, BaseLaw | None]]
-# A function that returns the planning problem from a configuration (nq,) and a `client`; now is time zero.
+# A function from a configuration (nq,) and a `client` to a planning problem that begins at the present.
 Again = Callable[..., Problem]
 
 _LOOK_BACK = 1.0  # [s] over which the momentum is averaged before another plan
 _LONGEST_BRAKING = 160.0  # [s] upper bound; the motions of `departure` take up to two minutes
-_LEAST_CLOSING = 1.0  # [s] from the latest go decision to the deadline, in which a gripper can open
+_LEAST_CLOSING = 1.0  # [s] from the latest go decision to the deadline, enough to open a gripper
 _LOOK = 0.2  # [s] between two checks of the uncertainty and of the corridor
 _AHEAD, _PATH = 3.0, 0.5  # [s] span of the collision check ahead, and time between two checks
 _COARSE, _FINE = 0.25, 0.05  # [s] time steps of predicted motions, for distances and for the final state
-_LOST = 0.5  # [s] for which a miss may be predicted before an abort, because re-planning corrects most
+_LOST = 0.5  # [s] for which a miss is predicted before an abort, because re-planning corrects most misses
 _MOVED = 0.01  # [m] least displacement of a grasp that is part of a reason
 _DARK = 1.0  # [s] without a measurement, after which a displacement is attributed to the camera
-_KNOCK, _KNOCKED = 1.0, 3.0  # [s] time after a contact, and factor on rate limits, that its impulse explains
+_KNOCK, _KNOCKED = 1.0, 3.0  # [s] after a contact in which joints may exceed rate limits, up to this factor
 LATCHED = "both are one body"  # the reason for braking after a latch
-TOUCH = 1e-4  # [m] overlap above which bodies touch
+TOUCH = 1e-4  # [m] overlap above which bodies count as touching
 _FASTEST = 0.5  # [m/s] largest speed of an end effector towards the corridor
 _TURNS = "floating", "translation-flying"  # modes in which the base's attitude is free
 
@@ -79,7 +79,7 @@ class Transition(NamedTuple):
 
 
 class StateMachine(Observer, Supervisor):
-    """The state machine of a capture in `simulate`, which sets reference, laws and supervision by its state.
+    """A state machine that serves `simulate` as reference, joint law, base law and supervisor of a capture.
 
     The simulated `plant` and the true client decide whether the gripper is inside its envelope and whether
     bodies collide. All other decisions use measurements and the client of the goal `meet`, which is an
@@ -124,15 +124,15 @@ class StateMachine(Observer, Supervisor):
         self.closings: list[Closing] = []
         self.phases = [Phase(0.0, "approach", f"attempt 1 of {handling.attempts}")]
         self._deadline, self._outside = plan.duration, False
-        self._look = self._path = 0.0  # [s] of the next checks of uncertainty and of the motion ahead
+        self._look = self._path = 0.0  # [s] times of the next checks of uncertainty and of the motion ahead
         self._lost: float | None = None  # [s] time since which a miss is predicted
         self._dark = 0.0  # [s] the largest age of the estimate since the go decision
         self._promised: Any = None  # the pose of the grasp at the deadline, as estimated at the go decision
         self._closeness, self._true = handling.closeness(sms), handling.touching(plant)
         self._away = handling.closeness(sms, guides=True)  # outside the corridor no contact is permitted
-        self._near = 0.0  # [s] of the next evaluation of the true distance
-        self._felt = -math.inf  # [s] of the last contact
-        # True if the base drifts by its momentum, and true if it turns; false if a base law prevents this.
+        self._near = 0.0  # [s] time of the next evaluation of the true distance
+        self._felt = -math.inf  # [s] time of the last contact
+        # Drift of the base's position, and of its attitude, by the momentum; False if a base law prevents it.
         planner = self._replanning
         self.momentum = plan.momentum if planner is None else planner.momentum
         self.base_mode = mode = plan.mode if planner is None else planner.base_mode
@@ -247,7 +247,7 @@ class StateMachine(Observer, Supervisor):
         return self.phases[-1].name
 
     def decide(self, now: Instant) -> Sequence[Event]:
-        """Return the events at this instant, and change to the next state at the end of the present one."""
+        """Return the events at this instant, and enter the next state if the present state ends."""
         self.after = now.joined
         if now.wrench.any():
             self._felt = now.t
@@ -296,7 +296,7 @@ class StateMachine(Observer, Supervisor):
         return self._enter(now.t, change)
 
     def _knocked(self, now: Instant) -> bool:
-        """Return whether joints exceed their rate limits by no more than a contact explains."""
+        """Return whether the impulse of a recent contact explains the present joint rates."""
         fast = np.abs(now.v[6:]) / self._sms.limits.velocity
         return now.t < self._felt + _KNOCK and bool(fast.max() < _KNOCKED)
 
@@ -567,8 +567,8 @@ class StateMachine(Observer, Supervisor):
     ) -> FloatArray | None:
         """Return the servicer's initial momentum (6,) if it floats with unchanged momentum, else None.
 
-        The momentum has changed if that from the velocities differs by more than the mass uncertainty
-        explains.
+        The momentum counts as changed if it deviates from the momentum of the measured velocities by more
+        than the mass uncertainty explains.
         """
         if self.base_mode != "floating" or not others or self.handling.guide is not None:
             return None
@@ -586,9 +586,9 @@ class StateMachine(Observer, Supervisor):
         return sum(phase.name == state for phase in self.phases)
 
     def _is_away(self, now: Instant, more: float = 0.0) -> bool:
-        """Return whether the end effector is out of the corridor, and nearly the distance `retreat` away.
+        """Return whether the end effector is far from the grasp.
 
-        `more` is an additional distance [m].
+        Far is 90 % of the longer of `retreat` and the standoff, plus `more` [m].
         """
         far = max(self.handling.retreat, self._meet.standoff) + more
         return float(np.linalg.norm(self._off(now))) > 0.9 * far
@@ -618,7 +618,7 @@ class StateMachine(Observer, Supervisor):
         return Transition("retreat", reason, events)
 
     def _stop(self, now: Instant, reason: str, *events: Event, moves: bool = True) -> Transition:
-        """Bring the joints to rest where servicer and client keep clear of each other, for a reason.
+        """Bring the joints to rest in a posture in which servicer and client keep clear of each other.
 
         If `moves` is false, the arm brakes in its present posture.
         """
@@ -644,10 +644,10 @@ class StateMachine(Observer, Supervisor):
         )
 
     def _planned(self, now: Instant, duration: float, *displacements: FloatArray) -> Planned:
-        """Return a plan to the grasp, or from it by one of `displacements` (3,) [m]; or None and the reason.
+        """Plan a motion to the grasp or, with `displacements` (3,) [m], a retreat by the first feasible one.
 
         The plan starts at the measured base pose. It starts at the commanded joint positions, so that these
-        do not jump.
+        do not jump. Return None and the reason if there is no plan.
         """
         if self._again is None:
             return None, "only one attempt is planned"

@@ -38,7 +38,7 @@ def with_client(problem: Problem, client: Client) -> Problem:
 
 
 def rebound(obstacles: Sequence[Obstacle], client: Any) -> list[Obstacle]:
-    """Return obstacles; those on the client are placed on another body, such as the client's estimate."""
+    """Return the obstacles, with those on the client placed on `client`, such as the client's estimate."""
     placed: dict[int, Obstacle] = {}
     for obstacle in obstacles:
         whole = None if obstacle.piece_of is None else placed.get(id(obstacle.piece_of), obstacle.piece_of)
@@ -58,9 +58,10 @@ class VisualReplanning(Replanning):
     on it. Each measurement updates the estimate. A path always moves with the estimate.
 
     In a plan to meet the client, goal and obstacles use the new estimate in the second half of the time. In
-    the first half they use it only if the grasp at the deadline moves by more than one standard deviation,
-    because otherwise plans would follow noise. The last measurement is made a second before the deadline,
-    because later corrections leave a velocity error, and a near gripper hides the markers.
+    the first half, the new estimate is used only if it displaces the grasp at the deadline by more than one
+    standard deviation, because plans would otherwise follow noise. The last measurement is made a second
+    before the deadline, because later corrections leave a velocity error, and a near gripper hides the
+    markers.
     """
 
     def __init__(

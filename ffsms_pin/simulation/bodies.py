@@ -21,15 +21,15 @@ from ffsms_pin.references import Resettable
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.simulation.loads import Load, checked_load
 
-_AT_LIMIT = 0.999  # share of a thruster's largest force that counts as saturated, because of rounding
+_AT_LIMIT = 0.999  # share of the largest force from which a thruster counts as saturated (rounding)
 _ALIGNED = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
 
 
 class BaseActuators:
     """The wheels and thrusters of a plant in a run under a base law; without a law the base floats.
 
-    A wheel's torque is limited by its motor, and such that the wheel does not exceed its largest momentum
-    within the control step. Thrusters that are only on or off are pulsed.
+    A wheel's torque is limited to the largest torque of its motor. It is also limited so that the wheel stays
+    within its largest momentum during the control step. On-off thrusters are pulsed.
 
     Attributes
     ----------
@@ -230,9 +230,9 @@ class ClientBody:
         self.q, self.v = pin.SE3ToXYZQUAT(pose), motion.vector
 
     def carrying(self, model: Any, data: Any, frame: int, *motion: FloatArray) -> FloatArray:
-        """Return the wrench (6,) of the latched client's inertia on the end effector, inertial axes.
+        """Return the inertial wrench (6,) of the latched client on the end effector, inertial axes.
 
-        `motion` is q, v and the acceleration of `model`.
+        `motion` is q, v and the acceleration of `model`. The moment is about the end-effector frame's origin.
         """
         pin.forwardKinematics(model, data, *motion)
         tool = pin.updateFramePlacement(model, data, frame)
@@ -244,10 +244,10 @@ class ClientBody:
     def wrench(
         self, model: Any, data: Any, frame: int, q: FloatArray, v: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """Return the wrenches [force; moment] (6,) of all loads on the end effector and on the client.
+        """Return the total wrenches [force; moment] (6,) of the loads on the end effector and on the client.
 
-        Both are in inertial axes, the second about the client's centre of mass. q and v are the state of
-        `model`, see `with_client`.
+        Both are in inertial axes, about the end-effector frame's origin and the client's centre of mass. q
+        and v are the state of `model`, see `with_client`.
         """
         pin.forwardKinematics(model, data, q, v)
         tool, body = pin.updateFramePlacement(model, data, frame), data.oMi[model.njoints - 1]
@@ -264,7 +264,7 @@ class ClientBody:
         return on_tool, on_client
 
     def generalised(self, model: Any, data: Any, frame: int, q: FloatArray, v: FloatArray) -> FloatArray:
-        """Return the generalised force of all loads on `model`, see `with_client`."""
+        """Return the generalised force (nv,) of all loads on `model`, see `with_client`."""
         on_tool, on_client = self.wrench(model, data, frame, q, v)
         if not on_tool.any():
             return np.zeros(v.size)

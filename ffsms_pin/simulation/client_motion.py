@@ -1,4 +1,4 @@
-"""The motion of a client in a run: free until it is captured, then with the link that holds it."""
+"""The motion of a client in a run: free until the client is captured, then with the end effector."""
 
 from __future__ import annotations
 

@@ -77,15 +77,15 @@ def simulate(
 
     In each control step the controller receives the plant's state and the reference's joint motion at the
     step's start, and its torque is held over the step. The generalised force [0 (6); tau] acts on the plant,
-    so no external force acts on the base. One Runge-Kutta step of order 4 (`rk4_step`) integrates the
-    articulated-body dynamics. With a `base_controller` the plant's wheels and thrusters act on the base as
-    well, and the wheels' speeds are part of the state. The `conditions` add imperfections. The recording has
-    the plant's true motion and the torques after the actuators.
+    so no external force acts on the base. By default, one Runge-Kutta step of order 4 (`rk4_step`) integrates
+    the articulated-body dynamics. With a `base_controller` the plant's wheels and thrusters act on the base
+    as well, and the wheels' speeds are part of the state. The `conditions` add imperfections. The recording
+    has the plant's true motion and the torques after the actuators.
 
     Parameters
     ----------
     sms : SpaceManipulator
-        The model that the reference and the controller were made with.
+        The model from which the reference and the controller were made.
     reference : Reference
         A `Trajectory`, or an object with `duration`, `target` and `sample`. If it is an `Observer` as well,
         such as `opt.Replanning`, it observes the run.
@@ -116,8 +116,8 @@ def simulate(
     -------
     Tracking
         Its `note` lists events, joints at their torque limits, and a change of the total momentum without an
-        external force, which a too large step or too steep friction causes. If a guard stopped the flight,
-        `stopped` has the reason.
+        external force. Such a change is caused by too large a step or too steep friction. If a guard stopped
+        the flight, `stopped` has the reason.
 
     Raises
     ------
@@ -173,7 +173,7 @@ def simulate(
         record.check_momentum(k)
         before = world.totals(q, v)[1]
         v = world.apply(event, q, v)
-        if not isinstance(event, Freeze):  # a `Freeze` is in `stopped`
+        if not isinstance(event, Freeze):  # `stopped` has the reason of a `Freeze`
             record.happened(now, event)
         work += world.totals(q, v)[1] - before
         last = k if isinstance(event, End) else last

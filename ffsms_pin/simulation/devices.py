@@ -110,7 +110,7 @@ class JointFriction:
     """The Coulomb torque; per joint."""
     transition: Annotated[Positive, Angle("rad/s")] = 1e-2
     """The rate at which friction reaches three quarters of the Coulomb torque; smaller values are stiffer.
-    Linearly implicit steps (`extrapolated_step`) replace more than 40 substeps of a control step."""
+    If a control step would need more than 40 substeps, implicit steps (`extrapolated_step`) replace them."""
 
     def steepest(self, n: int) -> FloatArray:
         """Return the largest slopes (n,) of the friction torques with respect to the rates [N m s/rad]."""
@@ -133,7 +133,7 @@ class JointFriction:
 
 @dataclass(frozen=True)
 class Sensors:
-    """The sensors of controller and reference. The noise is Gaussian and the same in every run.
+    """The sensors that controller and reference observe. The noise is Gaussian and the same in every run.
 
     Raises
     ------
@@ -203,11 +203,12 @@ class Sensors:
 
 @dataclass(frozen=True, eq=False)
 class WristSensor:
-    """A wrist sensor of [force; moment] on the end effector, at the end-effector frame and in its axes.
+    """A wrist sensor that measures force and moment on the end effector, in the end-effector frame.
 
-    Before a client is latched, the sensor measures the wrench of the client's loads; afterwards, the wrench
-    that accelerates the client under the torques of the previous step. Disturbances on the end effector are
-    included; the end effector's own inertial load is not. The noise is Gaussian and the same in every run.
+    Before a client is latched, the sensor measures the wrench of the client's loads. After the latch, it
+    measures the wrench that accelerates the client under the torques of the previous step. Disturbances on
+    the end effector are included; the end effector's own inertial load is not. The noise is Gaussian and the
+    same in every run.
 
     Raises
     ------

@@ -21,7 +21,7 @@ from ffsms_pin.simulation.devices import Sensors
 from ffsms_pin.system.dynamics import inertia_matrix, over_base
 
 _SETTLED = 5.0  # [s] time after which a filter's gains hardly change
-_SURPRISE = 5.0  # number of standard deviations that noise exceeds once in a million measurements
+_SURPRISE = 5.0  # standard deviations that Gaussian noise exceeds about once in two million measurements
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,7 @@ class Estimator:
 
     The acceleration error of the nominal model is modelled as white noise. Each number is the square root of
     its spectral density. With larger numbers the measurements have more weight. The defaults suit mass errors
-    of 30 % on arms that move at some 0.1 rad/s.
+    of 30 % on arms that move at about 0.1 rad/s.
 
     Raises
     ------
@@ -49,10 +49,11 @@ class Estimator:
 class RunningEstimator:
     """The state estimator of a run.
 
-    The joints are filtered with the model's acceleration under the applied torques. The base's twist is that
-    of the momentum equation for the filtered joints, v = -M_b^-1 M_bm qd, plus a bias that is filtered from
-    the delayed measurements. The base's pose is filtered at the instant of the measurement, and integrated to
-    the present with that twist.
+    The joints are filtered with the model's acceleration under the applied torques. The base's twist is the
+    sum of the twist of the momentum equation, v = -M_b^-1 (M_bm qd + [0; h_w]), and of a bias. Here qd are
+    the filtered joint rates and h_w is the momentum of the wheels. The bias is filtered from the delayed
+    measurements. The base's pose is filtered at the instant of the measurement, and integrated to the present
+    with this twist.
     """
 
     def __init__(self, estimator: Estimator, sms: SpaceManipulator, sensors: Sensors, dt: float) -> None:
@@ -71,7 +72,7 @@ class RunningEstimator:
         self._joints = self._rates = self._bias = np.empty(0)
         self._spinning = np.zeros(3)
         self._pose = pin.SE3.Identity()  # the root's pose at the instant of the latest measurement
-        self._modelled: deque[FloatArray] = deque()  # root velocities (momentum equation) since then
+        self._modelled: deque[FloatArray] = deque()  # root velocities by the momentum equation since then
         self._travel = np.zeros(6)  # integral of these velocities [m; rad]
 
     @property
@@ -120,7 +121,7 @@ class RunningEstimator:
         self._modelled.append(modelled)
 
     def _momentum_equation(self, q: FloatArray) -> FloatArray:
-        """Return the root velocity (6,), root axes, at which joints and wheels have zero total momentum."""
+        """Return the root velocity (6,), root axes, for zero total momentum at the estimated joint rates."""
         at = q.copy()
         self._sms.layout.set_positions(at, self._joints)
         M = inertia_matrix(self._sms, at)
@@ -129,7 +130,10 @@ class RunningEstimator:
         return -over_base(M, momentum)
 
     def _filter_joints(self, q: FloatArray, v: FloatArray, tau: FloatArray, taken: FloatArray) -> None:
-        """Predict the joints under `tau` and the wheels' torque `taken` (3,), and correct them by q and v."""
+        """Predict the joints, and correct them by the measured q and v.
+
+        `tau` (n,) are the joint torques, `taken` (3,) the rate of the wheels' momentum in root axes [N m].
+        """
         sms, dt = self._sms, self._dt
         before, velocity, force = q.copy(), np.empty(sms.nv), np.zeros(sms.nv)
         sms.layout.set_positions(before, self._joints)
@@ -165,7 +169,7 @@ class RunningEstimator:
         dt, modelled = self._dt, self._modelled
         modelled.append(self._momentum_equation(q))
         self._travel += 0.5 * dt * (modelled[-2] + modelled[-1])
-        if len(modelled) > self._age + 1:  # until then the measurement is the initial state
+        if len(modelled) > self._age + 1:  # before, the delayed measurement is the initial state
             passed = 0.5 * dt * (modelled[0] + modelled[1])
             self._travel -= passed
             modelled.popleft()
@@ -188,9 +192,9 @@ class RunningEstimator:
 def place_deviation(
     sms: SpaceManipulator, q: FloatArray, sensors: Sensors, estimator: RunningEstimator | None
 ) -> float:
-    """Return the standard deviation of the end effector's measured position [m] at q (nq,).
+    """Return the standard deviation of the end effector's estimated position [m] at q (nq,).
 
-    Without an estimator it is that of the raw measurements.
+    Without an estimator, the position is that of the raw measurements.
     """
     if estimator is None:
         joint, shift, turn = sensors.joint_deviation, sensors.base_position_noise, sensors.base_attitude_noise
@@ -244,7 +248,7 @@ class PositionAndRate:
         """Update the covariance by a measurement of p and r, and return the gains K_pp, K_pr, K_rp, K_rr.
 
         They correct the estimate as p += K_pp e_p + K_pr e_r and r += K_rp e_p + K_rr e_r; the innovations
-        e_p and e_r are the measured less the predicted values.
+        e_p and e_r are the measured minus the predicted values.
         """
         pp, pr, rr, R_p, R_r = self._pp, self._pr, self._rr, self._R_p, self._R_r
         if R_p == 0.0 and R_r == 0.0:
@@ -252,7 +256,7 @@ class PositionAndRate:
             return 1.0, 0.0, 0.0, 1.0
         a, c = pp + R_p, rr + R_r
         determinant = a * c - pr * pr
-        if determinant <= 0.0:  # nothing is uncertain
+        if determinant <= 0.0:  # all variances are zero
             return 0.0, 0.0, 0.0, 0.0
         K_pp = (pp * c - pr * pr) / determinant
         K_pr = pr * R_p / determinant

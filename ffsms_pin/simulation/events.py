@@ -80,7 +80,7 @@ class Wrench:
         return on_base if self.on == "base" else on_end_effector
 
     def value(self, t: float) -> FloatArray:
-        """Return the wrench (6,) at t [s]."""
+        """Return the wrench (6,) at t [s]; zero before `start` and from `end` on."""
         if not self.start <= t < self.end:
             return np.zeros(6)
         wrench = self.wrench(t) if callable(self.wrench) else self.wrench
@@ -125,7 +125,7 @@ class Capture:
     def apply(
         self, plant: SpaceManipulator, q: FloatArray, v: FloatArray, locked: list[int]
     ) -> tuple[SpaceManipulator, FloatArray]:
-        """Return the plant with the captured body, and its velocity; `locked` has indices in v."""
+        """Return the plant with the body, and v after the impact; `locked` has indices in v."""
         now = plant.at(q, v)
         client = self.client(now.end_effector_pose, now.end_effector_twist)
         joined = after_capture(plant, q, v, client, locked=locked)
@@ -184,7 +184,7 @@ class _TimedEvent:
 
 @dataclass(frozen=True)
 class Close(_TimedEvent):
-    """An event: from `time` [s] on a load acts between end effector and client, such as a gripper's."""
+    """An event: from `time` [s] on a load, such as a gripper's grip, acts between end effector and client."""
 
     load: Load
     text = "the gripper closes"
@@ -223,7 +223,7 @@ class Phase:
 class Freeze:
     """An event: from `time` [s] on `control.StoppingLaw` brakes the joints, until the end of the run.
 
-    The controller is no longer called; the law of the base is.
+    The controller is no longer called, but the law of the base is.
     """
 
     time: float

@@ -25,7 +25,7 @@ from ffsms_pin.system.dynamics import floating_motion, inertia_matrix
 
 _ENERGY_PERIOD = 0.02  # [s] between two checks of the energy, because each needs an inertia matrix
 _ENERGY_FLOOR = 0.5  # share of the rate limits; slower motions do not trip the energy guard
-_RATE = 1.0  # [rad/s or m/s] rate limit that this guard assumes for a joint without a rate limit
+_RATE = 1.0  # [rad/s or m/s] rate limit that the energy guard assumes for a joint without a rate limit
 _RELEASE = 1.0  # [s] time in which a supervisor can end a contact that is too strong
 _CUT = 1.0 - 1e-9  # share of a torque limit from which a torque counts as saturated
 
@@ -51,8 +51,9 @@ class Guards:
     """The share by which a joint may exceed its rate limit. Re-planned motions with wrong masses exceed the
     limit by up to 0.02. With the default, braking can keep the excess below 0.05."""
     saturation: Annotated[Margin | None, Unit("s")] = 0.3
-    """The longest time of a joint at its torque limit; later time below the limit is subtracted. The limit is
-    that of the law, or the robot's if the law has no `torque_limit`, but at most that of the `Actuator`."""
+    """The longest time that a joint may spend at its torque limit. Later time below the limit is subtracted.
+    The limit is that of the law, or the robot's if the law has no `torque_limit`, but at most that of the
+    `Actuator`."""
     joint_error: Annotated[Margin | None, Angle("rad or m")] = 1.0
     """The largest deviation of a joint from its reference. An unmodelled payload of 10 kg on a seven-joint
     arm under control causes half of the default."""
@@ -69,8 +70,8 @@ class Guards:
     and more than twice the rate in any plan of a packaged robot."""
     energy: Annotated[Margin | None, Unit()] = 1.0
     """The largest excess of the kinetic energy of the joint motion over that of the reference so far, as a
-    share of the reference's. In free motion the motors have added this energy. Motions slower than half of
-    the rate limits are ignored. The default allows rates 40 % above the desired rates."""
+    share of the reference's. Without external forces, this energy comes from the motors. Motions slower than
+    half of the rate limits are ignored. The default allows rates 40 % above the desired rates."""
     failed_steps: Annotated[AtLeastOne | None, Unit()] = 10
     """The number of consecutive planning steps without a solution (the reference's `failed_in_a_row`)."""
     path: Annotated[Text | os.PathLike[str] | None, Unit("", "none")] = None
@@ -137,7 +138,7 @@ class Saturation:
     limit : ndarray, shape (n,)
         The effective torque limits [N m].
     total : ndarray, shape (n,)
-        Control steps at the limit so far.
+        The number of control steps at the limit so far.
     """
 
     def __init__(
@@ -195,7 +196,7 @@ class Watch:
         margin = guards.limit("position_margin")
         self._lower, self._upper = limits.lower - margin, limits.upper + margin
         self._stops = bool(np.isfinite([self._lower, self._upper]).any())
-        self._reaction = 2.0 * STEPS * dt  # [s] twice the time constant of `StoppingLaw` at its fastest
+        self._reaction = 2.0 * STEPS * dt  # [s] twice the shortest time constant of `StoppingLaw`
         # [s^2/rad] braking distance at twice the acceleration limit, divided by rate^2
         self._braking = 0.25 / limits.acceleration
         self._most_rate = (1.0 + guards.limit("rate_margin")) * limits.velocity
@@ -222,7 +223,7 @@ class Watch:
         observers: Sequence[Observer],
         limp: NDArray[np.bool_],
     ) -> Trip | None:
-        """Return the guard that trips at row k, None if all limits are kept; `limp` is (n,)."""
+        """Return the guard that trips at row k, or None; `limp` (n,) marks limp joints."""
         guards, rates = self._guards, v[6:]
         if k >= self._from and felt.any() and (trip := self._of_contact(plant, q, felt, latched)):
             return trip  # a contact causes other violations
@@ -243,7 +244,7 @@ class Watch:
         return None
 
     def handled(self, k: int) -> None:
-        """Ignore the contact for a second from row k on, in which a supervisor ends it."""
+        """Disable the contact guards for 1 s from row k on, so that a supervisor can end the contact."""
         self._from = k + self._release
 
     def _of_stops(
@@ -261,7 +262,7 @@ class Watch:
         if not self._beyond(joints, rates, displacement)[~limp].any():
             return ""
         M = inertia_matrix(plant, q)
-        strength = 0.5 * torque / np.diag(M[6:] @ floating_motion(M))  # with half the torques
+        strength = 0.5 * torque / np.diag(M[6:] @ floating_motion(M))  # deceleration by half of the torques
         displacement = np.maximum(self._reaction * speed, speed**2 / (2.0 * strength))
         over = np.where(limp, 0.0, self._beyond(joints, rates, displacement))
         if not over.any():
@@ -276,7 +277,7 @@ class Watch:
         return f"joint '{self._names[i]}' is {beyond_by}"
 
     def _beyond(self, joints: FloatArray, rates: FloatArray, displacement: FloatArray) -> FloatArray:
-        """Return how far each joint is beyond its stop and margin after a displacement (n,); zero inside."""
+        """Return each joint's excess (n,) over stop and margin after a displacement (n,); zero inside."""
         ahead = joints + np.sign(rates) * displacement
         return np.maximum(np.maximum(ahead - self._upper, self._lower - ahead), 0.0)
 

@@ -79,7 +79,7 @@ def rk4_step(
     force = tau if callable(tau) else None
 
     rows[0] = v
-    # A force function receives copies, and its result is copied, so that both sides may keep their arrays.
+    # A force function may change its arguments and reuse its result, so these are copied.
     f1 = held if force is None else np.array(force(t, q, v))
     rows[1] = aba(model, data, q, v, f1)
 

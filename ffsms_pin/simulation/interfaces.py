@@ -80,7 +80,7 @@ class Instant(NamedTuple):
 class Supervisor(Protocol):
     """An object that chooses the events of each control step, such as the closing of a gripper.
 
-    Derive from this class, or write all three members.
+    Derive from this class, or implement all three members.
 
     Attributes
     ----------

@@ -37,6 +37,7 @@ def simulate_many(
     Parameters
     ----------
     sms : SpaceManipulator
+        The model from which references and controllers were made.
     reference, controller, dt, q0, plant, **options
         The arguments of `simulate`. Each simulation works on copies, so a controller with internal state
         starts afresh.
@@ -58,7 +59,7 @@ def simulate_many(
     InvalidValue
         Sequences of different lengths, an unknown option, or a number of jobs below one.
     TasksFailed
-        Some simulations failed: the error lists them with the reasons, and holds the results of the others.
+        Some simulations failed. The error has the reasons, and the results of the successful simulations.
 
     Examples
     --------
@@ -70,7 +71,7 @@ def simulate_many(
     rows = {name: rows for name, value in arguments.items() if (rows := _rows(name, value)) is not None}
     count = common_length(rows)
     check_options("simulate_many", arguments)
-    # Each task contains the manipulator, so a controller made with it still shares it in another process.
+    # A controller may contain `sms`. Each task has both, so that they share one object in another process.
     tasks = [(sms, {**arguments, **{name: values[i] for name, values in rows.items()}}) for i in range(count)]
     runs = map_in_processes(_simulate, tasks, jobs, progress)
     return [replace(run) for run in runs]  # read-only arrays; those from another process are writable

@@ -49,6 +49,7 @@ def perturb(sms: SpaceManipulator, error: InertialError | None = None, **errors:
     Parameters
     ----------
     sms : SpaceManipulator
+        The nominal robot.
     error : InertialError, optional
         The differences. Instead, its fields may be keywords: ``perturb(sms, arm_mass=1.2, base_mass=0.9)``.
 
@@ -96,8 +97,11 @@ def random_plants(
     Parameters
     ----------
     sms : SpaceManipulator
+        The nominal robot.
     rng : numpy.random.Generator
+        The source of the errors.
     count : int
+        The number of robots.
     arm_mass : float
         The largest relative error of each arm body's mass and inertia. The default is typical of an arm with
         its harness.

@@ -81,16 +81,16 @@ class Conditions:
     in which the reference holds the base (`base_mode`, a plan's `mode`)."""
     momentum: Annotated[Vector6 | None, Unit("kg m/s, kg m²/s", "the reference's")] = None
     """The total momentum at the start (6 numbers), inertial axes, about the centre of mass. If it is given,
-    the base starts as a floating base, even if the reference holds it. Default: the momentum of the
+    the base starts as a floating base, even if the reference holds the base. Default: the momentum of the
     reference, zero if it has none."""
     wheel_momentum: Annotated[Numbers | None, Unit("N m s", "0")] = None
     """The spin momentum of each wheel at the start, relative to the base; `momentum` does not include it."""
     integrator: Annotated[str, OneOf(tuple(INTEGRATORS)), Unit()] = "rk4"
     """The integrator: "rk4"; "variational" for long runs; "adaptive" as a reference for the others; "stiff"
     for steep friction."""
-    substeps: Annotated[Substeps | None, Unit("", "1; with a client 8")] = None
-    """The integration steps in a control step. In a run with a client only the control steps with contact
-    are divided, because a stiff contact is faster than an arm."""
+    substeps: Annotated[Substeps | None, Unit("", "1; in a capture 8")] = None
+    """The integration steps in a control step. In a run with a client, only control steps with contact are
+    divided, because a stiff contact oscillates faster than an arm moves."""
 
     def __post_init__(self) -> None:
         kinds: dict[str, Any] = {
@@ -143,7 +143,7 @@ def with_fields(conditions: Conditions, by_name: Mapping[str, Any]) -> Condition
     defaults = {field.name: field.default for field in fields(Conditions)}
     for name, value in by_name.items():
         if getattr(conditions, name) is not defaults[name]:
-            raise InvalidValue(name, value, f"is given twice, also as conditions.{name}")
+            raise InvalidValue(name, value, f"is also set as conditions.{name}: set only one of them")
     return replace(conditions, **by_name) if by_name else conditions
 
 
@@ -163,7 +163,7 @@ class _HasMomentum(Protocol):
 
 @runtime_checkable
 class HasBaseMode(Protocol):
-    """A reference with the name of the base motion that it holds."""
+    """A reference with a `base_mode`: the components of the base's motion that are held, see `MODES`."""
 
     base_mode: Any
 
@@ -219,7 +219,7 @@ def set_up(
     client: Client | None = None,
     loads: Load | Sequence[Load] = (),
 ) -> Setup:
-    """Check the arguments of `simulate` for the conditions of a run, and prepare the run.
+    """Check the arguments of `simulate` that describe the plant and its conditions, and prepare the run.
 
     Raises
     ------
@@ -329,7 +329,7 @@ def warn_of_friction(plant: SpaceManipulator, controller: Any) -> None:
 
 
 def warn_of_base(mode: str, law: BaseLaw | None, sms: SpaceManipulator, stacklevel: int) -> None:
-    """Warn if a base law holds another part of the base's pose than the plan, so that the plan would miss."""
+    """Warn if base law and plan hold different parts of the base's pose, because the motion would miss."""
     if not (law is None or isinstance(law, HoldsBase)):
         return
     held, free = frozenset() if law is None else law.held_parts, MODES[one_of("mode", mode, MODES)]
@@ -367,8 +367,8 @@ def start(
 ) -> tuple[FloatArray, FloatArray]:
     """Return the plant's configuration (nq,) and velocity (6 + n,) at the start.
 
-    The velocity has the joint rates and the momentum of the reference; base directions that the reference
-    holds are at rest. With a given total `momentum` the base moves as a floating base.
+    The velocity has the joint rates and the momentum of the reference. It is zero in the directions in which
+    the reference holds the base. With a given total `momentum` the base moves as a floating base.
     """
     if q0 is not None:
         q = plant.checked_configuration("q0", q0)

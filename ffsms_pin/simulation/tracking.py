@@ -31,8 +31,8 @@ Shape: TypeAlias = tuple[str | int, ...]
 _FORMAT = "ffsms-pin tracking"
 _TEXTS = ("note", "stopped")
 _JSON = ("frames", "misses", "least_clearance")  # fields that a file holds as JSON texts
-_TOLERANCE = 1e-4  # share of the plant's internal momentum
-_ROUNDING = 1e-12  # [kg m/s; kg m^2/s] for a plant almost at rest
+_TOLERANCE = 1e-4  # relative tolerance of the total momentum, see `Record.check_momentum`
+_ROUNDING = 1e-12  # [kg m/s; kg m^2/s] absolute tolerance, for a plant almost at rest
 
 
 def _of(*shape: str | int) -> dict[str, Any]:
@@ -72,11 +72,11 @@ class Tracking:
     kinetic_energy : ndarray, shape (N + 1,)
         Total kinetic energy, spinning wheels and a client included [J].
     work : ndarray, shape (N + 1,)
-        Work done on the plant since the start [J] by torques, friction and external forces, less the energy
-        lost in captures and in locking joints.
+        Work done on the plant since the start [J] by torques, friction and external forces, minus the
+        energy lost in captures and in locking joints.
     arrived : bool
-        True if every goal and limit of the reference's problem is met (`opt.flown.judge`), or the target of a
-        reference without a problem.
+        True if every goal and limit of the reference's problem is met (`opt.flown.judge`). For a reference
+        without a problem, true if its target is met.
     note : str
         Events with their times, missed goals, violated clearances and joints at their torque limits, with
         their values; never empty if the motion has not arrived.
@@ -187,13 +187,13 @@ class Tracking:
 
     @property
     def energy_error(self) -> FloatArray:
-        """The change of kinetic energy less the work (N + 1,) [J], due to integration and rounding."""
+        """The change of kinetic energy minus the work (N + 1,) [J], due to integration and rounding."""
         error: FloatArray = self.kinetic_energy - self.kinetic_energy[0] - self.work
         return error
 
     @property
     def momentum_error(self) -> FloatArray:
-        """The change of `momentum` less `impulse` (N + 1, 6), due to integration and rounding.
+        """The change of `momentum` minus `impulse` (N + 1, 6), due to integration and rounding.
 
         A body attached by a `Capture` adds its own momentum, which counts as an error here; a client's
         momentum is in `momentum` from the start.
@@ -331,9 +331,9 @@ class Record:
     def check_momentum(self, rows: int) -> None:
         """Note changes of the total momentum without an external force from the last event to row `rows` - 1.
 
-        A change is compared with sqrt(2 m E) and sqrt(2 I E), which no part of the plant exceeds. E is the
-        largest kinetic energy since the event, without the wheels' spin; m and I are the plant's mass and
-        largest principal inertia.
+        A change is compared with sqrt(2 m E) and sqrt(2 I E), bounds of the linear and angular momentum of
+        any part of the plant. E is the largest kinetic energy since the event, without the wheels' spin; m
+        and I are the plant's mass and largest principal inertia.
         """
         first, last, plant = self._since, rows - 1, self._world.plant
         if last <= first or self._world.pushed:

@@ -189,7 +189,7 @@ class World:
         return slopes
 
     def _touches(self, q: FloatArray, v: FloatArray) -> bool:
-        """Return whether a load of the client acts in a full state (q, v); otherwise the motion is smooth."""
+        """Return whether a load of the client acts in a full state (q, v)."""
         assert self._free is not None
         return bool(self._free.wrench(self._model, self._own, self.plant.frame_id, q, v)[0].any())
 
@@ -282,10 +282,10 @@ class World:
         return (h / 6.0) * whole
 
     def wrench(self, t: float, q: FloatArray, v: FloatArray) -> FloatArray:
-        """Return the wrench (6,) of the client on the end effector, about its origin, inertial axes.
+        """Return the wrench (6,) of the client on the end effector, inertial axes.
 
-        It is the sum of the loads or, after a latch, the wrench that accelerates the client under the last
-        torques.
+        The moment is about the end-effector frame's origin. The wrench is the sum of the loads or, after a
+        latch, the wrench that accelerates the client under the last torques.
         """
         if self.client is None or not (self.client.joined or self.client.acting):
             return np.zeros(6)
