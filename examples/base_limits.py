@@ -1,4 +1,4 @@
-"""Limit the attitude of the base during a motion, and show the joint travel for three limits."""
+"""Limit the rotation of the base during a motion, and compare the joint travel for different limits."""
 
 import numpy as np
 

@@ -1,9 +1,9 @@
-"""Reach a fixture on a client in orbit, in Basilisk, and stay there. Needs Basilisk: pip install bsk.
+"""Move a tool to a fixture on a client in orbit, simulated by Basilisk. Needs Basilisk: pip install bsk.
 
-A satellite of 200 kg with a Panda arm circles the Earth at an altitude of 500 km; a client flies 2 m ahead
+A satellite of 200 kg with a Panda arm circles the Earth at an altitude of 500 km. A client flies 2 m ahead
 and keeps the same side towards the Earth. Re-planning from the measured state brings the tool to the fixture
-in the first half of the time and keeps it there. Nothing holds the satellite's attitude: seen from it the
-client goes round by 0.063 degrees a second, and the gravity gradient turns the satellite.
+in the first half of the time and keeps the tool there. The direction to the client rotates at 0.063 deg/s in
+inertial axes. No actuator holds the satellite's attitude, and the gravity gradient rotates the satellite.
 
 Run: python examples/basilisk_orbit.py [seconds]
 """
@@ -81,4 +81,4 @@ spin = 1e3 * np.linalg.norm(state.momentum[3:])
 print(f"at most {1e3 * max(late):.3f} mm off from {approach:.0f} s on; {reference.note or 'nothing to note'}")
 print(f"the gravity gradient gave the satellite {spin:.2f} mN m s")
 assert max(late) < 1e-3
-assert np.linalg.norm(fixture(seconds) - fixture(approach)) > 5e-3  # meanwhile the fixture moved
+assert np.linalg.norm(fixture(seconds) - fixture(approach)) > 5e-3  # the fixture moves after the approach

@@ -1,8 +1,9 @@
-"""Fly a plan in Basilisk and in `simulate`: two simulators, one motion. Needs Basilisk: pip install bsk.
+"""Simulate a plan by Basilisk and by `simulate`, and compare the motions. Needs Basilisk: pip install bsk.
 
 The base is a spacecraft's hub, each arm a chain of spinning bodies, and the control law a Basilisk module.
-Copy `to_basilisk` and `ArmControl` into scripts of your own; basilisk_orbit.py flies them round the Earth. A
-chain has no sliding joints, no forks and no joint limits, and wheels are Basilisk's own.
+Copy `to_basilisk` and `ArmControl` into scripts of your own; basilisk_orbit.py uses them in an orbit round
+the Earth. `to_basilisk` supports neither prismatic joints nor branching arms, and omits joint limits and
+wheels; add Basilisk's own reaction wheels.
 """
 
 import numpy as np
@@ -16,18 +17,18 @@ from ffsms_pin import opt
 
 
 def column(vector):
-    """Return a vector as Basilisk takes it: [[x], [y], [z]]."""
+    """Return a vector in Basilisk's form [[x], [y], [z]]."""
     return np.reshape(vector, (3, 1)).tolist()
 
 
 def to_basilisk(sms, q, v, position=(0.0, 0.0, 0.0), velocity=(0.0, 0.0, 0.0)):
     """Return the spacecraft, and its arms as pairs (indices of joints, effector).
 
-    q and v refer to an origin with this position [m] and velocity [m/s] in Basilisk's inertial frame.
+    The origin to which q and v refer has this position [m] and velocity [m/s] in Basilisk's inertial frame.
     """
     model, data, base = sms.model, sms.model.createData(), sms.model.inertias[1]
     if not sms.layout.turns.all() or any(len(model.children[j]) > 1 for j in range(2, model.njoints)):
-        raise ValueError("a joint slides or an arm forks; a chain of spinning bodies does neither")
+        raise ValueError("a joint is prismatic or an arm branches; use chains of revolute joints")
     pin.computeJointJacobians(model, data, q)
     pin.centerOfMass(model, data, q, v)
     craft = spacecraft.Spacecraft()
@@ -64,10 +65,10 @@ def to_basilisk(sms, q, v, position=(0.0, 0.0, 0.0), velocity=(0.0, 0.0, 0.0)):
 
 
 class ArmControl(sysModel.SysModel):
-    """A module that calls `torque(t, q, v)` in each period and writes the joint torques that it returns.
+    """A module that calls `torque(t, q, v)` in each period and sends the returned joint torques to the arms.
 
-    q and v are relative to the system's centre of mass, in axes that do not turn: this frame falls with the
-    robot, and in it the robot floats freely, in orbit too.
+    The frame of q and v has inertial axes and its origin at the system's centre of mass. In orbit this frame
+    is in free fall, so the robot floats in it as without gravity.
     """
 
     def __init__(self, sms, craft, arms, torque):

@@ -1,6 +1,6 @@
 """Run a campaign: simulate a motion with random masses, planned once and re-planned.
 
-Run: python examples/campaign.py   (results are in the folder campaign; another call resumes there)
+Run: python examples/campaign.py. The results are written to the folder `campaign`; another run resumes there.
 """
 
 from pathlib import Path

@@ -1,7 +1,7 @@
 """Print the coupling along a motion: singular values and entropy of C_bm, and cos(theta_a).
 
-The default planner prefers joint rates along which the base assists the tool: where cos(theta_a) is positive,
-the paper's cost is nearly zero. A straight motion to the same target does not take this into account.
+The paper's cost is zero at the cos(theta_a) that belongs to the entropy, nearly 1 - H_norm. The default
+method plans a motion with nearly zero cost. A straight motion to the same target does not include the cost.
 """
 
 import numpy as np

@@ -1,4 +1,4 @@
-"""Push the base during the motion, which is planned once or re-planned."""
+"""Push the base during a motion, planned once and re-planned."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""Plan for a satellite that drifts and tumbles, with known momentum and with ignored momentum."""
+"""Plan for a satellite that drifts and tumbles, with and without its momentum in the plan."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""Follow a helix round a tumbling client at a constant stand-off, with the tool towards the client."""
+"""Follow a helix round a tumbling client at a constant distance, with the tool pointing at the client."""
 
 import numpy as np
 import pinocchio as pin

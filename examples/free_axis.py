@@ -1,4 +1,4 @@
-"""Reach a bolt with a tool that may rotate about it: a free axis reduces the joint travel."""
+"""Reach a bolt with a tool that may rotate about the bolt's axis: a free axis reduces the joint travel."""
 
 import numpy as np
 import pinocchio as pin

@@ -1,4 +1,4 @@
-"""Lock a joint during the motion: planned once it misses; re-planning arrives with the other joints."""
+"""Lock a joint during a motion: the first plan misses the target, re-planning reaches it by other joints."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""Mount an arm of example-robot-data on satellites of three masses, and show how strongly it rotates them.
+"""Mount an arm of example-robot-data on satellites of three masses, and compare their rotations.
 
 The arms need the extra [robots].
 """

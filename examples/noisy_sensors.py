@@ -1,4 +1,4 @@
-"""Re-plan and control from noisy, late measurements, with and without an estimator."""
+"""Re-plan and control from noisy, late measurements, with and without a state estimator."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""Plan round an obstacle, with a clearance of 10 mm that is also proven between the nodes of the plan."""
+"""Plan round an obstacle, with a clearance of 10 mm that is also checked between the nodes of the plan."""
 
 import numpy as np
 

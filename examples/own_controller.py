@@ -24,7 +24,7 @@ class ComputedTorque:
 
 
 class PD(ComputedTorque):
-    """A law with the same gains, constant and without feedforward."""
+    """A law with the same feedback, but with the inertia matrix of the straight arm and no feedforward."""
 
     def __init__(self, sms, frequency=5.0):
         super().__init__(sms, frequency)

@@ -13,7 +13,7 @@ from ffsms_pin import opt
 
 @dataclass(frozen=True)
 class Above(opt.Inequality):
-    """A lower bound on the height of the end effector over a plane: normal . position >= height."""
+    """A plane that bounds the end effector's position: normal . position >= height."""
 
     normal: tuple[float, float, float]  # of length 1, inertial axes
     height: float = 0.0  # [m]

@@ -1,4 +1,4 @@
-"""Load a robot of your own from a URDF: its root link is the satellite; `load` adds the free-flyer."""
+"""Load a robot of your own from a URDF whose root link is the satellite; `load` adds the free-flyer."""
 
 from pathlib import Path
 

@@ -13,10 +13,10 @@ from ffsms_pin import opt
 
 @dataclass(frozen=True)
 class Gaze(opt.Term):
-    """The pointing error of a camera, times the distance; the camera axis is in end-effector axes."""
+    """The pointing error of a camera on the tool, times the distance to the point."""
 
-    at: tuple[float, float, float]  # inertial axes [m]
-    axis: tuple[float, float, float] = (1.0, 0.0, 0.0)
+    at: tuple[float, float, float]  # the point, inertial axes [m]
+    axis: tuple[float, float, float] = (1.0, 0.0, 0.0)  # of the camera, end-effector axes
     weight: float = 1.0
     name = "gaze"
 

@@ -17,7 +17,7 @@ q = sms.configuration([0.3, 0.4, 0.5, 0.6, 0.5, 0.4, 0.3])
 
 
 class MomentumTask(Task):
-    """The constraint that the total momentum is zero: base velocity - (its reaction to the joints) = 0."""
+    """The constraint that the total momentum is zero: v_base + M_b^-1 M_bm qd = 0."""
 
     def compute_error(self, configuration):
         """Return zero, because the total momentum is zero."""

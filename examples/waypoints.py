@@ -1,4 +1,4 @@
-"""Pass a waypoint before the target, at any time or at a given time."""
+"""Pass through a waypoint before the target, at a free or at a given time."""
 
 import numpy as np
 

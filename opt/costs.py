@@ -50,7 +50,7 @@ class Term(ABC):
         The weight of the squared residual in single steps, where the term determines redundant motion. It is
         small compared with 1, the weight of a step's direction. With 0 single steps ignore the term.
     measures_cost : bool
-        True if a search compares motions by the cost of such terms only.
+        True if the cost of the term decides whether a motion is cheap enough to end a search.
     kappa : float or None
         The sharpness of the paper's C~, if the term has one. The measures of a finished motion use it.
     """

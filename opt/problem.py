@@ -251,7 +251,7 @@ class Problem:
 
     @cached_property
     def cost_terms(self) -> tuple[Term, ...]:
-        """The terms whose cost a search compares (`Term.measures_cost`)."""
+        """The terms whose cost decides when a search ends (`Term.measures_cost`)."""
         return tuple(term for term in self.terms if term.measures_cost)
 
     @cached_property

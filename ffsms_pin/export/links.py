@@ -23,7 +23,7 @@ _CARRIERS = (pin.FrameType.BODY, pin.FrameType.OP_FRAME)
 class ExportedLink(NamedTuple):
     """A link of an exported robot.
 
-    The first link of a joint moves with the joint; all other links are fixed to their parents.
+    The first link of each joint moves with the joint; all other links are fixed to their parents.
 
     Attributes
     ----------
@@ -57,8 +57,8 @@ class ExportedLink(NamedTuple):
 class Links(list[ExportedLink]):
     """The links of a robot, one for each body frame, parents before their children.
 
-    `moving` maps each joint to the index of its first link. If a name is already used or in `taken`, a `_` is
-    appended to it.
+    `moving` maps each joint to the index of the joint's first link. A name that is already used or in `taken`
+    gets a `_` at its end.
     """
 
     def __init__(self, sms: SpaceManipulator, taken: Collection[str] = ()) -> None:
@@ -92,10 +92,10 @@ class Links(list[ExportedLink]):
                 self.append(ExportedLink(name, j, frame.placement, parent, via, False))
 
     def shapes(self, sms: SpaceManipulator, kind: ShapeKind) -> Iterator[tuple[int, Any, Any]]:
-        """Yield each shape (pinocchio.GeometryObject) of the robot, after its link's index and pose in it.
+        """Yield for each shape its link's index, its pose (pinocchio.SE3) in the link, and the shape itself.
 
-        A robot without visual shapes yields placeholder shapes. `GeometryError` is raised if a collision mesh
-        is missing or cannot be read.
+        Shapes are of the class pinocchio.GeometryObject. A robot without visual shapes yields placeholder
+        shapes. `GeometryError` is raised if a collision mesh is missing or cannot be read.
         """
         if kind == "visual":
             shapes = visual_shapes(sms)
@@ -107,7 +107,7 @@ class Links(list[ExportedLink]):
                 yield at, self[at].place.actInv(item.placement), item
 
     def carrier(self, frame: int, joint: int) -> int:
-        """Return the index of the link that carries a frame, or of the joint's first link."""
+        """Return the index of the link that carries a frame; by default, of the joint's first link."""
         while 0 < frame < len(self._parents):
             if frame in self._of_frame:
                 link = self._of_frame[frame]

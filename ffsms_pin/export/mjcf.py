@@ -124,7 +124,7 @@ def _place(pose: Any) -> dict[str, str]:
 
 
 def _shape(item: Any, assets: Element, meshes: dict[Any, str]) -> dict[str, str]:
-    """Return type and size of a shape; a mesh becomes an asset, which shapes with the same file share."""
+    """Return type and size of a shape; a mesh becomes an asset, shared by all shapes with the same file."""
     shape = item.geometry
     if isinstance(shape, coal.Box):
         return {"type": "box", "size": spelt(shape.halfSide)}

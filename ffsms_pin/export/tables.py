@@ -31,14 +31,14 @@ MOMENTUM = (
 )
 MODE = "mode"  # the only column of text, missing for a floating base
 
-# A plan's rates integrate to its positions up to rounding. The joint accelerations of a simulated motion vary
-# within a step, so its rates and positions agree only within the error of the trapezoidal rule.
+# The joint rates of a plan integrate to its positions up to rounding. In a simulated motion accelerations
+# vary within a step, so rates and positions agree only within the error of the trapezoidal rule.
 _JOINT_TOLERANCE = 1e-6  # [rad or m]
 _BASE_TOLERANCE = 1e-5  # [rad and m]
 
 
 def to_csv(sms: SpaceManipulator, motion: Trajectory | Tracking, path: str | os.PathLike[str]) -> None:
-    """Write a motion as CSV, one row per node, with numbers in full precision."""
+    """Write a motion as a CSV file, one row per node, with numbers in full precision."""
     table = _columns(sms, motion)
     text = io.StringIO()
     rows = csv.writer(text, lineterminator="\n")
@@ -53,17 +53,17 @@ def to_csv(sms: SpaceManipulator, motion: Trajectory | Tracking, path: str | os.
 def read_csv(sms: SpaceManipulator, path: str | os.PathLike[str]) -> Trajectory:
     """Read a trajectory from a CSV file with the columns that `to_csv` writes; other columns are ignored.
 
-    The first row gives the start configuration, and the joint rates give the motion. The base's motion
-    follows from the momentum equation with the momentum and the mode in the file; without these columns the
-    momentum is zero and the base floats. The target is the last position of the end effector.
+    The start configuration is that of the first row, and the joint motion is the integral of the joint rates.
+    The base's motion follows from the momentum equation with the momentum and the mode in the file. Without
+    these columns the momentum is zero and the base floats. The target is the last end-effector position.
 
     Raises
     ------
     ResultError
         The file cannot be read.
     InvalidValue
-        A column is missing, the times are not equally spaced from zero, a number is not finite, positions and
-        rates of a joint contradict each other, or the base's pose contradicts the momentum equation.
+        A column is missing, the times are not equally spaced from zero, a number is not finite, the positions
+        of a joint contradict its rates, or the poses of the base contradict the momentum equation.
     """
     path = path_like("path", path)
     try:
@@ -74,7 +74,7 @@ def read_csv(sms: SpaceManipulator, path: str | os.PathLike[str]) -> Trajectory:
     except (UnicodeDecodeError, csv.Error) as error:
         raise ResultError(path, f"cannot be read as CSV ({error})") from None
     if len(rows) < 2 or any(len(row) != len(rows[0]) for row in rows):
-        raise ResultError(path, "must have a header line, and rows with one entry for each column of it")
+        raise ResultError(path, "must have a header line, and rows with as many entries as this line")
     columns = dict(zip(rows[0], zip(*rows[1:], strict=True), strict=True))
     mode = _mode(columns.pop(MODE, ()), path)
     return _trajectory(sms, columns, mode, str(path))
@@ -168,7 +168,7 @@ def _trajectory(
             table[name] = column = np.array(columns[name], dtype=np.float64)
         except ValueError as error:
             raise InvalidValue(
-                f"{source}: column '{name}'", "a cell", f"must hold numbers ({error})"
+                f"{source}: column '{name}'", "a cell", f"must have numbers only ({error})"
             ) from None
         if len(column) < 3 or not np.isfinite(column).all():
             raise InvalidValue(f"{source}: column '{name}'", column, "must be three or more finite numbers")
@@ -198,8 +198,9 @@ def _checked_joints(
 ) -> FloatArray:
     """Check that rates (K, n) integrate to the joint positions; return the allowed error per row (K,).
 
-    The error of the trapezoidal rule is a twelfth of the rates' second difference times the step. An eighth
-    is allowed, which a single wrong rate exceeds. `InvalidValue` names the first row with a larger error.
+    The error of the trapezoidal rule is a twelfth of the second difference of the rates, times the step. An
+    eighth is allowed; a single wrong rate causes a larger error. `InvalidValue` names the first row with such
+    an error.
     """
     dt = float(table[TIME][-1]) / (len(rates) - 1)
     bends = np.abs(np.diff(rates, n=2, axis=0, prepend=rates[:1], append=rates[-1:]))
@@ -222,7 +223,7 @@ def _checked_joints(
 def _check_base(
     sms: SpaceManipulator, motion: Trajectory, base: FloatArray, drift: FloatArray, source: str
 ) -> None:
-    """Check that root poses (K, 7) agree with a motion; `drift` (K,) are the allowed joint errors."""
+    """Check that the root poses `base` (K, 7) agree with a motion; `drift` (K,) are allowed joint errors."""
     length = max(1.0, sms.arm_stack().length)
     allowed = _BASE_TOLERANCE + 2.0 * length * (drift - sms.n * _JOINT_TOLERANCE)
     distances = np.linalg.norm(base[:, :3] - motion.q[:, :3], axis=1)
@@ -237,9 +238,9 @@ def _check_base(
     columns = f"'{MOMENTUM[0]}', ..."
     momentum = f"the momentum of the columns {columns}" if motion.momentum.any() else "zero momentum"
     message = (
-        f"is not where the joints move it in mode '{motion.mode}' with {momentum}, but up to"
-        f" {distances[worst]:.3g} m and {angles[worst]:.3g} rad away (t = {motion.t[worst]:.4g} s); give the"
-        f" motion's columns {columns} and '{MODE}', or, if wheels, thrusters, a client or another robot moved"
+        f"contradicts the joint motion in mode '{motion.mode}' with {momentum}, by up to"
+        f" {distances[worst]:.3g} m and {angles[worst]:.3g} rad (t = {motion.t[worst]:.4g} s); give the"
+        f" motion's columns {columns} and '{MODE}'; if wheels, thrusters, a client or another robot moved"
         " the base, load the npz file of the motion with Tracking.load"
     )
     place = f"{source}: line {k + 2} (t = {motion.t[k]:.4g} s): base"

@@ -29,7 +29,8 @@ def to_urdf(sms: SpaceManipulator, path: str | os.PathLike[str]) -> None:
     not. An SRDF is copied, too.
 
     A URDF cannot have acceleration limits, wheels, thrusters, or a base box other than the first box of the
-    base link; pass them to `load` again. Other programs may order the joints of a branching arm by name.
+    base link: pass them to `load` when you load the file. Other programs may order the joints of a branching
+    arm by name.
 
     Parameters
     ----------
@@ -125,7 +126,7 @@ class _Meshes:
 
 
 def _geometries(item: Any, meshes: _Meshes) -> list[tuple[Any, str, dict[str, str]]]:
-    """Return each part's pose in the shape's axes, URDF tag and attributes; a capsule has three parts."""
+    """Return pose in the shape's axes, URDF tag and attributes of each part; a capsule has three parts."""
     shape, here = item.geometry, pin.SE3.Identity()
     if isinstance(shape, coal.Box):
         return [(here, "box", {"size": spelt(2.0 * shape.halfSide)})]

@@ -117,7 +117,7 @@ def _limit_faults(
                 remedy = f"{key} limit set to {value:g} {measure}"
                 mend = partial(limit.set, key, spelt(value))
                 if wheel:
-                    remedy = f"{key} limit set to none, as a wheel's"
+                    remedy = f"{key} limit removed, because the joint turns a wheel"
                     mend = partial(limit.set, key, UNLIMITED)
                 yield Fault(where, problem, True, remedy, mend)
         low, high = limit.get("lower", "0"), limit.get("upper", "0")
@@ -134,12 +134,15 @@ def _limit_faults(
             problem = f"its limits are equal: lower and upper are both {low}"
             remedy, mend = f"made fixed at {low} {unit}", partial(fix_joint, joint, float(low))
             if wheel:
-                remedy, mend = "made continuous, as a wheel", partial(_turn_freely, joint, limit)
+                remedy, mend = (
+                    "made continuous, because the joint turns a wheel",
+                    partial(_turn_freely, joint, limit),
+                )
             yield Fault(where, problem, True, remedy, mend)
 
 
 def _is_wheel(robot: ElementTree.Element, joint: ElementTree.Element) -> bool:
-    """Return whether the child of a joint is a wheel: on the base, balanced and symmetric about the axis."""
+    """Return whether a joint's child is a wheel: on the base, balanced, and symmetric about the axis."""
     tree = [joint_of(item) for item in robot.findall("joint")]
     own = joint_of(joint)
     roots = {link.get("name", "") for link in robot.findall("link")} - {other.child for other in tree}

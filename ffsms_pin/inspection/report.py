@@ -90,7 +90,7 @@ def examine(robot: ElementTree.Element, settings: Settings) -> Examination:
 def refusal(path: Path, robot: ElementTree.Element) -> FfsmsError | None:
     """Return the error that `load` raises for a robot, or None.
 
-    If no joint moves, it is the error of `Client.from_urdf`. If several links are last, any of them is taken
+    If no joint moves, the error is that of `Client.from_urdf`. Of several last links, the first one is taken
     as the end effector.
     """
     try:
@@ -120,7 +120,8 @@ class LinkReport:
         Principal inertias about the centre of mass, ascending [kg m^2]; None if they are missing or not
         numbers.
     verdict : str
-        "valid", "frame" (a link without mass, which is valid for a frame), or the fault in a few words.
+        "valid", "frame" (a link without mass, which is valid if it is only a frame), or a short name of the
+        fault.
     """
 
     name: str
@@ -239,9 +240,9 @@ def repair(
 ) -> list[Change]:
     """Write a URDF that `ffsms_pin.load` accepts, and return the changes.
 
-    The repair is limited to faults because of which a file does not load, numbers that readers drop, and
-    assumptions that `load` makes with a warning. If a fault cannot be repaired from the file alone (a
-    negative mass, a base without mass, two roots), nothing is written.
+    The repair changes only faults that prevent loading, numbers that readers drop, and assumptions that
+    `load` makes with a warning. If a fault cannot be repaired from the file alone (a negative mass, a base
+    without mass, two roots), nothing is written.
 
     Parameters
     ----------
@@ -257,7 +258,7 @@ def repair(
     Returns
     -------
     list of Change
-        The changes; empty if `out` is a copy because the file loads without a repair.
+        The changes; empty if the file needs no repair.
 
     Raises
     ------

@@ -129,8 +129,8 @@ def test_a_repair_never_fixes_a_wheel_to_the_base(write: Callable[..., Path], tm
     path = write(none.replace('velocity="600"', 'velocity="0"'))
     changes = repair(path, tmp_path / "repaired.urdf")
     assert {change.remedy for change in changes} == {
-        "made continuous, as a wheel",
-        "velocity limit set to none, as a wheel's",
+        "made continuous, because the joint turns a wheel",
+        "velocity limit removed, because the joint turns a wheel",
     }
     sms = ffsms.load(tmp_path / "repaired.urdf", wheels=["spin_one"])
     assert sms.joint_names == ["joint_1", "joint_2", "joint_3"]
