@@ -1,7 +1,7 @@
 """Print the coupling along a motion: singular values and entropy of C_bm, and cos(theta_a).
 
-The paper's cost is zero at the cos(theta_a) that belongs to the entropy, nearly 1 - H_norm. The default
-method plans a motion with nearly zero cost. A straight motion to the same target does not include the cost.
+The paper's cost is zero if cos(theta_a) is nearly 1 - H_norm, with the entropy H_norm. The default method
+plans a motion with nearly zero cost. A straight motion to the same target has a much larger cost.
 """
 
 import numpy as np
