@@ -1,4 +1,4 @@
-"""The page that says how closely other engines agree, computed while the site is built."""
+"""The page on the agreement with other engines, computed while the site is built."""
 
 from __future__ import annotations
 
@@ -25,28 +25,30 @@ from ffsms_pin.urdf import model_path  # noqa: E402
 STATES = 20
 HEAD = f"""# Agreement with other engines
 
-MuJoCo, adam and Basilisk were written by others, from other formulations. Here is how closely they agree
-with us. Each engine's results were turned into the paper's convention first. All numbers were computed
-while this page was built; `tests/validation` keeps them below 1e-11 for matrices and 1e-9 for motions.
+MuJoCo, adam and Basilisk are independent of this library and have other formulations. The tables compare
+their results, converted to the paper's conventions, with ours. All numbers were computed while this page
+was built; `tests/validation` keeps them below 1e-11 for matrices and 1e-9 for motions.
 
 ## Matrices
 
-What MuJoCo and adam make of the same robots at {STATES} random states (a tumbling base anywhere, moving
-joints): the largest difference from ours, relative to the largest entry. adam reads a URDF, so it has the
-robots that are one file. Basilisk hands out no matrices; it is compared by motions.
+MuJoCo and adam compute the matrices of the same robots at {STATES} random states, with any base pose, a
+tumbling base and moving joints. The table has the largest differences from ours, relative to the largest
+entry. adam reads a URDF, so it has only the robots of a single file. Basilisk returns no matrices; its
+motions are compared below.
 
 """
 MOTIONS = """
 ## Ten seconds of motion
 
-All robots start at rest and get the same torques for ten seconds, sinusoids held over each step. Everybody
-integrates with a Runge-Kutta method of order 4: MuJoCo at 0.5 ms, Basilisk at 5 ms, we at the step of the
-other one. The difference of the joint rates at the end is relative to their length.
+All robots start at rest. The joint torques are the same sinusoids for ten seconds, constant over each
+step. All engines integrate by a Runge-Kutta method of order 4, MuJoCo with steps of 0.5 ms and Basilisk
+with steps of 5 ms; we use the step of the compared engine. The table has the difference of the final
+joint rates relative to the length of their vector.
 
-Basilisk's robot is its rigid hub with chains of spinning bodies (`spinningBodyNDOFStateEffector`), solved
-by back-substitution. `to_basilisk` in `examples/basilisk_robot.py` makes it. Two arms are two chains on one
-hub. All six robots can be expressed by such chains; a robot with a prismatic joint, or with an arm that forks
-beyond the base, cannot.
+In Basilisk a robot is a rigid hub with a chain of spinning bodies (`spinningBodyNDOFStateEffector`) for
+each arm, solved by back-substitution; `to_basilisk` in `examples/basilisk_robot.py` builds it. This
+represents all six robots, but no robot with a prismatic joint or with an arm that branches beyond the
+base.
 
 """
 
@@ -54,9 +56,10 @@ PUBLISHED_RUN = """
 
 ## A published run
 
-The paper's author published a run of PD control of a planar robot in MATLAB: from straight joints at rest to
-(-30, 0, 0) deg in 20 s. Its end is read off plots, to millimetres. The gains are 1 N m/rad and 1 N m s/rad;
-other gains that settle change the end by less than 1e-5.
+The paper's author published a run of a planar robot under PD control in MATLAB, from rest with straight
+joints to (-30, 0, 0) deg in 20 s. The published final base pose was read from plots, with an accuracy of
+millimetres. The gains are 1 N m/rad and 1 N m s/rad; other gains under which the robot settles change the
+final base pose by less than 1e-5.
 
 | engine | base x [m] | base y [m] | base angle [rad] |
 |---|---|---|---|
@@ -64,7 +67,7 @@ other gains that settle change the end by less than 1e-5.
 
 
 def page() -> str:
-    """The page in Markdown."""
+    """Return the page in Markdown."""
     lines = [f"| robot | engine | {' | '.join(Found._fields)} |", "|---|---|" + "---|" * len(Found._fields)]
     for name in ROBOTS:
         sms = robot(name)

@@ -1,4 +1,4 @@
-"""How Sphinx builds the documentation: `make docs`."""
+"""The configuration of Sphinx for `make docs`."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ nb_merge_streams = True
 warnings_are_errors(HERE / "_build" / "ipython")
 
 autodoc_member_order = "bysource"
-autodoc_typehints = "none"  # the docstrings say types with shapes and units
+autodoc_typehints = "none"  # the docstrings have types with shapes and units
 napoleon_google_docstring = False
 napoleon_use_ivar = True  # attributes are described in the class, once
 
@@ -68,7 +68,7 @@ if wrong := [line for path in records.pages() for line in records.faults(path)]:
 
 
 def setup(app: Any) -> None:
-    """Steps of our own."""
+    """Register the project's own build steps."""
     app.connect("autodoc-process-docstring", _bars)
     app.connect("build-finished", _check_lessons)
     app.connect("source-read", _mark_changed)
@@ -76,22 +76,22 @@ def setup(app: Any) -> None:
 
 
 def _mark_changed(app: Any, page: str, text: list[str]) -> None:
-    """A page says where the command of a table has changed since it was run."""
+    """Mark the records of a page whose command has changed since the run."""
     text[0] = records.marked(text[0])
 
 
 def _check_lessons(app: Any, exception: Exception | None) -> None:
-    """The lessons have run and are as they should be."""
+    """Check the lessons after they have run."""
     if exception is None and nb_execution_mode != "off":
         check_built(Path(app.outdir).parent / "jupyter_execute" / "lessons")
 
 
 def _check_offline(app: Any, exception: Exception | None) -> None:
-    """The pages work without a network: equations, too."""
+    """Check that the pages need no network, equations included."""
     if exception is None:
         check_offline(Path(app.outdir))
 
 
 def _bars(app: Any, what: str, name: str, obj: Any, options: Any, lines: list[str]) -> None:
-    """|x| in a docstring is a length, not a substitution of reStructuredText."""
+    """Escape bars in a docstring, because |x| is a length and not a substitution of reStructuredText."""
     lines[:] = [line.replace("|", "\\|") for line in lines]

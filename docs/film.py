@@ -80,7 +80,7 @@ def scene(browser: webdriver.Chrome, time: float, width: int, height: int) -> Im
 
 
 def pictures(page: Path, rate: float, width: int, height: int, until: float = np.inf) -> list[Image.Image]:
-    """Draw one pass of a page at its speed, up to a time [s], `rate` pictures for each second of film."""
+    """Draw a page's motion at its speed until a time [s], with `rate` pictures per second of film."""
     with opened(page, width, height) as browser:
         script = "return [facts.t.at(-1), facts.speed, facts.marks]"
         end, speed, marks = browser.execute_script(script)
@@ -106,7 +106,7 @@ def write_clock(image: Image.Image, clock: str, phase: str) -> None:
 
 
 def write_gif(path: Path, images: list[Image.Image], rate: float) -> None:
-    """Write pictures as a film that is played over and over."""
+    """Write pictures as a film that repeats endlessly."""
     sample = np.concatenate([np.asarray(image) for image in images[:: max(1, len(images) // 6)]])
     palette = Image.fromarray(sample).quantize(_COLOURS)
     flat = [image.quantize(palette=palette, dither=Image.Dither.NONE) for image in images]

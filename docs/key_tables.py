@@ -1,4 +1,4 @@
-"""The keys of scenario files as tables of a page: unit, default and meaning of each, from the models."""
+"""The tables of docs/scenario-keys.md: unit, default and meaning of each key, from the models of the keys."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _TABLE = re.compile(r"^\| key \| unit .*\n(?:\|.*\n)*", re.M)
 
 
 def key_tables() -> dict[str, str]:
-    """A Markdown table for each table of a scenario file, by its name, as "plan.base_limits"."""
+    """Return a Markdown table for each table of a scenario file, by its name such as "plan.base_limits"."""
     found: dict[str, str] = {}
     for name, field in ScenarioFile.model_fields.items():
         _add(found, name, models_in(field.annotation))
@@ -24,7 +24,7 @@ def key_tables() -> dict[str, str]:
 
 
 def with_key_tables(page: str) -> str:
-    """A page with the tables under its headings, as `## [plan]`, made anew."""
+    """Return a page with new tables under its headings, such as `## [plan]`."""
     made = key_tables()
     before, *sections = re.split(r"^(?=## )", page, flags=re.M)
     done = [before]
@@ -37,7 +37,7 @@ def with_key_tables(page: str) -> str:
 
 
 def _add(found: dict[str, str], name: str, models: list[type[Keys]]) -> None:
-    """Add a table of the file: keys of all choices first, then those of some, which are named."""
+    """Add a table of the file: first keys of all choices, then other keys with the names of their choices."""
     choices: dict[tuple[str, ...], list[str]] = {}
     for model in models:
         (choice,) = get_args(model.model_fields[model.chooser].annotation) if model.chooser else ("",)

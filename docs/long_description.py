@@ -1,6 +1,6 @@
-"""The README as package indexes show it: without the repository's files, so its links need an address.
+"""The README for package indexes, with links to the repository's address instead of relative links.
 
-Without an address (`Source` of `[project.urls]`) pictures are left out, and what links named stays as text.
+Without an address (`Source` of `[project.urls]`) pictures are left out, and links become plain text.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ _TABLE = re.compile(r"^\|.*!\[.*\]\((?!https?:).*\|\n\|[-|]+\|\n", re.M)  # a ta
 
 
 def long_description(readme: str, source: str | None = None) -> str:
-    """The README's text, its links to files absolute, or gone where the repository has no address.
+    """Return the README's text with absolute links to files, or without links if there is no address.
 
     Parameters
     ----------
@@ -32,7 +32,7 @@ def long_description(readme: str, source: str | None = None) -> str:
 
 
 def dynamic_metadata(settings: Mapping[str, Any], project: Mapping[str, Any]) -> dict[str, Any]:
-    """What scikit-build-core calls for the field that pyproject.toml names as dynamic."""
+    """Return the dynamic field `readme` of pyproject.toml; scikit-build-core calls this function."""
     text = Path("README.md").read_text(encoding="utf-8")
     source = project.get("urls", {}).get("Source")
     return {"readme": {"content-type": "text/markdown", "text": long_description(text, source)}}

@@ -1,4 +1,4 @@
-"""The page that leads from each equation, table and figure of the paper to the code and to its test."""
+"""The page with the code and the test of each equation, table and figure of the paper."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from typing import Any
 ROWS = Path(__file__).with_name("paper-map.toml")
 HEAD = """# From the paper to the code
 
-Each equation of Das, Choi and Kim (AAS 25-705), in order, each of its tables and its figures of results:
-where it is computed, and the test that checks it. Names of code are below `ffsms_pin`, tests below
-`tests`. The labels in brackets are those of the paper's source, which the docstrings quote. Numbers
-count the displayed equations, the appendix included. The figures, drawn, are in [reproduce the
-paper](reproduce-the-paper.md).
+The tables list the equations, tables and figures of results of Das, Choi and Kim (AAS 25-705) in order, with
+the code that computes them and the test that checks this code. Names of code are relative to `ffsms_pin`,
+files of tests to `tests`. Equations are numbered in the order of the paper, appendix included. The labels in
+brackets are those of the paper's source, which the docstrings quote. [Reproduce the
+paper](reproduce-the-paper.md) has the figures.
 
 """
 
@@ -28,7 +28,7 @@ def rows() -> list[dict[str, Any]]:
 
 
 def page() -> str:
-    """Return the page in Markdown, each section's table folded."""
+    """Return the page in Markdown, with a folded table for each section."""
     lines: list[str] = []
     for row in rows():
         if "section" in row:

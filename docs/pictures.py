@@ -1,6 +1,6 @@
-"""Make the pictures of pages by their own code: `python docs/pictures.py docs/PAGE.md...`.
+"""Make the pictures of pages by the code of the pages: `python docs/pictures.py docs/PAGE.md...`.
 
-`python docs/pictures.py FILE.png...` stores pictures that a command wrote in the documentation.
+`python docs/pictures.py FILE.png...` copies pictures that a command wrote into the documentation.
 """
 
 from __future__ import annotations

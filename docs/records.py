@@ -1,12 +1,11 @@
-"""Measured numbers of the pages, each from a file that a named command wrote.
+"""The measured numbers of the pages: records of the outputs of commands, in docs/records.
 
-    python docs/records.py run NAME [COMMAND...]   measure anew: runs the command, keeps what it printed
-    python docs/records.py                         write what is kept into the pages
-    python docs/records.py check                   say what is not as it should be, as the build does
+    python docs/records.py run NAME [COMMAND...]   run the command and store its output as a record
+    python docs/records.py                         write all records into the pages
+    python docs/records.py check                   print the faults of the pages, as the build does
 
-A page has `<!-- record: NAME -->` and `<!-- end -->`; between them stands what docs/records/NAME.md says,
-with the command, the day and the machine. A page's text stays whole, so that it reads well anywhere. The site
-says where a command's own code has changed since.
+Between `<!-- record: NAME -->` and `<!-- end -->` a page has the output in docs/records/NAME.md, with the
+command, the day and the machine. The site marks records whose command has changed since the run.
 """
 
 from __future__ import annotations
@@ -27,7 +26,7 @@ KEPT = ROOT / "docs" / "records"
 CHANGED = "\n**The command has changed since.**\n"
 _BLOCK = re.compile(r"(<!-- record: ([\w-]+) -->\n).*?(<!-- end -->)", re.S)
 _TABLE = re.compile(r"(?:^\|.*\n){2,}\n?(?=(\*Copied from `.+, \d{4}.*\*$|<!-- not measured -->)?)", re.M)
-# In sentences: a number with a unit, and what says that it is no measurement, or where it comes from.
+# In sentences: a number with a unit, and the source of the numbers or a mark that none was measured.
 _NUMBER = re.compile(r"\b(\d+(?:\.\d+)?) (?:%|mm|mN|deg(?:rees)?\b|rad|s\b|ms|us|MB|GB|N\b|times|of \d)")
 _SOURCE = re.compile(r"`(?:tests/[\w/]+\.py|(?:python|pytest|make|ffsms-pin) [^`]+)`|<!-- given -->")
 _APART = re.compile(r"^```[\s\S]*?^```|^\|.*|^ {4}.*|^\*Copied from .*|<!-- (?!given).*? -->", re.M)
@@ -36,7 +35,7 @@ _PLACEHOLDER = re.compile(r"@@.*@@|\bTODO\b|\bTBD\b|\bFIXME\b|\?\?\?")
 
 
 class Record(NamedTuple):
-    """What a command printed, when, on what, and the hash of its source."""
+    """The output of a command, with the day, the machine, and the hash of the command's code."""
 
     command: str
     day: str
@@ -45,22 +44,22 @@ class Record(NamedTuple):
     output: str
 
     def text(self) -> str:
-        """The file."""
+        """Return the text of the record's file."""
         head = zip(self._fields[:-1], self[:-1], strict=True)
         return "".join(f"{key}: {value}\n" for key, value in head) + f"\n{self.output}\n"
 
     def changed(self) -> bool:
-        """Whether the command's source is another one than it was."""
+        """Return whether the command's code has changed since the run."""
         return self.source != source_of(self.command)
 
     def block(self) -> str:
-        """What a page shows."""
+        """Return the record as Markdown for a page."""
         shown = self.output if "\n|" in f"\n{self.output}" else f"```\n{self.output}\n```"
         return f"\n{shown}\n\n*`{self.command}`, {self.day}, {self.machine}.*\n\n"
 
 
 def read(name: str) -> Record:
-    """The record of a name."""
+    """Read the record of a name."""
     path = KEPT / f"{name}.md"
     if not path.is_file():
         raise SystemExit(f"no record {name!r}: python docs/records.py run {name} COMMAND makes it")
@@ -69,7 +68,7 @@ def read(name: str) -> Record:
 
 
 def run(name: str, command: str) -> None:
-    """Run a command and keep what it printed; nothing is kept of one that fails."""
+    """Run a command and store its output as a record; if the command fails, store nothing."""
     sys.path.insert(0, str(ROOT / "benchmarks"))
     from machine import facts
 
@@ -82,7 +81,7 @@ def run(name: str, command: str) -> None:
 
 
 def source_of(command: str) -> str:
-    """Hash of the code of scripts, packages and files that a command names, and of what scripts import."""
+    """Return a hash of the files and packages that a command names, and of the scripts that these import."""
     seen: set[Path] = set()
     todo = [path for word in command.split() if (path := ROOT / word).is_file()]
     modules = [word.replace(".", "/") for word in command.split()]  # of python -m
@@ -98,7 +97,7 @@ def source_of(command: str) -> str:
 
 
 def _code(path: Path) -> str:
-    """Return a file's text, that of Python without docstrings, comments and empty lines."""
+    """Return the text of a file; for Python without docstrings, comments and empty lines."""
     text = path.read_text("utf-8")
     if path.suffix != ".py":
         return text
@@ -114,7 +113,7 @@ def _code(path: Path) -> str:
 
 
 def _imported(path: Path) -> list[Path]:
-    """Neighbours of a script that it imports."""
+    """Return the files in the folder of a script that the script imports."""
     names: list[str] = []
     for node in ast.walk(ast.parse(path.read_text("utf-8"))):
         if isinstance(node, ast.Import):
@@ -125,23 +124,23 @@ def _imported(path: Path) -> list[Path]:
 
 
 def pages() -> list[Path]:
-    """The README and the site's pages that people write."""
+    """Return the paths of the README and of the site's hand-written pages."""
     made = {"paper-map.md", "agreement.md"}
     return [ROOT / "README.md", *(p for p in sorted((ROOT / "docs").glob("*.md")) if p.name not in made)]
 
 
 def with_records(text: str) -> str:
-    """A page with every record as it is kept."""
+    """Return the text of a page with its records replaced by the stored ones."""
     return _BLOCK.sub(lambda found: found[1] + read(found[2]).block() + found[3], text)
 
 
 def marked(text: str) -> str:
-    """A page that says where a command has changed since, as the site shows it."""
+    """Return the text of a page with marks on records whose command has changed since the run."""
     return _BLOCK.sub(lambda found: found[0] + (CHANGED if read(found[2]).changed() else ""), text)
 
 
 def faults(path: Path) -> list[str]:
-    """What is wrong with the numbers of a page, one line each."""
+    """Return the faults of the numbers of a page, one line each."""
     text = path.read_text("utf-8")
     found = [f"{word[0]!r} is a placeholder" for word in _PLACEHOLDER.finditer(text)]
     if with_records(text) != text:
@@ -155,9 +154,9 @@ def faults(path: Path) -> list[str]:
 
 
 def unsaid(text: str) -> list[str]:
-    """Numbers in a page's sentences that no record there has, unless the paragraph names a source.
+    """Return messages about numbers in sentences that neither a record nor a source in the paragraph has.
 
-    `<!-- given -->` in a paragraph says that its numbers were chosen, or follow from others.
+    `<!-- given -->` marks a paragraph whose numbers were chosen, or follow from others.
     """
     shown = "".join(read(found[2]).output for found in _BLOCK.finditer(text))
     known = [float(one) for one in re.findall(r"\d+(?:\.\d+)?", shown)]
@@ -171,7 +170,7 @@ def unsaid(text: str) -> list[str]:
 
 
 def main(words: list[str]) -> int:
-    """See the module's text."""
+    """Run the command line that the module's docstring describes; return the exit code."""
     if words[:1] == ["run"]:
         name = words[1]
         run(name, " ".join(words[2:]) or read(name).command)
