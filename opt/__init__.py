@@ -21,7 +21,7 @@ from ffsms_pin.opt.goals.goal import Goal, Moving, Pose, Position
 from ffsms_pin.opt.goals.meet import Meet
 from ffsms_pin.opt.goals.named_curves import Circle, Helix, Line, RoundedSquare
 from ffsms_pin.opt.goals.path import Path
-from ffsms_pin.opt.goals.pose_constraints import Corridor, FrameGoal, Waypoint
+from ffsms_pin.opt.goals.pose_constraints import Alignment, Corridor, FrameGoal, Waypoint
 from ffsms_pin.opt.limits.alpha_box import AlphaBox
 from ffsms_pin.opt.limits.base_limits import BaseLimits
 from ffsms_pin.opt.limits.clearance import Clearance
@@ -47,6 +47,7 @@ Also = FrameGoal
 __all__ = [
     "METHODS",
     "UNBOUNDED",
+    "Alignment",
     "AlphaBox",
     "BaseLimits",
     "BaseTurn",

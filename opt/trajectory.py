@@ -264,7 +264,8 @@ class Trajectory:
     def sample(self, t: float) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return joint positions, rates and accelerations, each (n,), at t [s]; at rest beyond the ends."""
         positions, rates = self.joint_positions, self.joint_rates
-        if not 0.0 <= t <= self.duration:
+        rounding = 1e-6 * self.dt  # a sum of times may exceed the duration by a last bit
+        if not -rounding <= t <= self.duration + rounding:
             end = positions[0 if t < 0.0 else -1]
             return end.copy(), np.zeros_like(end), np.zeros_like(end)
         k = min(int(t / self.dt + 1e-9), len(self.t) - 2)

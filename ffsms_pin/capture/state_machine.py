@@ -41,6 +41,7 @@ from ffsms_pin.control import BaseLaw, JointLaw
 from ffsms_pin.control.base_command import BaseCommand, BaseView
 from ffsms_pin.errors import FfsmsError, length_text
 from ffsms_pin.opt import Meet, Problem, Replanning, Trajectory
+from ffsms_pin.opt.goals.pose_constraints import AT_GRASP, compared_axes
 from ffsms_pin.opt.plans import plan_problem
 from ffsms_pin.references import Observer, Resettable
 from ffsms_pin.robot import SpaceManipulator
@@ -384,6 +385,10 @@ class StateMachine(Observer, Supervisor):
                 f"the end effector is {length_text(beside)} beside its corridor, {length_text(most)} at most"
             )
             return self._with_the_move(reason)
+        if (beyond := self._misaligned(now)) > handling.envelope.turn:
+            angle, most_angle = np.degrees([beyond, handling.envelope.turn])
+            reason = f"the end effector is turned {angle:.2g} deg more than its corridor allows, "
+            return self._with_the_move(f"{reason}{most_angle:.2g} deg at most")
         miss = self._foreseen_miss()
         self._lost = None if miss <= most else now.t if self._lost is None else self._lost
         if self._lost is not None and now.t >= self._lost + _LOST - 1e-9:
@@ -396,6 +401,19 @@ class StateMachine(Observer, Supervisor):
         before = float(-off @ np.array(meet.axis))
         beside = float(np.linalg.norm(off + before * np.array(meet.axis)))
         return beside * math.cos(meet.half_angle) - before * math.sin(meet.half_angle) - meet.tolerance
+
+    def _misaligned(self, now: Instant) -> float:
+        """Return by what angle [rad] the end effector is turned more than `Meet.misalignment` allows."""
+        meet = self._meet
+        if meet.misalignment is None:
+            return -math.inf
+        grasp = meet.client.pose(now.t) * meet.grasp
+        turn = grasp.actInv(self._sms.at(self._seen[0]).end_effector_pose).rotation
+        angles = [
+            math.acos(min(max(float(axis @ turn @ axis), -1.0), 1.0)) for axis in compared_axes(meet.axis)
+        ]
+        share = AT_GRASP + (1.0 - AT_GRASP) * float(np.linalg.norm(self._off(now))) / meet.standoff
+        return max(angles) - meet.misalignment * share
 
     def _foreseen_miss(self) -> float:
         """Return the predicted position error of the followed motion at the contact [m]."""

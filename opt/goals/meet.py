@@ -15,7 +15,7 @@ from ffsms_pin.client import FreeBody
 from ffsms_pin.client.client import carried
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.goals.goal import REACH, TOLERANCE, Goal, Place, check_reaches
-from ffsms_pin.opt.goals.pose_constraints import Corridor
+from ffsms_pin.opt.goals.pose_constraints import Alignment, Corridor
 from ffsms_pin.opt.limits.limit import Limit
 from ffsms_pin.options import Angle, NotNegative, Positive, Unit, Vector3
 
@@ -48,6 +48,10 @@ class Meet(Goal):
     half_angle: Annotated[Positive, Angle("rad", "0.349")] = _HALF_ANGLE
     """The half angle of the corridor, below a right angle. With the default the corridor extends 55 mm to
     each side at the default standoff, about the opening of a gripper."""
+    misalignment: Annotated[Positive | None, Angle("rad", "any")] = None
+    """The largest angle between axes of the end effector and of the grasp at the mouth of the corridor, at
+    most 90 degrees. It decreases linearly to a twentieth at the grasp, because a tilted probe jams in a
+    throat. Default: any rotation in the corridor."""
     axis: Annotated[Vector3, Unit()] = (0.0, 0.0, 1.0)
     """The direction of approach, in grasp axes; its length is ignored. Default: z, which points away from the
     flange in most tool frames."""
@@ -75,6 +79,12 @@ class Meet(Goal):
         half_angle = checks.positive("half_angle", self.half_angle, "rad")
         if half_angle >= 0.5 * math.pi:
             raise InvalidValue("half_angle", self.half_angle, "must be below a right angle [rad]")
+        if self.misalignment is not None:
+            if checks.positive("misalignment", self.misalignment, "rad") > 0.5 * math.pi:
+                raise InvalidValue("misalignment", self.misalignment, "must be at most a right angle [rad]")
+            if not self.standoff:
+                text = "needs a corridor, which standoff = 0 switches off"
+                raise InvalidValue("misalignment", self.misalignment, text)
         checks.instance("rest_after", self.rest_after, bool)
         if self.coast is not None:
             checks.at_least_zero("coast", self.coast, "s")
@@ -116,6 +126,11 @@ class Meet(Goal):
         return places
 
     def limits(self, duration: float) -> tuple[Limit, ...]:
-        """Return the corridor if the standoff is above zero."""
-        cone = (self.standoff, self.half_angle, self.axis, self.tolerance)
-        return (Corridor(self, duration, *cone, (1.0 - _MOUTH) * duration),) if self.standoff else ()
+        """Return the corridor if the standoff is above zero, and the bound on the misalignment in it."""
+        if not self.standoff:
+            return ()
+        rest = self.axis, self.tolerance, (1.0 - _MOUTH) * duration
+        corridor = Corridor(self, duration, self.standoff, self.half_angle, *rest)
+        if self.misalignment is None:
+            return (corridor,)
+        return corridor, Alignment(self, duration, self.standoff, self.misalignment, *rest)

@@ -24,6 +24,7 @@ from ffsms_pin.system.batch.stacks import dot
 if TYPE_CHECKING:
     from ffsms_pin.opt.trajectory import Trajectory
 
+AT_GRASP = 0.05  # share of the misalignment at the mouth that is allowed at the grasp
 _BINDING = 0.05  # share of the tolerance below which the limit is active
 
 
@@ -426,3 +427,38 @@ class Corridor(PoseConstraint, Inequality):
         """Return the message for a motion that leaves the corridor."""
         cone = f"half angle {math.degrees(self.half_angle):.3g} deg within {self.length:.3g} m of the grasp"
         return f"the approach is {-1e3 * slack:.1f} mm outside its corridor at {time:.3g} s ({cone})"
+
+
+def compared_axes(axis: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the axis of approach (3,) and a unit vector (3,) perpendicular to it."""
+    across = np.cross(axis, np.eye(3)[int(np.argmin(np.abs(axis)))])
+    return axis, across / np.linalg.norm(across)
+
+
+@dataclass(frozen=True, eq=False)
+class Alignment(Corridor):
+    """A bound on the rotation of the end effector relative to the grasp while it is in the corridor.
+
+    The axes of approach of both frames, and two axes perpendicular to them, may differ by an angle that
+    decreases linearly from `half_angle` at the distance `length` from the grasp to a twentieth of it at the
+    grasp. Small angles are approximated by the distance between unit vectors, which is smaller for large
+    angles. The slack is an angle times `length` [m].
+    """
+
+    name = "alignment"
+    accuracy = 1e-3  # [m] a tenth of a degree in a corridor of 0.5 m
+    refusal = "the start is in the corridor and turned: {note}; move the start, or take a shorter standoff"
+
+    def _seen(self, m: Variables) -> tuple[Variable, Variable]:
+        """Return the allowed minus the present angle of the axes, and the distance from the grasp, in m."""
+        grasp, tip = self.reference(m), m.frame(self.frame)
+        far = (tip - grasp).norm()
+        turned = [(tip.axis(axis) - grasp.axis(axis)).norm() for axis in compared_axes(self.axis)]
+        allowed = self.half_angle * (AT_GRASP * self.length + (1.0 - AT_GRASP) * far)
+        return allowed - self.length * np.maximum(*turned), far
+
+    def note(self, slack: float, time: float) -> str:
+        """Return the message for a motion that is turned too far in the corridor."""
+        turned = f"{math.degrees(-slack / self.length):.3g} deg more than its distance from the grasp allows"
+        limit = f"{math.degrees(self.half_angle):.3g} deg at {self.length:.3g} m"
+        return f"the end effector is turned by {turned} at {time:.3g} s ({limit})"

@@ -50,6 +50,18 @@ def strayed(plan: opt.Trajectory, goal: opt.Meet) -> float:
     return float(worst)
 
 
+def turned(plan: opt.Trajectory, goal: opt.Meet, sms: ffsms.SpaceManipulator) -> float:
+    """Within the standoff: the largest angle beyond that of 5 deg at the mouth and 0.25 deg at the grasp."""
+    worst = -np.inf
+    for t, q in zip(plan.t, plan.q, strict=True):
+        off = (goal.client.pose(t) * goal.grasp).actInv(sms.at(q).end_effector_pose)
+        far = float(np.linalg.norm(off.translation))
+        if far <= goal.standoff:
+            allowed = np.radians(0.25 + 4.75 * far / goal.standoff)
+            worst = max(worst, float(np.linalg.norm(pin.log3(off.rotation))) - allowed)
+    return worst
+
+
 def check_contact(sms: ffsms.SpaceManipulator, plan: opt.Trajectory, goal: opt.Meet) -> None:
     """The end effector at the deadline beside the client, from Pinocchio and the client's own motion."""
     T = plan.duration
@@ -101,6 +113,21 @@ def test_without_the_corridor_the_way_leaves_it(planar: ffsms.SpaceManipulator) 
     assert not held.reached
     # The residual sees what breaks the limit; the slopes are among those of tests/opt/test_part_slopes.py.
     assert "outside its corridor" in held.note
+
+
+def test_the_end_effector_is_aligned_in_the_corridor(
+    planar: ffsms.SpaceManipulator, met: opt.Trajectory
+) -> None:
+    """With and without the bound."""
+    q0, goal = planar_case(planar)
+    goal = replace(goal, misalignment=np.radians(5.0))
+    plan = opt.plan(planar, q0, goal, DURATION, 0.02)
+    assert plan.reached, plan.note
+    assert turned(plan, goal, planar) <= goal.tolerance + np.radians(0.5)  # 1 mm over the corridor's length
+    assert turned(met, goal, planar) > np.radians(1.0)
+    held = measure(opt.Problem(planar, q0, goal, DURATION, 0.02), met.joint_rates)
+    assert held.broken.keys() == {"alignment"}
+    assert "the end effector is turned by" in held.note
 
 
 def test_no_motion_is_told_to_be_0_mm_outside(planar: ffsms.SpaceManipulator, met: opt.Trajectory) -> None:
@@ -230,14 +257,15 @@ def test_the_attitude_is_asked_for_at_the_deadline(
     assert not strict.reached
 
 
+@pytest.mark.parametrize("name", ["corridor", "alignment"])
 @pytest.mark.parametrize("inside", [0.0, 24.0])
 def test_slopes_of_the_corridor(
-    planar: ffsms.SpaceManipulator, inside: float, rng: np.random.Generator
+    planar: ffsms.SpaceManipulator, inside: float, name: str, rng: np.random.Generator
 ) -> None:
     """By control points, against central differences; with a ball that holds most of the motion."""
     q0, goal = planar_case(planar)
-    problem = opt.Problem(planar, q0, goal, DURATION)
-    (corridor,) = (one for one in problem.limits if isinstance(one, opt.Corridor))
+    problem = opt.Problem(planar, q0, replace(goal, misalignment=0.05), DURATION)
+    (corridor,) = (one for one in problem.limits if isinstance(one, opt.Corridor) and one.name == name)
     corridor = replace(corridor, length=1.2, inside=inside)
     spline = spline_of(problem, COARSE, free_end=True)
     p = 0.02 * rng.normal(size=(1, spline.size, planar.n))
@@ -305,6 +333,8 @@ def test_a_corridor_that_is_handed_in_is_kept(planar: ffsms.SpaceManipulator) ->
         ({"grasp": np.eye(3)}, "grasp must be a pinocchio.SE3"),
         ({"axis": [0.0, 0.0, 0.0]}, "axis must not be zero"),
         ({"half_angle": 2.0}, "right angle"),
+        ({"misalignment": 2.0}, "at most a right angle"),
+        ({"misalignment": 0.1, "standoff": 0.0}, "needs a corridor"),
         ({"standoff": -0.1}, "standoff must be at least zero"),
         ({"tolerance": 0.0}, "goal.tolerance must be above zero"),
         ({"coast": -1.0}, "coast must be at least zero"),
