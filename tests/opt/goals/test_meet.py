@@ -287,6 +287,14 @@ def test_a_knock_is_no_contact(planar: ffsms.SpaceManipulator, met: opt.Trajecto
     assert "at contact the grasp is missed by" in knocked.note
 
 
+def test_a_plan_keeps_its_rates_at_its_last_instant(met: opt.Trajectory) -> None:
+    """A sum of times may exceed the duration by its last bit, and a later time by more."""
+    assert np.abs(met.joint_rates[-1]).max() > 1e-3
+    _, rates, _ = met.sample(np.nextafter(met.duration, np.inf))
+    np.testing.assert_allclose(rates, met.joint_rates[-1], atol=1e-12)
+    assert not met.sample(met.duration + 1e-3 * met.dt)[1].any()
+
+
 def test_a_plan_that_meets_is_kept_in_a_file(met: opt.Trajectory, tmp_path: Path) -> None:
     met.save(tmp_path / "plan.npz")
     again = opt.Trajectory.load(tmp_path / "plan.npz")
