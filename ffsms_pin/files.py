@@ -9,6 +9,7 @@ import os
 import secrets
 import shutil
 import stat
+import tomllib
 import zipfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
@@ -107,6 +108,17 @@ def read_json(path: str | os.PathLike[str]) -> dict[str, Any]:
     if not isinstance(content, dict):
         raise ResultError(path, "does not hold a JSON object")
     return content
+
+
+def read_toml(path: str | os.PathLike[str]) -> dict[str, Any]:
+    """Read a TOML file; raise `ResultError` if it cannot be read or is not TOML."""
+    try:
+        with wrap_os_error(path, "read"):
+            return tomllib.loads(read_content(path).decode("utf-8-sig"))
+    except UnicodeDecodeError:
+        raise ResultError(path, "is not a TOML file (not UTF-8 text)") from None
+    except (ValueError, RecursionError) as error:  # also a path with a null character
+        raise ResultError(path, f"is not a TOML file ({error})") from None
 
 
 def load_arrays(path: str | os.PathLike[str], kind: str, names: Sequence[str]) -> dict[str, NDArray[Any]]:

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Mapping
 from dataclasses import dataclass, fields
-from typing import Annotated
+from inspect import signature
+from typing import Annotated, Any
 
 import numpy as np
 import pinocchio as pin
@@ -11,6 +14,7 @@ import pinocchio as pin
 from ffsms_pin.checks import FloatArray, at_least_zero
 from ffsms_pin.options import Share, Unit
 from ffsms_pin.robot import SpaceManipulator
+from ffsms_pin.simulation import random_plants
 
 _SURE = 1e-6  # relative deviation below which a mass counts as known
 _LEAST, _MOST = 0.5, 2.0  # bounds of the factors on masses
@@ -36,6 +40,27 @@ class MassUncertainty:
     def __post_init__(self) -> None:
         for field in fields(self):
             at_least_zero(f"masses {field.name}", getattr(self, field.name))
+
+    @classmethod
+    def of_plant(
+        cls, errors: Mapping[str, Any], drawn: Mapping[str, Any] | None = None, **chosen: float
+    ) -> MassUncertainty:
+        """Return the deviations of a plant whose masses differ from the model's.
+
+        `errors` are fields of `simulation.InertialError`, and `drawn` keyword arguments of
+        `simulation.random_plants`; None: nothing is drawn. Fields in `chosen` replace the deviations.
+        """
+        base = errors.get("base_mass", 1.0)
+        factors = {"arm_mass": 1.0, "base_mass": base, "base_inertia": base}
+        deviations = {}
+        for key, default in factors.items():
+            share = 0.0
+            if drawn is not None:
+                share = drawn.get(key, signature(random_plants).parameters[key].default)
+            drawn_deviation = share / math.sqrt(3.0)  # of a uniform distribution between -share and share
+            bias = float(np.abs(np.asarray(errors.get(key, default)) - 1.0).max())
+            deviations[key.removesuffix("_mass")] = math.hypot(drawn_deviation, bias)
+        return cls(**{**deviations, **chosen})
 
     def robots(
         self, sms: SpaceManipulator, shown: tuple[FloatArray, FloatArray] | None = None

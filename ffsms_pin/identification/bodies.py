@@ -63,6 +63,10 @@ def known_bodies(sms: SpaceManipulator, known: Mapping[str, Any]) -> Known:
     inertias, masses, payload = list(sms.model.inertias)[1:], dict[str, float](), None
     for name, value in known.items():
         index = None if name == PAYLOAD else _index(sms, name, "known")
+        if isinstance(value, Mapping):
+            body = value["mass"], value["inertia"], value.get("com", (0.0, 0.0, 0.0))
+            mass, tensor, com = rigid_body(f"known.{name}", *body)
+            value = pin.Inertia(mass, com, tensor)
         if not isinstance(value, pin.Inertia):
             masses[name] = positive(f"known.{name}", value, "kg")
             continue

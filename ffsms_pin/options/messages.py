@@ -9,7 +9,7 @@ from pydantic import ValidationError
 
 from ffsms_pin import errors
 from ffsms_pin.errors import meant, short
-from ffsms_pin.options.tables import DEGREES, Keys, about, models_in
+from ffsms_pin.options.tables import DEGREES, Keys, about, models_in, table_at
 
 LOADING = errors.ModelNotFound, errors.FrameNotFound, errors.InvalidUrdf, errors.AmbiguousEndEffector
 """The errors of `ffsms_pin.load` that name no argument."""
@@ -125,21 +125,6 @@ def is_table(model: type[Keys], path: str) -> bool:
             return False
         model = tables[0]
     return True
-
-
-def table_at(tables: Mapping[str, Any], path: str) -> tuple[str, Mapping[str, Any]]:
-    """Return the title of a table in messages, and the values of the table.
-
-    `path` is the table's name in dots, such as "client.sensor"; "via.2" is the second of the tables [[via]].
-    """
-    values: Any = tables
-    title, row = path, ""
-    for step in path.split("."):
-        if step.isdecimal():
-            values, title, row = values[int(step) - 1], path.rpartition(".")[0], f" {step}"
-        else:
-            values = values.get(step) or {}
-    return (f"[[{title}]]{row}" if row else f"[{title}]"), values
 
 
 def message_of_value(

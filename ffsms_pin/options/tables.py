@@ -16,7 +16,7 @@ import math
 import re
 import sys
 import textwrap
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from functools import cache
 from itertools import pairwise
 from types import SimpleNamespace
@@ -253,6 +253,11 @@ def union_of(tables: Mapping[str, type[Keys]]) -> Any:
     return Annotated[Union[tagged], Discriminator(chosen)]  # noqa: UP007
 
 
+def by_name(classes: Iterable[Any]) -> dict[str, Any]:
+    """Return classes by the attribute `name`, with hyphens for spaces."""
+    return {kind.name.replace(" ", "-"): kind for kind in classes}
+
+
 def file_of(tables: Mapping[str, Any], name: str, what: str, required: Collection[str]) -> type[Keys]:
     """Return the model of a file with these tables; `what` is its docstring.
 
@@ -344,6 +349,21 @@ def in_words(default: Any) -> str:
     if isinstance(default, tuple):
         return f"[{', '.join(map(in_words, default))}]"
     return "" if default is None else f'"{default}"'
+
+
+def table_at(tables: Mapping[str, Any], path: str) -> tuple[str, Mapping[str, Any]]:
+    """Return the title of a table in messages, and the values of the table.
+
+    `path` is the table's name in dots, such as "client.sensor"; "via.2" is the second of the tables [[via]].
+    """
+    values: Any = tables
+    title, row = path, ""
+    for step in path.split("."):
+        if step.isdecimal():
+            values, title, row = values[int(step) - 1], path.rpartition(".")[0], f" {step}"
+        else:
+            values = values.get(step) or {}
+    return (f"[[{title}]]{row}" if row else f"[{title}]"), values
 
 
 def in_line(value: Any) -> str:

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import math
 import os
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields, replace
 from functools import partial
-from inspect import signature
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -29,8 +27,7 @@ from ffsms_pin.references import Rest
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.scenarios.definition import Scenario
 from ffsms_pin.scenarios.fits import COORDINATED_WITH
-from ffsms_pin.scenarios.problems import rendezvous
-from ffsms_pin.scenarios.replanning import replan_options, replanning
+from ffsms_pin.scenarios.problems import rendezvous, replan_options, replanning
 from ffsms_pin.scenarios.tables import BASE_LAWS, NONE_IF_ABSENT
 from ffsms_pin.simulation import (
     Actuator,
@@ -170,11 +167,6 @@ def controller(scenario: Scenario, sms: SpaceManipulator) -> JointLaw:
         return LAWS[law](sms, torque_limit=torque_limit, **gains)
 
 
-def control_steps(scenario: Scenario) -> int:
-    """Return the number of control steps of a run."""
-    return max(1, round(scenario.duration / float(scenario.control.get("dt", _CONTROL_STEP))))
-
-
 def base_law(attitude: Mapping[str, Any] | None, sms: SpaceManipulator) -> BaseLaw | None:
     """Return the base law of [attitude]; None without that table."""
     if attitude is None:
@@ -234,12 +226,12 @@ class ClosedLoop:
     def plan_once(self, plan: opt.Trajectory) -> Reference:
         """Return the plan followed by rest for the time that the scenario holds the target."""
         scenario = self.scenario
-        hold, target = scenario.duration - scenario.arrival, None
+        if scenario.meet is not None:
+            return rendezvous(scenario, self.sms).reference(plan, None)
         if scenario.path is not None and "sensor" in (scenario.client or {}) and plan.problem is not None:
             plan = replace(plan, problem=with_client(plan.problem, scenario.made_client(self.sms)))
-        if scenario.meet is not None and "sensor" in scenario.client:  # the plan was made for an estimate
-            target = rendezvous(scenario, self.sms).target
-        return plan if target is None and hold <= 0.0 else Held(plan, hold, target)
+        hold = scenario.duration - scenario.arrival
+        return Held(plan, hold) if hold > 0.0 else plan
 
     def run(
         self, reference: Reference, law: Controller, progress: Callable[[float], None] | None = None
@@ -440,6 +432,7 @@ def _fly(
     scenario, sms = loop.scenario, loop.sms
     meeting, attitude = rendezvous(scenario, sms), scenario.attitude
     base = None if attitude is None else partial(base_law, attitude)
+    plant, masses = scenario.plant, scenario.contact.get("masses", {})
     return capture.fly(
         **{field.name: getattr(meeting, field.name) for field in fields(meeting)},
         envelope=scenario.made(capture.Envelope, "contact.envelope"),
@@ -452,29 +445,11 @@ def _fly(
             capture.Procedure,
             "contact",
             go=scenario.made(capture.GoLimits, "contact.go"),
-            masses=capture.MassUncertainty(**_mass_deviations(scenario)),
+            masses=capture.MassUncertainty.of_plant(plant, plant.get("random"), **masses),
         ),
         plan=plan,
         progress=progress,
     )
-
-
-def _mass_deviations(scenario: Scenario) -> dict[str, float]:
-    """Return the deviations of the servicer's masses in [contact.masses]; default: those of [plant]."""
-    plant, drawn, defaults = scenario.plant, scenario.plant.get("random"), signature(random_plants).parameters
-    base = plant.get("base_mass", 1.0)
-    factors = {
-        "arm_mass": plant.get("arm_mass", 1.0),
-        "base_mass": base,
-        "base_inertia": plant.get("base_inertia", base),
-    }
-    deviations = {}
-    for key, factor in factors.items():
-        share = 0.0 if drawn is None else drawn.get(key, defaults[key].default)
-        drawn_deviation = share / math.sqrt(3.0)  # of a uniform distribution between -share and share
-        bias = float(np.abs(np.asarray(factor) - 1.0).max())
-        deviations[key.removesuffix("_mass")] = math.hypot(drawn_deviation, bias)
-    return deviations | dict(scenario.contact.get("masses", {}))
 
 
 def check_call(scenario: Scenario, progress: StageProgress | None) -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import tomllib
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, fields, replace
@@ -19,15 +18,14 @@ from ffsms_pin import opt
 from ffsms_pin.actuation import ReactionWheels, Thrusters
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import InvalidScenario, InvalidValue, ResultError, meant
-from ffsms_pin.files import read_content, read_json, write_content
+from ffsms_pin.files import read_json, read_toml, write_content
 from ffsms_pin.options.messages import (
     LOADING,
     message_of_check,
     message_of_loading,
     message_of_value,
-    table_at,
 )
-from ffsms_pin.options.tables import DEGREES, radians
+from ffsms_pin.options.tables import DEGREES, radians, table_at
 from ffsms_pin.robot import SatelliteBase, SpaceManipulator, load, mount, satellite_names
 from ffsms_pin.robot.mounting import face_placement
 from ffsms_pin.scenarios.fits import check_fits
@@ -124,10 +122,8 @@ class Scenario:
             sms = self._robot()
             _ = sms.end_effector  # raises here, with the key, if none is chosen
         with self.named("limits"):
-            limits = {
-                name: self.per_joint(sms, "limits", name)
-                for name in (field.name for field in fields(RobotLimits))
-            }
+            names = [field.name for field in fields(RobotLimits)]
+            limits = {name: self.per_joint(sms, "limits", name) for name in names}
             chosen = {name: value for name, value in limits.items() if value is not None}
             if chosen:
                 sms = sms.with_limits(replace(sms.limits, **chosen))
@@ -328,20 +324,13 @@ def packaged_path(name: str) -> Path:
 def read(source: Path) -> dict[str, Any]:
     """Read a TOML file; `InvalidScenario` if it is missing, cannot be read, or is not TOML."""
     try:
-        return tomllib.loads(read_content(source).decode("utf-8-sig"))
-    except (FileNotFoundError, NotADirectoryError):
-        packaged = scenario_names()
-        raise InvalidScenario(
-            source,
-            f"there is no such file, nor a packaged scenario of that name ({', '.join(packaged)})"
-            + meant(source, packaged, "; "),
-        ) from None
-    except OSError as error:
-        raise InvalidScenario(source, f"cannot be read ({error.strerror})") from None
-    except UnicodeDecodeError:
-        raise InvalidScenario(source, "is not a TOML file (not UTF-8 text)") from None
-    except (ValueError, RecursionError) as error:  # also a path with a null character
-        raise InvalidScenario(source, f"is not a TOML file ({error})") from None
+        return read_toml(source)
+    except ResultError as error:
+        problem, names = error.problem, scenario_names()
+        if isinstance(error.__context__, FileNotFoundError | NotADirectoryError):
+            problem = f"there is no such file, nor a packaged scenario of that name ({', '.join(names)})"
+            problem += meant(source, names, "; ")
+        raise InvalidScenario(source, problem) from None
 
 
 def schema() -> dict[str, Any]:

@@ -1,32 +1,49 @@
-"""The planning problem of a scenario: goals, waypoints, client, obstacles, terms and limits."""
+"""The planning problem of a scenario and its re-planning: goals, client, obstacles, terms and limits."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import coal
 import numpy as np
 import pinocchio as pin
 
 from ffsms_pin import opt
-from ffsms_pin.capture import Belief, Camera, ClientEstimate, Grip, Nozzle, Planning, Ring
+from ffsms_pin.capture import (
+    Belief,
+    Camera,
+    ClientEstimate,
+    Grip,
+    Nozzle,
+    Planning,
+    Replan,
+    Ring,
+    VisualReplanning,
+)
 from ffsms_pin.capture.rendezvous import Rendezvous, first_estimate
-from ffsms_pin.checks import FloatArray
+from ffsms_pin.checks import FloatArray, direction
 from ffsms_pin.client import Client
-from ffsms_pin.errors import InvalidScenario
+from ffsms_pin.errors import InvalidScenario, ResultError
+from ffsms_pin.identification import Identifier
+from ffsms_pin.opt.goals.named_curves import CurvePlacement
+from ffsms_pin.opt.goals.path_files import PathSamples, path_samples
+from ffsms_pin.opt.plans import replannable
 from ffsms_pin.opt.problem import default_limits, default_terms
 from ffsms_pin.options.tables import options_of, radians
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.robot.base_motion import straight_end
 from ffsms_pin.scenarios.own_parts import made_part
-from ffsms_pin.scenarios.paths import path_goal
-from ffsms_pin.scenarios.tables import SHAPES
+from ffsms_pin.scenarios.tables import CURVES, SHAPES
+from ffsms_pin.simulation import Sensors
 from ffsms_pin.system.dynamics import frame_pose
 from ffsms_pin.system.mechanism import frame_index
 
 if TYPE_CHECKING:
     from ffsms_pin.scenarios.definition import Scenario
+
+Options = TypeVar("Options", bound=opt.ReplanOptions)
 
 
 def planning_problem(
@@ -65,7 +82,7 @@ def planning_problem(
         if scenario.path is None:
             goal = _target({**scenario.target, **_only(plan, "reach")}, sms, q0)
         else:
-            goal = path_goal(scenario, sms, q0, client)
+            goal = _path_goal(scenario, sms, q0, client)
         options = scenario.options(opt.Problem, "plan") | parts(scenario, sms, q0, goal, client)
         return opt.Problem(sms, q0, goal, **(options if dt is None else {**options, "dt": dt}))
 
@@ -133,6 +150,57 @@ def _target(target: Mapping[str, Any], sms: SpaceManipulator, q0: FloatArray) ->
         twist = np.concatenate([vector("arrival_velocity"), vector("arrival_spin")]) if arrives else None
         return opt.Pose(place, twist, **reaches)
     return opt.Position(place, vector("arrival_velocity") if arrives else None, **reaches)
+
+
+def _path_goal(scenario: Scenario, sms: SpaceManipulator, q0: FloatArray, client: Any) -> opt.Path:
+    """Return the goal of the table [path] for a motion from q0 (nq,), with the scenario's `client`."""
+    values = radians(scenario.path)
+    frame = values.get("frame", "inertial")
+    options: dict[str, Any] = {"frame": client if frame == "client" else frame}
+    if "faces" in values:
+        options["free_axis"] = values.get("free_axis", CurvePlacement.tool_axis)
+    with scenario.named("path"):
+        place = {
+            "axes": _placement(values, sms, q0, client),
+            "attitude": pin.rpy.rpyToMatrix(np.array(values["attitude"])) if "attitude" in values else None,
+            "tool_axis": direction("free_axis", values.get("free_axis", CurvePlacement.tool_axis)),
+        }
+        if values["curve"] == "points":
+            points, attitudes, options["times"] = _samples(scenario, values)
+            placed = scenario.made(CurvePlacement, "path", **place)
+            turns = [None] * len(points) if attitudes is None else attitudes
+            options["curve"] = list(map(placed.place, points, turns))
+        else:
+            options["curve"] = scenario.made(CURVES[values["curve"]], "path", **place)
+        return scenario.made(opt.Path, "path", **options)
+
+
+def _placement(values: Mapping[str, Any], sms: SpaceManipulator, q0: FloatArray, client: Any) -> Any:
+    """Return the pose (pinocchio.SE3) of the curve's axes in the axes of the path's frame."""
+    pose = _pose(values)
+    if values.get("relative_to", "frame") == "frame":
+        return pose
+    tool, frame = sms.at(q0).end_effector_pose, values.get("frame", "inertial")
+    if frame == "base":
+        tool = pin.XYZQUATToSE3(q0[:7]).actInv(tool)
+    elif frame == "client":
+        tool = client.pose(0.0).actInv(tool)
+    return tool * pose
+
+
+def _samples(scenario: Scenario, values: Mapping[str, Any]) -> PathSamples:
+    """Return the samples of the table, or of its file."""
+    if "file" not in values:
+        return PathSamples(np.array(values["points"]), None, values.get("times"))
+    file = f"[path] file = '{values['file']}'"
+    try:
+        samples = path_samples(scenario.source.parent / values["file"])
+    except ResultError as error:
+        raise InvalidScenario(scenario.source, f"{file} {error.problem}") from None
+    for name in ("attitude", "faces"):
+        if samples.attitudes is not None and name in values:
+            raise InvalidScenario(scenario.source, f"{file} has attitudes, and {name} too; keep one")
+    return samples
 
 
 def _other_goals(scenario: Scenario, sms: SpaceManipulator, q0: FloatArray) -> list[opt.FrameGoal]:
@@ -281,3 +349,45 @@ def _axes(values: Mapping[str, Any], sms: SpaceManipulator, q0: FloatArray, fram
     if which == "base":
         return pin.XYZQUATToSE3(np.asarray(q0[:7]))
     return frame_pose(sms, q0, frame_index(sms.model, frame))
+
+
+def replanning(
+    scenario: Scenario, sms: SpaceManipulator, plan: opt.Trajectory | None = None
+) -> opt.Replanning:
+    """Return a reference that re-plans from the measured state, for one run.
+
+    A client with a sensor is measured in the loop. Waypoints without a time get the time at which `plan`
+    passes them, because the loop cannot detect passed waypoints.
+    """
+    if scenario.meet is not None:
+        return rendezvous(scenario, sms).replanning(plan, replan_options(scenario, sms, Replan))
+    reference, options = scenario.reference, replan_options(scenario, sms, opt.ReplanOptions)
+    client = None if scenario.client is None else seen_client(scenario, sms)
+    problem = replannable(scenario.problem(sms, dt=reference.get("dt"), client=client), plan)
+    if isinstance(problem.goal, opt.Path) and problem.goal.timing == "fastest":  # the plan fixes the times
+        if plan is None or plan.problem is None:
+            problem = replace(problem, goal=replace(problem.goal, timing="given"))
+        else:
+            problem = replace(problem, goal=plan.problem.goal, duration=plan.duration)
+    loop: dict[str, Any] = {"hold": reference.get("hold", 0.0), "plan": plan, "options": options}
+    loop["learn"] = learner(scenario, sms)
+    with scenario.named("reference"):
+        if isinstance(client, ClientEstimate):
+            return VisualReplanning(problem, bare_client(scenario, sms), client.sensor, client, **loop)
+        return opt.Replanning(problem, **loop)
+
+
+def replan_options(scenario: Scenario, sms: SpaceManipulator, kind: type[Options]) -> Options:
+    """Return the options of re-planning in the table [reference]."""
+    return scenario.made(kind, "reference", jerk=scenario.per_joint(sms, "reference", "jerk"))
+
+
+def learner(scenario: Scenario, sms: SpaceManipulator) -> Identifier | None:
+    """Return the identifier of [learn], with the noise of [sensors]; None without that table."""
+    table = scenario.learn
+    if table is None:
+        return None
+    with scenario.named("learn"):
+        sensors = scenario.made(Sensors, "sensors") if scenario.sensors else None
+        options = _only(table, "known", "spread", "at_rest")
+        return Identifier(sms, list(table["unknown"]), sensors=sensors, **options)

@@ -19,7 +19,7 @@ from ffsms_pin.identification import Identifier
 from ffsms_pin.opt.goals.named_curves import CurvePlacement
 from ffsms_pin.opt.problem import default_terms
 from ffsms_pin.options import *
-from ffsms_pin.options.tables import FileKeys, Keys, file_of, table_of, tables_by, union_of
+from ffsms_pin.options.tables import FileKeys, Keys, by_name, file_of, table_of, tables_by, union_of
 from ffsms_pin.robot import SatelliteBase, load
 from ffsms_pin.system import RobotLimits
 
@@ -319,10 +319,7 @@ _LIMITS = (
     *(opt.AlphaBox, opt.TorqueLimits, opt.WheelLimits),
 )
 
-PACKAGED: Mapping[str, Mapping[str, Any]] = {
-    kind: {part.name.replace(" ", "-"): part for part in parts}
-    for kind, parts in (("term", _TERMS), ("limit", _LIMITS))
-}
+PACKAGED: Mapping[str, Mapping[str, Any]] = {"term": by_name(_TERMS), "limit": by_name(_LIMITS)}
 """The packaged terms and limits by their names in a scenario file."""
 
 

@@ -35,9 +35,10 @@ def path_samples(path: str | os.PathLike[str]) -> PathSamples:
         table = np.atleast_1d(np.genfromtxt(io.StringIO(text), delimiter=",", names=True))
     except FileNotFoundError:
         raise ResultError(path, "does not exist") from None
-    except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or " ".join(str(error).split())
-        raise ResultError(path, f"cannot be read ({reason})") from None
+    except OSError as error:
+        raise ResultError(path, f"cannot be read ({error.strerror})") from None
+    except ValueError as error:
+        raise ResultError(path, f"cannot be read ({' '.join(str(error).split())})") from None
     names = set(table.dtype.names or ())
     turned = len(names.intersection(_ATTITUDE))
     if names - {"t", *_POSITION, *_ATTITUDE} or set(_POSITION) - names or turned in (1, 2, 3):

@@ -18,7 +18,7 @@ from ffsms_pin.cli.run import summary_table
 from ffsms_pin.errors import InvalidScenario
 from ffsms_pin.identification import Identifier
 from ffsms_pin.scenarios import scenario, summary
-from ffsms_pin.scenarios.replanning import learner
+from ffsms_pin.scenarios.problems import learner
 
 LEARN = '[reference]\nkind = "re-planning"\ndt = 0.02\n[learn]\nunknown = ["base"]\n'
 LONGER = QUICK.replace("duration = 2.0", "duration = 4.0")

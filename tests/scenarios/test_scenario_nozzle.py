@@ -13,7 +13,7 @@ from ffsms_pin import scenarios
 from ffsms_pin.capture.visual_replanning import VisualReplanning
 from ffsms_pin.client.client import other_motion
 from ffsms_pin.scenarios.definition import packaged_path
-from ffsms_pin.scenarios.replanning import replanning
+from ffsms_pin.scenarios.problems import replanning
 
 TEXT = packaged_path("nozzle").read_text("utf-8")
 

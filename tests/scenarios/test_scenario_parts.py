@@ -18,7 +18,7 @@ from ffsms_pin.options.tables import OWN, models_in
 from ffsms_pin.scenarios import run, scenario, summary
 from ffsms_pin.scenarios.closed_loop import planned
 from ffsms_pin.scenarios.comparisons import compare
-from ffsms_pin.scenarios.replanning import replanning
+from ffsms_pin.scenarios.problems import replanning
 from ffsms_pin.scenarios.tables import PACKAGED, ScenarioFile
 
 MODULE = """

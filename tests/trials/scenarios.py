@@ -7,7 +7,7 @@ import re
 from pathlib import Path
 
 from ffsms_pin.scenarios import run, scenario
-from ffsms_pin.scenarios.closed_loop import control_steps, prepared
+from ffsms_pin.scenarios.closed_loop import prepared
 from trials.judge import Trial
 
 __all__ = ["trial"]
@@ -133,7 +133,7 @@ def _use(text: str) -> None:
     with found.named():
         prepared(found, sms, found.start_configuration(sms))
     planned = found.arrival / float(found.plan.get("dt", 0.01))
-    if control_steps(found) <= 2_000 and planned <= 100:
+    if found.duration / found.control.get("dt", 1e-3) <= 2_000 and planned <= 100:
         run(found)
 
 
