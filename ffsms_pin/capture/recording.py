@@ -24,6 +24,7 @@ from ffsms_pin.client import AfterCapture, Client
 from ffsms_pin.client.client import other_motion
 from ffsms_pin.opt import Clearance, Obstacle
 from ffsms_pin.opt.flown import LeastClearance, least_clearance, limit_misses, recorded
+from ffsms_pin.opt.limits.limit import RATE_MARGIN
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.simulation import Phase, Sensors, Tracking, simulate
 
@@ -267,8 +268,23 @@ def _judged(record: Captured, mission: StateMachine, plant: SpaceManipulator) ->
         misses.append(f"bodies overlap: {least}")
     breach = "" if least is None or least.kept or least.distance < -1e-4 else str(least)
     missed = f"not arrived: {'; '.join(misses)}" if misses else ""
-    note = "; ".join(filter(None, [missed, breach, whole.note]))
+    note = "; ".join(filter(None, [missed, breach, _knock(record, plant), whole.note]))
     return replace(whole, arrived=not misses, misses=tuple(misses), note=note, least_clearance=least)
+
+
+def _knock(record: Captured, plant: SpaceManipulator) -> str:
+    """Return a text of the joint that the contact accelerated most beyond its rate limit; empty if none."""
+    whole, limit = record.whole, plant.limits.velocity
+    touched = whole.contact_wrench.any(axis=1)
+    if record.caught:
+        touched |= whole.t >= record.contact_at - 1e-9
+    rates = np.abs(whole.v[np.logical_or.accumulate(touched), 6:])
+    if not (rates > (1.0 + RATE_MARGIN) * limit).any():
+        return ""
+    i = int((rates / limit).max(axis=0).argmax())
+    unit = "rad/s" if plant.layout.turns[i] else "m/s"
+    fastest = f"{rates[:, i].max():.3g} {unit}, its limit is {limit[i]:.3g} {unit}"
+    return f"the contact accelerated joint '{plant.joint_names[i]}' to {fastest}"
 
 
 def _limit_misses(record: Captured, mission: StateMachine, plant: SpaceManipulator) -> list[str]:

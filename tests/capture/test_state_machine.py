@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import ffsms_pin as ffsms
+from ffsms_pin.capture.recording import _knock
 from ffsms_pin.capture.state_machine import StateMachine
 from ffsms_pin.control import ComputedTorque
 
@@ -24,6 +25,19 @@ def test_a_knock_is_left_to_the_law_for_a_second_and_up_to_three_times_the_limit
     v = np.zeros(planar.nv)
     v[7] = -share * planar.limits.velocity[1]
     assert StateMachine._knocked(mission, SimpleNamespace(t=10.0 + since, v=v)) is left  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(("share", "told"), [(1.03, False), (2.0, True)])
+def test_a_knock_is_in_the_note(planar: ffsms.SpaceManipulator, share: float, told: bool) -> None:
+    """Joint 2 is fast from the contact on; joint 1 was faster before it."""
+    v, wrench = np.zeros((4, planar.nv)), np.zeros((4, 6))
+    v[0, 6], wrench[2, 0] = 5.0 * planar.limits.velocity[0], 1.0
+    v[3, 7] = -share * planar.limits.velocity[1]
+    whole = SimpleNamespace(t=np.arange(4.0), v=v, contact_wrench=wrench)
+    record: Any = SimpleNamespace(whole=whole, caught=False)
+    note = _knock(record, planar)
+    assert note.startswith(f"the contact accelerated joint '{planar.joint_names[1]}' to") is told
+    assert bool(note) is told
 
 
 def test_a_law_is_told_of_failed_joints_also_when_it_is_made_again(planar: ffsms.SpaceManipulator) -> None:
