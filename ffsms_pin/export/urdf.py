@@ -28,9 +28,9 @@ def to_urdf(sms: SpaceManipulator, path: str | os.PathLike[str]) -> None:
     is written as 1e13. Meshes are copied into a folder NAME_meshes beside the file, but their textures are
     not. An SRDF is copied, too.
 
-    A URDF cannot have acceleration limits, wheels, thrusters, or a base box other than the first box of the
-    base link: pass them to `load` when you load the file. Other programs may order the joints of a branching
-    arm by name.
+    A URDF cannot have acceleration limits, a base box other than the first box of the base link, wheels or
+    thrusters. Set the first two by arguments of `load`, wheels and thrusters by `with_actuators`. Other
+    programs may order the joints of a branching arm by name.
 
     Parameters
     ----------
