@@ -1,7 +1,7 @@
 """Count the targets that are reached with a limited base, and measure their cost: `python base_limits.py`.
 
-The targets are reachable by construction (see `targets`) if the base may turn freely. A limit is checked
-without the planner, on the momentum equation integrated in twenty substeps per step.
+The targets are reachable by construction (see `targets`) if the base may turn freely. Base limits are checked
+independently of the planner: the momentum equation is integrated in twenty substeps per step.
 """
 
 from __future__ import annotations

@@ -1,9 +1,12 @@
-"""Five strategies for one task of a robot with reaction wheels, and the use of the wheels by each.
+"""Five strategies for one task of a robot with reaction wheels, and their use of the wheels.
 
-held: the wheels hold the attitude during the motion. held-longer: the same, over the total time of "used".
-used: a coupling-informed floating motion, after which the wheels turn the base back. restored: a floating
-motion that ends with the attitude it began with. straight: a floating motion by resolved rates, turned back
-like "used". Friction of the wheels is left out.
+- held: the wheels hold the attitude during the motion.
+- held-longer: as "held", but in the total time of "used".
+- used: a floating motion planned by `opt.plan`, after which the wheels turn the base back.
+- restored: a floating motion at whose end the base has its initial attitude.
+- straight: a floating motion by resolved rates, after which the wheels turn the base back.
+
+Friction of the wheels is left out.
 """
 
 from __future__ import annotations
@@ -22,7 +25,7 @@ FloatArray = NDArray[np.float64]
 
 STRATEGIES = ("held", "held-longer", "used", "restored", "straight")
 RESTORED_WITHIN = np.radians(0.1)  # [rad] the final base rotation of "restored"
-MARGIN = 0.08  # share of the wheels' limits that turning back leaves to feedback
+MARGIN = 0.08  # share of the wheels' limits that the motion back leaves to feedback control
 SAMPLES = 401  # number of instants while the base is turned back
 
 
@@ -36,15 +39,16 @@ class WheelUse(NamedTuple):
 
     @property
     def energy(self) -> float:
-        """The integral of the sum of |motor torque x wheel speed| [J]: braking returns no energy."""
+        """The integral of the sum of |motor torque x wheel speed| [J]; braking recovers no energy."""
         power = np.abs(self.torque * self.momentum / self.wheels.inertia).sum(axis=1)
         return float(np.trapezoid(power, self.t))
 
 
 class Strategy(NamedTuple):
-    """A plan, the use of the wheels during it, and while they turn the base back (None: they do not).
+    """A plan, the use of the wheels during the plan, and their use while they turn the base back.
 
-    `carried` is the distance by which turning back moves the end effector [m].
+    The latter is None if the base is not turned back. `carried` is the displacement of the end effector by
+    the motion back [m].
     """
 
     plan: opt.Trajectory
@@ -83,13 +87,13 @@ def turn_back(
 ) -> tuple[WheelUse, float]:
     """Turn the base back to an attitude (quaternion) about one axis, from rest to rest, with the arm locked.
 
-    The angle follows the cubic of least squared torque. The motion takes longer than `duration` when the
-    wheels require it. Return the use of the wheels and the displacement of the end effector [m].
+    The angle follows the cubic that minimises the squared torque. The motion takes longer than `duration` if
+    the wheels' limits require it. Return the use of the wheels and the displacement of the end effector [m].
     """
     wheels, data = sms.wheels, sms.model.createData()
     pin.ccrba(sms.model, data, q, np.zeros(sms.nv))  # data.Ig: the locked robot about its centre of mass
     now, goal = (pin.Quaternion(one).toRotationMatrix() for one in (q[3:7], attitude))
-    # Angular momentum of the robot per unit of the normalized rate, root axes, and its share of each wheel.
+    # Angular momentum of the robot per unit of the normalized rate, root axes, and the share of each wheel.
     momentum = now.T @ data.Ig.inertia @ now @ pin.log3(now.T @ goal)
     shares = np.linalg.pinv(wheels.axes.T) @ momentum
     # The cubic 3 s^2 - 2 s^3 has a peak rate of 1.5 / T and a peak acceleration of 6 / T^2.
@@ -131,7 +135,7 @@ def strategies(problem: opt.Problem, options: opt.SearchOptions | None = None) -
 
 
 def mode_numbers(found: dict[str, Strategy]) -> dict[str, dict[str, Any]]:
-    """Tabulate the strategies: one row each, every key of a quantity ends in its unit."""
+    """Return one row for each strategy; the key of a quantity ends in its unit."""
     numbers = {}
     for name, strategy in found.items():
         uses = [use for use in (strategy.during, strategy.after) if use is not None]

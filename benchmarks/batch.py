@@ -1,9 +1,9 @@
-"""Couplings a second: `sms.batch(joints)` beside `sms.at(q).coupling`, on one core.
+"""Measure couplings per second of `sms.batch(joints)` and of `sms.at(q).coupling`, on one core.
 
     OMP_NUM_THREADS=1 python benchmarks/batch.py
 
-A coupling is C_bm, its singular values and its entropy. Time is the processor's, the least of several turns;
-they are timed in turns, so that what else the machine does falls on all.
+A coupling is C_bm, its singular values and its entropy. Each time is the least CPU time of several turns. The
+calls are timed in turns, so that other load on the machine affects all of them.
 """
 
 from __future__ import annotations
@@ -17,18 +17,18 @@ import numpy as np
 import ffsms_pin as ffsms
 
 ROBOTS = ("planar_3r", "space_arm_7", "satellite_panda", "satellite_ur5")
-STATES = 1000  # single states a turn
+STATES = 1000  # number of single states per turn
 
 
 def seconds(call: Callable[[], object]) -> float:
-    """Processor time of one call [s]."""
+    """Return the CPU time of one call [s]."""
     begin = time.process_time()
     call()
     return time.process_time() - begin
 
 
 def rates(name: str, rows: int, turns: int) -> tuple[float, float, float]:
-    """Couplings a second of single states and of a batch, and all quantities of a batch."""
+    """Return couplings per second of single states and of a batch, and batch rows with all quantities."""
     sms = ffsms.load(name)
     joints = np.random.default_rng(0).uniform(-2.0, 2.0, (rows, sms.n))
     configurations = [sms.configuration(row) for row in joints[:STATES]]
@@ -56,7 +56,7 @@ def rates(name: str, rows: int, turns: int) -> tuple[float, float, float]:
 
 
 def main() -> None:
-    """Print one line a robot, as Markdown."""
+    """Print a Markdown table with a row for each robot."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--rows", type=int, default=65536)
     parser.add_argument("--turns", type=int, default=8)

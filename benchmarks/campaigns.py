@@ -1,4 +1,7 @@
-"""What campaigns cost: whole commands and a large table. `python benchmarks/campaigns.py [RUNS ...]`."""
+"""Measure the cost of campaigns: whole commands, and a large table.
+
+Run from the repository's root: python benchmarks/campaigns.py [RUNS ...]
+"""
 
 from __future__ import annotations
 
@@ -16,11 +19,11 @@ from timing import command
 from ffsms_pin.campaigns import Campaign, campaign, read_table, runs
 
 SCENARIO = Path(__file__).with_name("ten_thousand.toml")
-MANY = 100_000  # runs of the large table
+MANY = 100_000  # number of runs in the large table
 
 
 def whole(count: int, jobs: int, folder: Path) -> tuple[str, ...]:
-    """Return the row of a whole command."""
+    """Run the command `ffsms-pin campaign`, and return its row of the table."""
     out = folder / f"{count}-{jobs}"
     words = ["campaign", str(SCENARIO), "--runs", str(count), "--jobs", str(jobs), "--out", str(out)]
     cost = command(words)
@@ -36,7 +39,10 @@ def whole(count: int, jobs: int, folder: Path) -> tuple[str, ...]:
 
 
 def large(folder: Path) -> tuple[float, float, float]:
-    """Return times [s] to write a run that takes no time, and to make the table of many; its size [MB]."""
+    """Return the times [s] to write one run and to make the table of `MANY` runs, and its size [MB].
+
+    The simulation of a run is replaced by stored numbers, so that only the campaign is timed.
+    """
     chosen = Campaign.read(SCENARIO, 1)
     campaign(chosen, folder, jobs=1)
     row: Mapping[str, Any] = {name: column[0] for name, column in read_table(folder).items()}

@@ -1,24 +1,25 @@
-"""Fly captures under noise, dark cameras and wrong beliefs, and check that failures are safe.
+"""Fly captures with noise, interrupted cameras and wrong masses, and check that failures are safe.
 
 Run from the repository's root:
     python benchmarks/captures.py [KIND ...] [--seeds 20] [--first 0] [--resume FILE]
 The kinds are
     capture   the packaged scenario with other noise
-    dark      the packaged nozzle, its camera dark from 40 to 59.5 s; from the fourth seed on in a drawn span
-    axis      the packaged nozzle, its client turned and spun about a drawn axis
+    dark      the packaged nozzle, without measurements from 40 to 59.5 s; from the fourth seed on, without
+              measurements in a random time span
+    axis      the packaged nozzle, with a client that is turned and rotates about a random axis
     drawn     clients of 50 to 3,000 kg at 0.1 to 6 deg/s about any axis; wheels, thrusters or none
-    right     drawn clients, mass and inertia off by the assumed deviations: the base's rate after the catch
-    wrong     the same, with the servicer's masses off by up to 20 %
+    right     random clients with errors of mass and inertia as assumed: the base's rate after the catch
+    wrong     as `right`, with the servicer's masses off by up to 20 %
     estimate  the clients of `right`, measured until a second before the contact: the rate without a flight
-Without a kind nothing is flown. All kinds but `capture` use control steps of 10 ms, and re-plan for drawn
-clients only every 0.5 s, to save time. With `--resume` each run is a line of that file; runs in the file are
-not flown again, and the table is of all of them.
+Without a kind nothing is flown. To save time, all kinds but `capture` use control steps of 10 ms, and the
+kinds with random clients re-plan only every 0.5 s. With `--resume` each run is a line of that file. Runs in
+the file are not flown again, but are included in the table.
 
 Bodies overlap if a collision shape of the servicer is more than 1 mm inside a body of the client, or 5 mm
-inside a nozzle, by Coal every 20 ms, or less often if the bodies are further apart than 40 mm. The hand is
-checked before the catch only, and its rod may be deeper in a nozzle's wall by the deflection under the
-recorded contact force: the contact model lumps the rod's bending into the depth. Control is lost if a joint
-is more than twice as fast as its limit, 10 mrad beyond a stop, or not at rest at the end.
+inside a nozzle. Coal checks this every 20 ms, or less often if the bodies are further apart than 40 mm. The
+hand is checked before the catch only. Its rod may be deeper in a nozzle's wall by its deflection under the
+recorded contact force, because the contact model includes the rod's bending in the depth. Control is lost if
+a joint exceeds twice its rate limit, is 10 mrad beyond a stop, or is not at rest at the end.
 """
 
 from __future__ import annotations
@@ -48,12 +49,12 @@ from ffsms_pin.scenarios.definition import packaged_path
 from ffsms_pin.scenarios.problems import rendezvous
 
 KINDS = ("capture", "dark", "axis", "drawn", "right", "wrong", "estimate")
-OFF = 0.1  # relative deviation of a client's prior mass and inertia
+OFF = 0.1  # relative standard deviation of a client's assumed mass and inertia
 AFTER = 3.0  # [s] after the contact at which rates of `estimate` are compared, without a flight
 BENDING = 5e3  # [N/m] default stiffness of `capture.probe_in_nozzle`
 STEP, DEEP, IN_NOZZLE = 0.02, 1e-3, 5e-3  # [s] between checks; [m] allowed overlap, also in a nozzle
-APPROACH = 2.0  # [m/s] largest approach of bodies; distant bodies are checked less often
-FAST, BEYOND, RESTS = 2.0, 0.01, 0.02  # limits: share of rate limits, [rad] beyond stops, [rad/s] at the end
+APPROACH = 2.0  # [m/s] largest closing speed of bodies, for less frequent checks of distant bodies
+FAST, BEYOND, RESTS = 2.0, 0.01, 0.02  # multiple of rate limits, [rad] beyond stops, [rad/s] at the end
 SERVICERS = {
     "none": "",
     "wheels": "[attitude]\n[wheels]\naxes = [[1, 0, 0], [0, 1, 0], [0, 0, 1]]\n"
@@ -69,20 +70,20 @@ MODES = {"none": "floating", "wheels": "rotation-floating", "thrusters": "rotati
 
 
 def put(text: str, key: str, value: Any) -> str:
-    """Set a key that a scenario file has."""
+    """Set an existing key in the text of a scenario file."""
     found, count = re.subn(rf"(?m)^{key} = .*$", f"{key} = {value}", text, count=1)
     assert count, key
     return found
 
 
 def swap(text: str, old: str, new: str) -> str:
-    """Replace a text that a scenario file has."""
+    """Replace an existing text in a scenario file."""
     assert old in text, old
     return text.replace(old, new)
 
 
 def seeded(text: str, seed: int) -> str:
-    """Draw plant, sensors and camera anew."""
+    """Set the seeds of plant, sensors and camera."""
     text = re.sub(r"(\[plant\.random\]\n)seed = 1", rf"\g<1>seed = {200 + seed}", text)
     for table in ("[client.sensor]", "[sensors]"):
         text = text.replace(table, f"{table}\nseed = {100 + seed}")
@@ -95,7 +96,7 @@ def packaged(name: str, after: float) -> str:
 
 
 def coarse_nozzle(after: float, seed: int) -> str:
-    """Return the packaged nozzle, drawn anew, in control steps of twice its length."""
+    """Return the packaged nozzle with other seeds and twice the control step."""
     return swap(seeded(packaged("nozzle", after), seed), "dt = 0.005 ", "dt = 0.01 ")
 
 
@@ -148,7 +149,7 @@ def drawn(kind: str, seed: int, rng: np.random.Generator) -> str:
     text = put(put(text, "spin_deg", spin.tolist()), "velocity", rng.uniform(-0.002, 0.002, 3).tolist())
     text = re.sub(r"(?m)^size = .*$", f"size = {size.tolist()}", text)
     text = put(text, "grasp", [0.0, 0.0, float(-0.5 * size[2] - 0.05)])
-    if mass > 300.0:  # the servicer of the nozzle scenario, with a slower motion
+    if mass > 300.0:  # for heavy clients: the servicer of the nozzle scenario, with a slower motion
         heavy = packaged_path("nozzle").read_text("utf-8")
         start = re.findall(r"(?m)^joints_deg = (\[.*?\])", heavy)[0]
         client = np.array([14.0, 14.0, -30.0, 51.0, 34.0, -32.0, -78.0]) + rng.uniform(-15.0, 15.0, 7)
@@ -186,8 +187,8 @@ def drawn(kind: str, seed: int, rng: np.random.Generator) -> str:
 def depth(plant: Any, q: Any, pose: Any, bodies: Any, force: float = 0.0, without: int = -1) -> float:
     """Return the largest depth [m] of a servicer's shapes in bodies at a pose, less the allowed depth.
 
-    The depth is negative if all are apart, and at least -6 m. The hand's rod is bent by the contact force
-    [N]. Shapes of the joint `without` are left out.
+    The depth is negative if no bodies overlap, and at least -6 m. The contact `force` [N] bends the hand's
+    rod. Shapes of the joint `without` are left out.
     """
     hand = int(plant.model.frames[plant.frame_id].parentJoint)
     geometry, data = plant.geometry("collision"), plant.model.createData()
@@ -354,7 +355,7 @@ def main() -> None:
     arguments = parser.parse_args()
     if unknown := set(arguments.kinds) - set(KINDS):
         parser.error(f"KIND must be among {', '.join(KINDS)}, got {', '.join(sorted(unknown))}")
-    # Do not simulate the first plan without re-planning.
+    # Skip the simulation of the first plan without re-planning.
     import_module("ffsms_pin.scenarios.closed_loop").attempt = lambda _: None
     kept = arguments.resume
     lines = kept.read_text("utf-8").splitlines() if kept is not None and kept.exists() else []

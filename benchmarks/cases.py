@@ -1,11 +1,11 @@
-"""What Case 1 and Case 2 come to, as ranges: each planned again and again with a limit moved by 1e-12.
+"""Plan Case 1 and Case 2 repeatedly, with a limit changed by 1e-12, and print the ranges of the results.
 
 Run by hand, with one thread:
 
     OMP_NUM_THREADS=1 python benchmarks/cases.py [--runs 12] [--methods paper horizon] [--settings]
 
-The paper's plain method picks one of many minima in each step, so what it comes to can depend on the last
-digits of its numbers. Quote its ranges, never one run. `--settings` also plans by it with other durations,
+The paper's method (`paper`) finds one of many minima in each step, so its results can depend on rounding.
+Quote ranges instead of single runs. `--settings` also plans by the paper's method with other durations,
 steps and kappa.
 """
 
@@ -22,12 +22,12 @@ from ffsms_pin.scenarios import scenario
 from ffsms_pin.scenarios.closed_loop import planned
 
 CASES = ("case-1", "case-2")
-NUDGE = 1e-12  # relative, of one joint's acceleration limit; the i-th run takes i of them
+NUDGE = 1e-12  # relative change of one joint's acceleration limit; run i has i times this change
 DURATIONS, STEPS, KAPPAS = (10.0, 12.0, 20.0), (0.01, 0.02, 0.05), (5.0, 10.0, 20.0)
 
 
 def plans(name: str, method: str, runs: int) -> list[opt.Trajectory]:
-    """The case's plans, one a nudge."""
+    """Plan a case once for each changed limit."""
     case = scenario(name)
     sms, made = case.load(), []
     for i in range(runs):
@@ -39,7 +39,7 @@ def plans(name: str, method: str, runs: int) -> list[opt.Trajectory]:
 
 
 def numbers(plan: opt.Trajectory) -> dict[str, float]:
-    """What the paper says of a case, in numbers; the signs of cos(theta_a) before const8 begins to count."""
+    """Return the quantities that the paper discusses; cos(theta_a) only before the final 10 % (const8)."""
     before = plan.cos_theta[plan.t[:-1] < ARRIVAL_SHARE * plan.duration]
     base = np.linalg.norm(plan.q[:, :3] - plan.q[0, :3], axis=1)
     return {
@@ -54,7 +54,7 @@ def numbers(plan: opt.Trajectory) -> dict[str, float]:
 
 
 def print_ranges(methods: list[str], runs: int) -> None:
-    """One table a case: smallest to largest of the runs."""
+    """Print a table for each case, with the smallest and the largest values of the runs."""
     for name in CASES:
         found = {method: plans(name, method, runs) for method in methods}
         print(f"\n{name}, {runs} runs a method\n\n| | {' | '.join(methods)} |\n|---{'|---' * len(methods)}|")
@@ -67,7 +67,7 @@ def print_ranges(methods: list[str], runs: int) -> None:
 
 
 def print_settings() -> None:
-    """The paper's method with other durations, steps and kappa: what is reached, and how near it ends."""
+    """Plan by the paper's method with other durations, steps and kappa; print reach and final error."""
     for name in CASES:
         case = scenario(name)
         sms, errors, count = case.load(), [], 0

@@ -1,10 +1,11 @@
 """Check with Pinocchio and Coal alone that plans reported as clear keep the exact meshes apart.
 
 From the repository's root: python benchmarks/clearances.py [ROBOT ...] [--targets N] [--modes points auto]
-Each plan goes with the library's defaults from a random posture to the end effector's position in another
-one, both of them clear. Then all pairs of meshes except neighbours are tested, at the nodes and at instants
-that divide each step into `PARTS`; the planner itself checks convex parts of the meshes at nodes and middles
-of steps. `--modes` also plans with the paper's points, or with the shapes themselves.
+Each plan has the library's defaults. It goes from a random posture to the end effector's position in another
+posture; both postures keep the clearance. Then all pairs of meshes except neighbours are tested, at the nodes
+and at instants that divide each step into `PARTS` parts. The planner itself checks convex parts of the
+meshes, at nodes and middles of steps. `--modes` also plans with the paper's points, or with the shapes
+themselves.
 """
 
 from __future__ import annotations
@@ -26,14 +27,17 @@ from ffsms_pin.robot.mounting import ARMS
 ROBOTS = (*(f"satellite_{arm}" for arm in ARMS), "space_arm_7")
 DT, CLEARANCE = 0.01, 0.01  # [s], [m]
 SPARE = 0.012  # [m] clearance of starts and goals; two links of the UR5's wrist are never 0.015 m apart
-SLACK = 1.5  # durations as multiples of the joints' least time
-PARTS = 3  # number of parts of a step, between which the meshes are tested
+SLACK = 1.5  # durations as multiples of the joints' minimum time
+PARTS = 3  # number of parts of a step; the meshes are tested at their ends
 TOLERANCE = 2e-5  # [m] tolerated violation of the clearance
 TARGETS = 40
 
 
 class Judged(NamedTuple):
-    """The result for one plan; `through` and `near`: meshes collide, or come nearer than the clearance."""
+    """The result for one plan.
+
+    `through` is true if meshes collide, `near` if they come nearer than the clearance.
+    """
 
     reached: bool
     clear: bool
@@ -44,7 +48,7 @@ class Judged(NamedTuple):
 
 
 def clear_postures(sms: ffsms.SpaceManipulator, count: int, seed: int) -> FloatArray:
-    """Draw joint positions (count, n) from 80 % of the joint box, within +-pi, with bodies well apart."""
+    """Draw joint positions (count, n) from 80 % of the joint box, within +-pi, with clearance `SPARE`."""
     rng, stack = np.random.default_rng(seed), BodyStack(sms, "hulls", CLEARANCE)
     low, high = np.maximum(sms.limits.lower, -np.pi), np.minimum(sms.limits.upper, np.pi)
     middle, half = 0.5 * (low + high), 0.4 * (high - low)
@@ -74,7 +78,7 @@ class Meshes:
             request.security_margin = CLEARANCE - TOLERANCE
 
     def collide(self, joints: FloatArray, near: bool = False) -> bool:
-        """Return whether two meshes collide at joint positions (n,), or are nearer than the clearance."""
+        """Return whether two meshes collide at joint positions (n,); with `near`, violate the clearance."""
         q, placed = self._sms.configuration(joints), self._near if near else self._touching
         return bool(pin.computeCollisions(self._sms.model, self._data, self._geometry, placed, q, True))
 
@@ -82,7 +86,7 @@ class Meshes:
 def judged(meshes: Meshes, plan: opt.Trajectory) -> tuple[bool, bool]:
     """Return whether meshes collide during a plan, and whether they come nearer than the clearance."""
     joints, rates, accelerations = plan.joint_positions, plan.joint_rates[:-1], plan.joint_accelerations
-    # Between nodes the acceleration is constant.
+    # Between two nodes the acceleration is constant.
     after = plan.dt * np.arange(PARTS) / PARTS
     rows = [joints[:-1] + h * (rates + 0.5 * h * accelerations) for h in after.tolist()]
     near = [row for row in np.concatenate([*rows, joints[-1:]]) if meshes.collide(row, near=True)]

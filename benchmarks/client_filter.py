@@ -6,8 +6,8 @@ A client of 80 kg tumbles at 4 deg/s and is measured ten times a second for 12 s
 estimate at 12 s.
 
 In the second table clients tumble faster, about any axis, with inertias drawn with a deviation of a tenth
-about the prior ones. It has the squared errors over the estimated variances (position, velocity, attitude,
-angular velocity; at 12 s and predicted for 17 s), which are one for a consistent estimate.
+about the assumed inertias. The table has the ratio of squared errors to estimated variances (position,
+velocity, attitude, angular velocity; at 12 s and predicted for 17 s). It is 1 for a consistent estimate.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ def errors(share: float, seed: int) -> FloatArray:
 
 
 def squares(rate: float, seed: int, doubt: float = 0.1) -> FloatArray:
-    """Return the squared errors over their variances at 12 and 17 s (2,); `rate` [deg/s] is the client's."""
+    """Return ratios (2,) of squared errors to variances at 12 and 17 s, for a client at `rate` [deg/s]."""
     rng = np.random.default_rng(seed)
     axis, pose = rng.normal(size=3), pin.SE3(pin.exp3(rng.normal(size=3)), np.array([1.0, 0.2, -0.3]))
     spin = np.radians(rate) / np.linalg.norm(axis) * axis

@@ -1,8 +1,9 @@
-"""What breaks when a base that is free is taken as fixed: by how much the end effector misses, and a figure.
+"""Measure by how much the end effector misses if a floating base is assumed to be fixed, and draw a figure.
 
-`python benchmarks/fixed_base.py --targets 100 --figure docs/images/fixed-or-free.png`, from the repository's
-root. A joint move that would reach its target on a fixed base is flown on the free one, beside the plan of
-`opt.plan`; targets as in `motions.py`, and Case 2 for the figure.
+Run from the repository's root:
+    python benchmarks/fixed_base.py --targets 100 --figure docs/images/fixed-or-free.png
+A joint move that reaches its target on a fixed base is applied to the floating base, and compared with the
+plan of `opt.plan`. The targets are those of `motions.py`. The figure shows Case 2.
 """
 
 from __future__ import annotations
@@ -24,9 +25,12 @@ CASE_2 = np.array([0.45, 0.65, 0.0])  # [m]
 
 
 def as_if_fixed(sms: ffsms.SpaceManipulator, q0: FloatArray, target: FloatArray) -> opt.Trajectory | None:
-    """A joint move to the target on a fixed base, flown on the free one; None where none is found."""
+    """Return the motion of a floating base for a joint move that reaches the target on a fixed base.
+
+    Return None if the inverse kinematics finds no such move.
+    """
     q, start = np.array(q0), sms.joint_positions(q0)
-    sms.layout.set_positions(q, start + 0.05)  # off a stretched arm
+    sms.layout.set_positions(q, start + 0.05)  # away from a stretched arm, which is singular
     for _ in range(200):
         state = sms.at(q)
         off = target - state.end_effector_pose.translation
@@ -44,7 +48,7 @@ def as_if_fixed(sms: ffsms.SpaceManipulator, q0: FloatArray, target: FloatArray)
 
 
 def row(name: str, count: int) -> str:
-    """Medians and the worst over the targets of a robot, as a line of the table."""
+    """Return the line of a robot: medians and largest errors over its targets."""
     sms = ffsms.load(name)
     misses, turns, planned = [], [], []
     for q0, target, _ in islice(tasks(sms, 1), count):
@@ -58,7 +62,7 @@ def row(name: str, count: int) -> str:
 
 
 def draw(path: Path) -> None:
-    """Case 2 both ways, side by side."""
+    """Draw Case 2 as planned for a fixed base and as planned for a floating base, side by side."""
     from matplotlib.figure import Figure
 
     from ffsms_pin.plotting import plot_motion
@@ -83,7 +87,7 @@ def draw(path: Path) -> None:
 
 
 def main() -> None:
-    """Print a Markdown table, and draw."""
+    """Print a Markdown table, and draw the figure."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--targets", type=int, default=100)
     parser.add_argument("--figure", type=Path)

@@ -1,9 +1,9 @@
 """Meet drifting clients that have bodies, with wheels that hold the attitude and with measurement noise.
 
 The cases are those of `benchmarks/meet.py --bodies`, but the client's centre of mass moves with up to 20 mm/s
-and wheels hold the servicer's attitude, in the plan and in the loop. Servicer and client are measured with
-noise and delay, and the motion is re-planned until it arrives, as `ffsms-pin run` does for such a file. A
-client is met if the gripper closes inside the default envelope at one of its attempts; every other run must
+and wheels hold the servicer's attitude, in the plan and in the simulation. Servicer and client are measured
+with noise and delay, and the motion is re-planned until the contact, as `ffsms-pin run` does for such a file.
+A client is met if the gripper closes inside the default envelope in one of the attempts. Every other run must
 end in an abort with a reason.
 
     python benchmarks/harder_clients.py --clients 200
@@ -30,12 +30,12 @@ from ffsms_pin.actuation import ReactionWheels
 from ffsms_pin.errors import SimulationDiverged
 from ffsms_pin.processes import map_in_processes
 
-STEP, PERIOD = 0.05, 0.5  # [s] step and period of re-planning, longer than by default to save time
+STEP, PERIOD = 0.05, 0.5  # [s] time step and period of re-planning, longer than by default to save time
 MISSES = {"miss_m": 1e3, "miss_deg": 1.0, "contact_velocity_m_per_s": 1e3, "contact_velocity_deg_per_s": 1.0}
 UNITS = "{:.2g} mm, {:.2g} deg, {:.2g} mm/s, {:.2g} deg/s"
 SPEED = 0.02  # [m/s] largest speed of the centre of mass
 AXES = np.eye(3)
-# The wheels suffice for the heaviest clients at 5 deg/s, about 50 N m s with the servicer.
+# Enough for the heaviest clients at 5 deg/s: with the servicer, their momentum is about 50 N m s.
 WHEELS = {"inertia": 0.05, "momentum": 60.0, "torque": 1.0}
 
 FILE = """
@@ -95,7 +95,7 @@ after = 0.0
 
 
 def written(robot: str, sms: ffsms.SpaceManipulator, seed: int) -> str:
-    """Return the scenario of a case."""
+    """Return the scenario file of a case."""
     rng = np.random.default_rng(seed)
     q0, client, grasp = case(sms, rng, bodies=True, speed=SPEED, mode="rotation-floating")
     body = grasp * pin.SE3(np.eye(3), np.array([0.0, 0.0, HANDLE + 0.5 * BODY[2]]))
@@ -128,7 +128,7 @@ def written(robot: str, sms: ffsms.SpaceManipulator, seed: int) -> str:
 
 
 def flown(servicer: tuple[str, ffsms.SpaceManipulator], seed: int) -> tuple[float, dict[str, Any]]:
-    """Return the processor time [s] of a run, and its outcome; a run that diverges is no abort."""
+    """Return the CPU time [s] of a run, and its outcome; divergence does not count as an abort."""
     text, began = written(*servicer, seed), time.process_time()
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "client.toml"
@@ -142,7 +142,7 @@ def flown(servicer: tuple[str, ffsms.SpaceManipulator], seed: int) -> tuple[floa
 
 
 def told(share: float) -> None:
-    """Print the number of clients that are done."""
+    """Print the number of completed clients."""
     print(f"{100.0 * share:.0f} % done", file=sys.stderr, flush=True)
 
 

@@ -16,8 +16,8 @@ from wheels import SMALL
 import ffsms_pin as ffsms
 from ffsms_pin import opt
 
-TARGET, DURATION = [0.45, 0.65, 0.0], 12.0  # [m], [s] those of Case 2
-HALF, FORCE = 0.5, 50.0  # [m] half the side of the cube, [N] force of a thruster
+TARGET, DURATION = [0.45, 0.65, 0.0], 12.0  # [m], [s] as in Case 2
+HALF, FORCE = 0.5, 50.0  # [m] half of the cube's side, [N] largest force of a thruster
 HELD: dict[str, tuple[str, tuple[opt.Term, ...]]] = {
     "rotation-floating": (
         "attitude, by wheels",

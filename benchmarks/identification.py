@@ -1,22 +1,22 @@
-"""Identification: what wrong plants miss by with and without a motion that teaches, and what is found.
+"""Measure errors on wrong plants with and without an identification motion, and identified parameters.
 
 Run from the repository's root:
     python benchmarks/identification.py [ROW ...] [--count 20] [--resume FILE]
 The rows are
-    planar, panda   all masses, inertias and centres of mass off by up to 15 %: a learning motion of 10 s with
-                    the sensors below, then one plan of 12 s (10 s for the second robot), planned once
+    planar, panda   errors of all masses, inertias and centres of mass by up to 15 %: an identification motion
+                    of 10 s with the sensors below, then a motion of 12 s (10 s for `panda`), planned once
     payload         an unknown body of 10 kg at the tip of `satellite_panda`, re-planned with and without
-                    learning
-    client          captured clients of 50 to 200 kg at 0.5 to 3 deg/s, mass and inertia believed up to 15 %
-                    off: a motion of 8 s after the braking
-    base            base inertia by a recording of MuJoCo, with the sensors below
+                    identification
+    client          captured clients of 50 to 200 kg at 0.5 to 3 deg/s, assumed mass and inertia wrong by up
+                    to 15 %: an identification motion of 8 s after the braking
+    base            base inertia from a recording of MuJoCo, with the sensors below
     intervals       95 % intervals of the base's parameters over seeds of the noise
     time            one update of `Identifier`
 Sensors, at 100 Hz: gyros with an angle random walk of 0.0035 deg/sqrt(h) (Honeywell GG1320AN, data sheet),
-which is 1e-5 rad/s in a sample; encoders of 19 bit, whose differences show rates to 5e-4 rad/s; a velocity of
-the base to 1 mm/s. With `--resume` each run is a line of that file, and those that it has are not made again;
-the table is of all of its runs. `--count` is the number of plants; rows payload, base and client are made a
-quarter as often, the intervals two and a half times.
+which is 1e-5 rad/s per sample; encoders of 19 bit, whose differences give rates to 5e-4 rad/s; the base's
+velocity to 1 mm/s. With `--resume` each run is a line of that file. Runs in the file are not repeated, but
+are included in the table. `--count` is the number of plants. The rows payload, base and client have a quarter
+of this number of runs, the row of the intervals two and a half times this number.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ from ffsms_pin.robot.base_motion import straight_end
 from ffsms_pin.system.regressors import pseudo_inertia
 
 OFF = 0.15
-STEP = 0.01  # [s] of the sensors
+STEP = 0.01  # [s] period of the sensors
 CLASS = simulation.Sensors(
     base_rate_noise=1e-5,
     base_velocity_noise=1e-3,
@@ -49,7 +49,7 @@ CLASS = simulation.Sensors(
     joint_rate_noise=5e-4,
 )
 WITHIN = 2e-3  # [m]
-# Of the camera that sees a client before the catch.
+# Noise of the camera that measures a client before the capture.
 EXACT = {"position_noise": 1e-4, "attitude_noise": 1e-4, "velocity_noise": 1e-5, "rate_noise": 1e-5}
 
 
@@ -64,7 +64,7 @@ def case(name: str) -> tuple[ffsms.SpaceManipulator, Any, Any, float]:
 
 
 def wrong(sms: ffsms.SpaceManipulator, seed: int) -> ffsms.SpaceManipulator:
-    """Return a plant with all masses, inertias and centres of mass off by up to `OFF`."""
+    """Return a plant with relative errors of all masses, inertias and centres of mass by up to `OFF`."""
     rng = np.random.default_rng(seed)
     bodies = []
     for body in list(sms.model.inertias)[1:]:
@@ -75,7 +75,7 @@ def wrong(sms: ffsms.SpaceManipulator, seed: int) -> ffsms.SpaceManipulator:
 
 
 def measured(sms: ffsms.SpaceManipulator, t: Any, q: Any, v: Any, seed: int) -> Any:
-    """Return (t, q, v) at the sensors' rate, as they show it."""
+    """Return (t, q, v) as measured by the sensors, at their rate."""
     rows = slice(None, None, max(1, round(STEP / float(t[1] - t[0]))))
     shown = simulation.Sensors(**{**vars(CLASS), "seed": seed})
     measure = shown.start(sms, STEP, float(t[-1]) + 1.0)
@@ -84,13 +84,13 @@ def measured(sms: ffsms.SpaceManipulator, t: Any, q: Any, v: Any, seed: int) -> 
 
 
 def flown(sms: ffsms.SpaceManipulator, reference: Any, plant: ffsms.SpaceManipulator, q0: Any) -> Any:
-    """Return the recording of a plant under computed torque of the model."""
+    """Return the recording of a plant under the computed-torque law of the model."""
     return simulation.simulate(sms, reference, control.ComputedTorque(sms), dt=STEP, q0=q0, plant=plant)
 
 
 @cache
 def taught(name: str) -> tuple[Any, Any]:
-    """Return the motion that teaches all bodies, and the plan with the robot as believed."""
+    """Return the identification motion of all bodies, and the plan with the nominal robot."""
     sms, q0, target, duration = case(name)
     unknown = ["base", *sms.joint_names]
     return (
@@ -100,7 +100,7 @@ def taught(name: str) -> tuple[Any, Any]:
 
 
 def learnt_before(name: str, seed: int) -> dict[str, Any]:
-    """Return how far a plan ends from its target, planned once with and without a learning motion [m]."""
+    """Return the final error [m] of a motion planned once, with and without prior identification."""
     sms, q0, target, duration = case(name)
     teach, plan = taught(name)
     plant = wrong(sms, seed)
@@ -119,7 +119,7 @@ def learnt_before(name: str, seed: int) -> dict[str, Any]:
 
 
 def errors_row(name: str, runs: list[dict[str, Any]]) -> list[str]:
-    """Return the row of plans that end within `WITHIN`."""
+    """Return the row with the number of plans that end within `WITHIN`."""
     words = []
     for key in ("without", "with"):
         errors = np.array([run[key] for run in runs])
@@ -129,7 +129,7 @@ def errors_row(name: str, runs: list[dict[str, Any]]) -> list[str]:
 
 
 def payload(seed: int) -> dict[str, Any]:
-    """Return whether a flight ends within `WITHIN` and keeps all rates, with an unknown payload."""
+    """Return whether a flight with an unknown payload ends within `WITHIN` and keeps the rate limits."""
     sms, q0, target, duration = case("panda")
     rng, kept = np.random.default_rng(seed), []
     last = int(sms.model.frames[sms.frame_id].parentJoint)
@@ -161,7 +161,7 @@ def payload_row(runs: list[dict[str, Any]]) -> list[str]:
 
 
 def by_mujoco(plant: ffsms.SpaceManipulator, model: ffsms.SpaceManipulator, motion: Any) -> Any:
-    """Return (t, q, v) of MuJoCo's plant that follows a motion."""
+    """Return (t, q, v) of a plant that MuJoCo simulates along a motion."""
     import mujoco
 
     dt = 2e-3
@@ -183,13 +183,13 @@ def by_mujoco(plant: ffsms.SpaceManipulator, model: ffsms.SpaceManipulator, moti
 
 @cache
 def teaching_base() -> Any:
-    """Return the motion that teaches the base of the second robot."""
+    """Return the motion that identifies the base of `satellite_panda`."""
     sms, q0, _, _ = case("panda")
     return identification.exciting_motion(sms, q0, 10.0, sensors=CLASS)
 
 
 def base(seed: int) -> dict[str, Any]:
-    """Return the relative error of the base's inertia as believed and as found, by MuJoCo's recording."""
+    """Return relative errors of the base's inertia, nominal and identified from MuJoCo's recording."""
     sms = case("panda")[0]
     mass, inertia = 1.0 + OFF * np.random.default_rng(seed).uniform(-1, 1, 2)
     plant = simulation.perturb(sms, base_mass=mass, base_inertia=inertia)
@@ -225,7 +225,7 @@ def swung_base() -> tuple[Any, Any]:
 
 
 def intervals(seed: int) -> dict[str, Any]:
-    """Return how many of the ten 95 % intervals hold the truth, and whether the estimate is consistent."""
+    """Return how many of ten 95 % intervals have the true value, and whether the estimate is consistent."""
     sms = case("panda")[0]
     plant, run = swung_base()
     recording = measured(sms, run.t, run.q, run.v, seed)
@@ -243,7 +243,7 @@ def intervals_row(runs: list[dict[str, Any]]) -> list[str]:
 
 
 def client(seed: int) -> dict[str, Any]:
-    """Return the errors of a captured client's mass and inertia, as believed and 10 s after the catch."""
+    """Return errors of a captured client's mass and inertia, assumed and identified 10 s after the catch."""
     sms, duration, rng = case("panda")[0], 12.0, np.random.default_rng(seed)
     q0 = sms.configuration([0.0, -0.6, 0.0, -2.2, 0.0, 2.9, 0.8])
     mass, rate = np.exp(rng.uniform(np.log([50.0, 0.5]), np.log([200.0, 3.0])))
@@ -300,7 +300,7 @@ def client_row(runs: list[dict[str, Any]]) -> list[str]:
 
 
 def update_time() -> list[str]:
-    """Return the time of one update, the best of some hundreds in a row."""
+    """Return the least time of one update over several series of hundreds of updates."""
     sms, q0, _, _ = case("panda")
     v = sms.velocity(q0, np.full(sms.n, 0.1))
     words = []
@@ -315,7 +315,7 @@ def update_time() -> list[str]:
     return ["one update of `Identifier`, CPU", "", ", ".join(words)]
 
 
-# By name: a run by its seed, the row of all runs, and runs for each of `--count`.
+# By name: a function of one run and its seed, a function of the row, and runs per `--count`.
 Run = tuple[Callable[[int], dict[str, Any]], Callable[[list[dict[str, Any]]], list[str]], float]
 RUNS: dict[str, Run] = {
     "planar": (partial(learnt_before, "planar"), partial(errors_row, "planar_3r"), 1),
@@ -329,7 +329,7 @@ ROWS = (*RUNS, "time")
 
 
 def main() -> None:
-    """Measure and print."""
+    """Run the chosen rows and print the table."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )

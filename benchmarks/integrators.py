@@ -1,7 +1,7 @@
-"""Drift of the integrators over an hour of free flight, as a Markdown table.
+"""Measure the drift of the integrators over an hour of free flight: a Markdown table.
 
 Run from the repository's root: python benchmarks/integrators.py [--hours 1] [--robot planar_3r]
-The robot tumbles with its joints coasting: no torque, no friction. Energy and momentum should stay.
+The robot tumbles and its joints move without torque and friction. Energy and momentum should be constant.
 """
 
 from __future__ import annotations
@@ -16,16 +16,16 @@ import pinocchio as pin
 import ffsms_pin as ffsms
 from ffsms_pin.simulation.integrators import INTEGRATORS
 
-# Steps [s] at which each is run: where momentum stays to 1e-10, relative, over an hour. The variational
-# integrator's does only while the centre of mass is at rest: see docs/closed-loop.md.
+# Steps [s] of each integrator, at which the momentum changes by less than 1e-10, relative, in an hour. The
+# variational integrator reaches this only if the centre of mass is at rest, see docs/closed-loop.md.
 STEPS = {"rk4": (0.005,), "adaptive": (1.0,)}
 
 
 def free_flight(name: str, sms: Any, duration: float, dt: float) -> dict[str, float]:
-    """Largest drifts over a free flight, measured a hundred times."""
+    """Return the largest drifts in a free flight, evaluated at a hundred instants."""
     rng = np.random.default_rng(5)
     q = sms.configuration(rng.uniform(-0.5, 0.5, sms.n))
-    # Tumbling at about 0.02 rad/s, the joints coasting as slowly; the centre of mass drifts at 1 cm/s.
+    # The robot tumbles and its joints move at about 0.02 rad/s; the centre of mass drifts at about 1 cm/s.
     spin = 0.02 * sms.at(q).H_b[3:, 3:] @ rng.normal(size=3)
     push = 0.01 * pin.computeTotalMass(sms.model) * rng.normal(size=3)
     v = sms.velocity(q, 0.02 * rng.normal(size=sms.n), np.concatenate([push, spin]))
@@ -52,7 +52,7 @@ def free_flight(name: str, sms: Any, duration: float, dt: float) -> dict[str, fl
                 "energy": abs(drift) / energy,
                 "quaternion": abs(np.linalg.norm(q[3:7]) - 1.0),
             }
-            # numpy's maximum keeps a NaN, where max() would drop it.
+            # NumPy's maximum keeps NaN, which max() may drop.
             worst = {key: float(np.maximum(worst[key], now[key])) for key in worst}
     worst["seconds"] = time.perf_counter() - begin
     return worst

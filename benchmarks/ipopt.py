@@ -1,9 +1,9 @@
-"""The yardstick: the whole motion of the planar arm as one nonlinear programme, by CasADi and IPOPT.
+"""Plan the whole motion of the planar arm as one nonlinear programme by CasADi and IPOPT, for comparison.
 
-Unknowns are joint positions, rates and the base's yaw at the nodes; joint accelerations are constant in a
-step, and the yaw follows by the trapezoidal rule. The planar system's kinematics and momentum are written out
-in closed form, with exact first and second derivatives. It starts from the straight joint-space move that
-made the target, and leaves the collision rows out: both only help it.
+The unknowns are joint positions, rates and the base's yaw at the nodes. Joint accelerations are constant in a
+step, and the yaw follows by the trapezoidal rule. The planar system's kinematics and momentum have a closed
+form, with exact first and second derivatives. IPOPT starts from the straight joint-space move of which the
+target is the end, and has no collision constraints. Both are in IPOPT's favour.
 """
 
 from __future__ import annotations
@@ -19,11 +19,11 @@ import ffsms_pin as ffsms
 from ffsms_pin.checks import FloatArray
 
 RAMP = 0.2  # share of the straight move's duration in each ramp
-ALMOST_AT_REST = 2e-3  # [rad/s] rates at the end, so that the last direction of motion is defined
+ALMOST_AT_REST = 2e-3  # [rad/s] final joint rates, nonzero so that the direction of motion is defined
 
 
 class Solution(NamedTuple):
-    """What IPOPT found: cost integral [s], times [s], whether it converged, joint rates at the nodes."""
+    """A result of IPOPT: cost integral [s], times [s], convergence and joint rates at the nodes [rad/s]."""
 
     cost: float
     seconds: float
@@ -34,7 +34,7 @@ class Solution(NamedTuple):
 
 
 class PlanarArm:
-    """The planar system in closed form: numbers read from the model, functions of CasADi's symbols."""
+    """The planar system in closed form: parameters of the model, and functions of CasADi's symbols."""
 
     def __init__(self, sms: ffsms.SpaceManipulator) -> None:
         model = sms.model
@@ -49,7 +49,7 @@ class PlanarArm:
         self.inertias = [float(model.inertias[j].inertia[2, 2]) for j in (1, 2, 3, 4)]
 
     def kinematics(self, q: Any) -> tuple[Any, Any, Any]:
-        """C_bm (3, 3) [x, y, yaw], end effector from the centre of mass (2,), J*_v (2, 3); base axes."""
+        """Return C_bm (3, 3) [x, y, yaw], the tip from the centre of mass (2,) and J*_v (2, 3), base axes."""
         angle, place = 0, ca.vertcat(self.offset, 0)
         joints, coms = [], []
         for i in range(3):
@@ -83,7 +83,7 @@ class PlanarArm:
 
 
 def entropy(C: Any) -> Any:
-    """H_norm of a (3, 3) coupling matrix, from the closed form of the eigenvalues of C^T C."""
+    """Return H_norm of a (3, 3) coupling matrix, from the closed form of the eigenvalues of C^T C."""
     G = C.T @ C
     mean = ca.trace(G) / 3
     D = G - mean * ca.SX.eye(3)
@@ -98,7 +98,7 @@ def entropy(C: Any) -> Any:
 
 
 def functions(arm: PlanarArm, kappa: float) -> tuple[Any, Any, Any]:
-    """CasADi functions: cost of a step, yaw rate, place of the end effector."""
+    """Return CasADi functions for the cost of a step, the yaw rate and the end effector's position."""
     q, u, yaw, target = ca.SX.sym("q", 3), ca.SX.sym("u", 3), ca.SX.sym("yaw"), ca.SX.sym("target", 2)
     C, rho, J = arm.kinematics(q)
     R = ca.vertcat(ca.horzcat(ca.cos(yaw), -ca.sin(yaw)), ca.horzcat(ca.sin(yaw), ca.cos(yaw)))
@@ -120,10 +120,11 @@ def solve(
     time_limit: float,
     expanded: bool = True,
 ) -> Solution:
-    """The nonlinear programme on `steps` steps; `time_limit` [s] is IPOPT's.
+    """Solve the nonlinear programme on `steps` steps, within IPOPT's `time_limit` [s].
 
-    `expanded`: every step written out in scalars (CasADi's SX), which takes long to build and is quick to
-    evaluate; else as a graph of calls (MX, as CasADi's Opti makes it), which is the other way round.
+    If `expanded`, every step is expanded to scalar formulas (CasADi's SX). These take long to build and are
+    fast to evaluate. Otherwise the programme is a graph of calls (MX, as from CasADi's Opti), which is fast
+    to build and slow to evaluate.
     """
     begin = time.process_time()
     cost, yaw_rate, place = functions(PlanarArm(sms), kappa)
@@ -180,7 +181,7 @@ def solve(
 
 
 def straight_move(task: Task, steps: int, yaw_rate: Any) -> FloatArray:
-    """The straight joint-space move with ramps, as unknowns of the programme."""
+    """Return the straight joint-space move with ramps as values of the programme's unknowns."""
     h, share = task.duration / steps, np.linspace(0.0, 1.0, steps + 1)
     speed = np.minimum(np.minimum(share / RAMP, (1.0 - share) / RAMP), 1.0)
     speed /= np.sum(speed[1:] + speed[:-1]) / 2.0 / steps

@@ -28,7 +28,7 @@ METHODS = ("rk4", "variational")
 
 
 def made(after: float, method: str, wheels: bool) -> str:
-    """Return the scenario as text."""
+    """Return the text of the scenario file."""
     text = packaged_path("capture").read_text("utf-8")
     for name in ("[client.sensor]", "[reference]"):  # known exactly, planned once
         begin = text.index(name)

@@ -1,18 +1,19 @@
 """Long and loaded arms that move for a minute or more while the whole robot tumbles.
 
-A target is where the end effector is after a straight joint move from rest to rest, rolled out with the total
-momentum, so the move reaches the target: its joints stay within two thirds of their rates and accelerations
-and within 90 % of their ranges, and its bodies keep 190 mm apart. The goal's reach is what the straight move
-needs in the last tenth of the time, where the robot turns under a resting end effector. A target counts as
-reached if the plan says so, and if, rolled out again in finer steps, it ends within 1 mm and stays within the
-reach. `python benchmarks/long_momentum.py` makes the table.
+A target is the end effector's position at the end of a straight joint move from rest to rest, rolled out with
+the total momentum. This move is a solution: its joints use at most two thirds of their rate and acceleration
+limits and 90 % of their ranges, and its bodies stay 190 mm apart. The goal's reach (tolerance) is the largest
+error of this move in the last tenth of the time, in which the robot turns while its joints come to rest. A
+target counts as reached if `reached` is true and if a rollout of the plan in finer steps ends within 1 mm and
+stays within the reach. Run: python benchmarks/long_momentum.py
 
-With `--plain` the reach is the default of 20 mm. To stay that near to its target in the last tenth, a robot
-that turns must hold its end effector against its own momentum. The table then counts the targets that are met
-at the deadline, and those where the end effector is also held. For the others it counts those where a posture
-could hold it: from each posture in which a straight move reaches the target at 0.9 of the time, the end
-effector is held by the joint rates that use the least share of their limits, a linear programme in each of 20
-steps, with the joints within their ranges.
+With `--plain` the reach is the default of 20 mm. To stay so near to its target in the last tenth of the time,
+a robot that turns must move its joints against its rotation. The table then has the number of targets that
+are met at the deadline, and the number of these at which the end effector also stays within the reach. For
+all other targets it has the number of those at which some posture could keep the end effector in place. This
+is checked from each posture in which a straight move reaches the target at 0.9 of the time. A linear
+programme in each of 20 steps finds the joint rates that keep the end effector in place with the least share
+of their limits, within the joints' ranges.
 
 Sources of the robots: [1] International Journal of Aerospace Engineering 2019, 2679152, Table 2 (an SSRMS-
 type arm of 7 joints), as packaged in `space_arm_7`, here on a bus of 1,500 kg; [2] Orbital Express: arm of
@@ -50,9 +51,9 @@ from ffsms_pin.threads import one_blas_thread
 DRIFTS = (0.0, 0.5, 1.0, 2.0)  # [deg/s]
 SHORTEST, LONGEST = 60.0, 180.0  # [s]
 CLEAR = 0.19  # [m]
-SHARE = 0.9  # of the ranges of the joints
-USED = 2.0 / 3.0  # of their rates and accelerations
-STEPS, FINE = 400, 10  # of a plan; of the independent roll-out, a step of the plan
+SHARE = 0.9  # share of the joints' ranges
+USED = 2.0 / 3.0  # share of the joints' rate and acceleration limits
+STEPS, FINE = 400, 10  # steps of a plan; steps of the independent rollout per step of the plan
 EXACT = 1e-3  # [m]
 
 
@@ -191,7 +192,7 @@ def _joint(
 
 
 def tasks(sms: ffsms.SpaceManipulator, drift: float, count: int, seed: int) -> Iterator[Task]:
-    """Draw targets; drift [rad/s] is that of the robot at the start, about any axis."""
+    """Draw targets; `drift` [rad/s] is the robot's angular velocity at the start, about a random axis."""
     rng, limits, stack = np.random.default_rng(seed), sms.limits, ArmStack(sms)
     apart = prepared(opt.Clearance(CLEAR), sms)
     s = np.linspace(0.0, 1.0, STEPS + 1)[:, None]
@@ -291,7 +292,7 @@ def holding_share(
 
 
 def report(rows: list[dict[str, Any]], plain: bool = False) -> str:
-    """Return a table: targets reached, and the mean CPU time beside that without momentum, if it was run."""
+    """Return a table of reached targets and mean CPU times, also relative to runs without momentum."""
     lines = []
     for name in dict.fromkeys(row["robot"] for row in rows):
         at_rest = [row["seconds"] for row in rows if row["robot"] == name and not row["drift"]]
@@ -318,7 +319,7 @@ def report(rows: list[dict[str, Any]], plain: bool = False) -> str:
 
 @one_blas_thread()
 def main() -> None:
-    """The command line."""
+    """Run the command line."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--count", type=int, default=20, help="targets of each robot and drift (default: 20)")
     parser.add_argument("--seed", type=int, default=1, help="of the targets (default: 1)")

@@ -1,22 +1,22 @@
-"""Closed loops of eight robots under conditions that the plan does not know: limits kept, verdicts true.
+"""Simulate closed loops of eight robots under unmodelled conditions, and check limits and verdicts.
 
-Each target is the pose (of arms with fewer than six joints the position) of a posture away from the start,
-re-planned on the way and held for five seconds. Conditions: right masses, masses 20 % off, noise, unknown
-momentum, friction of 1 % of the torque limits, a payload, drives of half the torque that the plan needs, a
-joint that locks (told or not) and one that goes limp.
+A target is the end-effector pose of a random posture (the position only for arms with fewer than six joints).
+The motion is re-planned, and the final posture is held for five seconds. Conditions: correct masses, masses
+with errors of up to 20 %, noise, unknown momentum, friction of 1 % of the torque limits, a payload, drives
+with half of the planned peak torque, a locked joint (reported to the planner or not) and a limp joint.
 
-The judge shares no code with the library: the robot is read from its URDF by Pinocchio, limits and stops too;
-the rates are those of the recording and the differences of its positions. A flight exceeds its limits with a
-rate 5 % above or a joint 2 mrad beyond a stop, before and after a guard stops it, and if its state diverges.
-A verdict is wrong if it is not the judge's: arrived means within 20 mm and 0.02 rad at the end, stopped by no
-guard, and no overlap on the way of the collision shapes of two bodies that are not neighbours. A limp joint
-is under no control: its own rate does not count, its stops do. A joint that locks within no time throws the
-others, and so does a limp one that runs into its stop: rates up to those that such an impact leaves do not
-count, and are told apart.
+The judge shares no code with the library. Pinocchio reads the robot, its limits and its stops from the URDF.
+The checked rates are those of the recording and finite differences of its positions. A flight exceeds its
+limits if a rate is 5 % above its limit, if a joint is 2 mrad beyond a stop, or if its state diverges; motions
+after a guard has tripped are included. A verdict is wrong if it differs from the judge's. For the judge, a
+flight has arrived if it ends within 20 mm and 0.02 rad of the target, no guard has stopped it, and collision
+shapes of bodies that are not neighbours never overlap. The rate of a limp joint is not checked, but its stops
+are. The impact of a locking joint, or of a limp joint on its stop, accelerates other joints. Rates up to
+those right after such an impact are not counted as excesses, and have their own column.
 
     python benchmarks/loops.py --targets 5 [--resume FILE]
 
-With `--resume` each flight is a line of that file, and those that it has are not flown again.
+With `--resume` each flight is a line of that file. Flights in the file are not repeated.
 """
 
 from __future__ import annotations
@@ -47,28 +47,28 @@ CONDITIONS = (
     "right", "masses", "noise", "momentum", "friction", "payload", "half torque", "lock told", "lock untold",
     "limp",
 )  # fmt: skip
-REACH, ANGLE = 0.02, 0.02  # [m], [rad]
-RATES, STOPS = 1.05, 2e-3  # times the limits; [rad or m]
-STEP, HOLD = 0.05, 5.0  # [s]
+REACH, ANGLE = 0.02, 0.02  # [m], [rad] largest final errors
+RATES, STOPS = 1.05, 2e-3  # allowed multiple of rate limits; [rad or m] allowed distance beyond a stop
+STEP, HOLD = 0.05, 5.0  # [s] planning step; time in the final posture
 
 
 class Flight(NamedTuple):
-    """A flight as the judge finds it, beside the library's verdict."""
+    """The judge's numbers of a flight, and the library's verdict."""
 
     robot: str
     target: int
     condition: str
     distance: float  # [m] at the end
     angle: float  # [rad]
-    rate: float  # the largest, as a share of its limit or of what an impact leaves
-    thrown: float  # the largest that an impact leaves, as a share of its limit; at least 1
-    stop: float  # [rad or m] the farthest beyond a stop
+    rate: float  # the largest rate, as a share of its limit or of the rate right after an impact
+    thrown: float  # the largest rate right after an impact, as a share of its limit; at least 1
+    stop: float  # [rad or m] the largest distance beyond a stop
     arrived: bool
     stopped: str
     note: str
     diverged: bool
     cpu: float  # [s] of the flight
-    overlap: str | None = None  # the first two bodies that overlap, and when; None: not looked for
+    overlap: str | None = None  # the first two bodies that overlap, with the time; None: not checked
 
     @property
     def key(self) -> tuple[str, int, str]:
@@ -77,23 +77,23 @@ class Flight(NamedTuple):
 
     @property
     def exceeded(self) -> bool:
-        """Whether a rate or a stop is exceeded."""
+        """True if a rate or position limit is exceeded, or the state diverged."""
         return self.diverged or self.rate > RATES or self.stop > STOPS
 
     @property
     def wrong(self) -> bool:
-        """Whether the library's verdict is not the judge's."""
+        """True if the library's verdict differs from the judge's."""
         there = self.distance <= REACH and self.angle <= ANGLE and not self.stopped and not self.overlap
         return self.diverged or self.arrived != there
 
     @property
     def close(self) -> bool:
-        """Whether the flight ends within 1 mm and 0.1 deg."""
+        """True if the flight ends within 1 mm and 0.1 deg."""
         return self.distance <= 1e-3 and self.angle <= np.radians(0.1)
 
 
 class Judge:
-    """The kinematics, limits and collision shapes of a robot as its URDF has them."""
+    """The kinematics, limits and collision shapes of a robot's URDF."""
 
     def __init__(self, text: str, end_effector: str) -> None:
         self._model = pin.buildModelFromXML(text, pin.JointModelFreeFlyer())
@@ -114,7 +114,7 @@ class Judge:
         self._touching = self._shapes.createData()
 
     def errors(self, q: FloatArray, place: FloatArray, rotation: FloatArray | None) -> tuple[float, float]:
-        """Return distance [m] and angle [rad] of the end effector at a configuration from a pose."""
+        """Return distance [m] and angle [rad] from a pose to the end effector at a configuration q (nq,)."""
         pin.framesForwardKinematics(self._model, self._data, q)
         tip = self._data.oMf[self._frame]
         distance = float(np.linalg.norm(tip.translation - place))
@@ -123,7 +123,7 @@ class Judge:
         )
 
     def overlap(self, t: FloatArray, q: FloatArray) -> str:
-        """Return the first two bodies that overlap, and when; empty if none do. Every tenth row counts."""
+        """Return the first two overlapping bodies with the time, or an empty text; check every tenth row."""
         for k in range(0, len(t), 10):
             if pin.computeCollisions(self._model, self._data, self._shapes, self._touching, q[k], True):
                 hit = [bool(result.isCollision()) for result in self._touching.collisionResults].index(True)
@@ -134,10 +134,11 @@ class Judge:
     def excesses(
         self, t: FloatArray, q: FloatArray, v: FloatArray, limp: int | None, lock: float | None
     ) -> tuple[float, float, float]:
-        """Return the largest rate, the largest after an impact, and the farthest way beyond a stop [rad, m].
+        """Return the largest rate, the largest rate after an impact, and the largest excess over a stop.
 
-        Rates are shares of their limits. From an impact on, that of a lock at its time [s] or of a limp joint
-        on its stop, those of each joint are shares of what the impact leaves if that is more.
+        Rates are shares of their limits; the excess is in rad or m. `limp` is the index of a limp joint,
+        `lock` the time [s] at which a joint locks. After an impact (the lock, or the limp joint on its stop)
+        a rate is divided by the larger of its limit and the joint's rate right after the impact.
         """
         joints, counted = q[:, self._at], np.arange(len(self._at)) != limp
         beyond = np.maximum(self._lower - joints, joints - self._upper)
@@ -163,7 +164,7 @@ def robot(name: str) -> ffsms.SpaceManipulator:
 
 
 def task(sms: ffsms.SpaceManipulator, rng: np.random.Generator) -> opt.Problem:
-    """A start, and the pose or place of the end effector in a posture away from it."""
+    """Draw a start, and the end effector's pose or position in another posture; return a solved problem."""
     limits = sms.limits
     for _ in range(100):
         q0 = sms.home()
@@ -183,7 +184,7 @@ def task(sms: ffsms.SpaceManipulator, rng: np.random.Generator) -> opt.Problem:
 def conditions(
     name: str, problem: opt.Problem, plan: opt.Trajectory, rng: np.random.Generator
 ) -> dict[str, Any]:
-    """Keyword arguments of `simulate`."""
+    """Return the keyword arguments of `simulate` for a condition."""
     sms = problem.sms
     torque = np.where(np.isfinite(sms.limits.torque), sms.limits.torque, 10.0)
     joint, at = int(rng.integers(sms.n)), 0.4 * problem.duration
@@ -199,7 +200,7 @@ def conditions(
     if name == "momentum":
         return {"conditions": ffsms.Conditions(momentum=mass * 1e-3 * rng.uniform(-1.0, 1.0, 6))}
     if name == "friction":
-        dry = sms.joint_friction + 0.01 * torque  # beside what the file declares, which the law knows
+        dry = sms.joint_friction + 0.01 * torque  # added to the file's friction, which is compensated
         friction = simulation.JointFriction(viscous=sms.joint_damping, coulomb=dry)
         return {"conditions": ffsms.Conditions(friction=friction)}
     if name == "payload":
@@ -218,7 +219,7 @@ def conditions(
 
 
 def flown(name: str, target: int, wanted: Sequence[str], done: set[tuple[str, int, str]]) -> Iterator[Flight]:
-    """Fly a target of a robot under the conditions that are not done yet."""
+    """Simulate a target of a robot under the conditions that are not in `done`."""
     missing = [condition for condition in wanted if (name, target, condition) not in done]
     if not missing:
         return
@@ -247,7 +248,7 @@ def flown(name: str, target: int, wanted: Sequence[str], done: set[tuple[str, in
 
 
 def main() -> None:
-    """Print a line for each flight as it comes, and a row for each condition."""
+    """Print a line for each completed flight, and a table with a row for each condition."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("--targets", type=int, default=2, help="of each robot")
     parser.add_argument("--robots", nargs="+", default=[*ROBOTS, *OWN])
@@ -282,7 +283,7 @@ def words(flight: Flight) -> str:
 
 
 def table(flights: Sequence[Flight]) -> str:
-    """Return a row for each condition."""
+    """Return a table with a row for each condition."""
     head = (
         "condition",
         "flights",

@@ -1,4 +1,4 @@
-"""Measure how well `plan_many` uses the cores, and the cost of a plan among many."""
+"""Measure the parallel efficiency of `plan_many`, and the time per plan for growing numbers of plans."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ TINY_DURATION, TINY_DT = 2.0, 0.1  # [s]
 
 
 def run(plans: int = PLANS) -> dict[str, Any]:
-    """Return the efficiency on the usable cores (two at most), and times of up to a thousand small plans."""
+    """Return the efficiency on up to two cores, and times of up to a thousand small plans."""
     return {"efficiency": efficiency(plans), "tiny": tiny()}
 
 
 def efficiency(plans: int) -> dict[str, Any]:
-    """Return the time one by one over cores times the time of `plan_many`, in a first and a second call."""
+    """Return the sequential time over cores times the time of `plan_many`, for a first and a second call."""
     sms, jobs = ffsms.load("planar_3r"), min(2, usable_cores())
     tasks = paper_tasks(sms, plans, 3)
     arguments = (

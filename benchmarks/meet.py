@@ -85,7 +85,7 @@ def case(
     if np.linalg.norm(at_start) < opt.Meet.standoff:
         return case(
             sms, rng, bodies, speed, mode
-        )  # an arm beside the corridor's tip cannot go through its mouth
+        )  # an end effector beside the corridor cannot enter through its mouth
     if bodies:
         held = replace(problem, limits=[opt.Clearance(CLEARANCE, "off", obstacles=body_beyond(now, grasp))])
         if not measure(held, rates).clear:

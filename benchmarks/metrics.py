@@ -14,7 +14,7 @@ UNITS = (1.0, 0.1, 0.001)  # m, dm and mm as characteristic lengths [m]
 
 
 def reference_points(sms: ffsms.SpaceManipulator) -> list[tuple[str, NDArray[np.float64] | None]]:
-    """Return points of the base in the root frame; None is the paper's point."""
+    """Return points of the base in the root frame; None is the base's centre of mass, as in the paper."""
     assert sms.base_size is not None
     box, half = sms.base_box_placement, np.array(sms.base_size) / 2.0
     return [

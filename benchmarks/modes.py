@@ -1,7 +1,8 @@
 """Compare many moves of two arms with the base held and floating.
 
-`python benchmarks/modes.py --targets 100`. The moves are drawn as in `wheels.py`: straight moves of 0.1 to
-0.5 m that resolved rates can make in 12 s with the base floating (0.1 to 0.3 m for `planar_3r`, in its
+Run: python benchmarks/modes.py --targets 100
+The moves are drawn as in `wheels.py`: straight moves of 0.1 to 0.5 m that resolved rates can make in 12 s
+with the base floating (0.1 to 0.3 m for `planar_3r`, in its
 plane). docs/used-or-fought.md has the results.
 """
 
@@ -54,9 +55,9 @@ def moves(name: str, count: int, seed: int, time_limit: float, keep: Keep) -> li
 
 
 def tables(name: str, rows: list[dict[str, Any]]) -> str:
-    """Return Markdown tables: medians over the moves, and the share of moves for which "used" needs less.
+    """Return Markdown tables of medians, and of the share of moves for which "used" needs less.
 
-    Only moves that all strategies but "restored" reach count.
+    Moves that a strategy other than "restored" fails to reach are left out.
     """
     columns = {
         "wheel momentum [N m s]": ("wheel_momentum_max_Nms", 1.0),
@@ -98,7 +99,7 @@ MISSION = {  # the strategies' names in a mission, in the order of the README
 
 
 def mission(name: str, rows: list[dict[str, Any]]) -> str:
-    """Return a Markdown table of a mission's costs for one move, medians of the moves that arrive."""
+    """Return a Markdown table of a mission's costs for one move: medians of the moves that arrive."""
     cells = {
         "wheel momentum [N m s]": "wheel_momentum_max_Nms",
         "wheel energy [J]": "wheel_energy_J",
@@ -116,7 +117,7 @@ def mission(name: str, rows: list[dict[str, Any]]) -> str:
 
 
 def main() -> None:
-    """Measure and print."""
+    """Measure, and print the tables."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--targets", type=int, default=10)
     parser.add_argument("--arms", nargs="+", choices=tuple(ARMS), default=list(ARMS))

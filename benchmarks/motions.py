@@ -1,7 +1,8 @@
-"""What motions ask of joints and base: the default plan, classical references and the paper's step.
+"""Compare joint travel, base rotation and cost of the default plan, classical methods and the paper's step.
 
-Targets 0.1 to 0.5 m away, from postures drawn from half of the joint range, that a resolved-rate move
-reaches: `python benchmarks/motions.py --targets 100`. Ratios are target by target.
+Run from the repository's root: python benchmarks/motions.py --targets 100
+The starts are drawn from the middle half of the joint ranges, the targets 0.1 to 0.5 m away. Only targets
+that a resolved-rate move reaches are used. Ratios are formed for each target.
 """
 
 from __future__ import annotations
@@ -21,19 +22,19 @@ from ffsms_pin import opt
 from ffsms_pin.files import write_content
 
 DURATION, DT = 12.0, 0.02  # [s]
-METHODS = {  # and what the table calls them
+METHODS = {  # with their names in the table
     "horizon": "`opt.plan`",
     "base": "`opt.plan(..., base=1)`",
     "step": "the paper's step",
     "resolved-rate": "resolved rate",
     "least-disturbance": "least disturbance",
 }
-BASE_WEIGHT = 1.0  # of the rows "base": on the base's turn
+BASE_WEIGHT = 1.0  # weight of the base's rotation in the rows "base"
 NUMBERS = ("cost", "travel", "path", "turn", "seconds")
 
 
 def measured(sms: ffsms.SpaceManipulator, q0: Any, target: Any, method: str) -> dict[str, float]:
-    """Cost [s], joint travel [rad], path over the straight line, base turn [rad], CPU time [s]."""
+    """Return cost [s], joint travel [rad], path over distance, base rotation [rad] and CPU time [s]."""
     begin = time.process_time()
     base = BASE_WEIGHT if method == "base" else 0.0
     chosen = "horizon" if method == "base" else method
@@ -49,7 +50,7 @@ def measured(sms: ffsms.SpaceManipulator, q0: Any, target: Any, method: str) -> 
 
 
 def tasks(sms: ffsms.SpaceManipulator, seed: int) -> Iterator[tuple[Any, Any, dict[str, float]]]:
-    """Starts, targets, and what the resolved-rate move that reaches them gives; without end."""
+    """Yield starts, targets, and the numbers of the resolved-rate move that reaches them, without end."""
     rng = np.random.default_rng(seed)
     low, high = np.maximum(sms.limits.lower, -np.pi), np.minimum(sms.limits.upper, np.pi)
     while True:
@@ -64,7 +65,7 @@ def tasks(sms: ffsms.SpaceManipulator, seed: int) -> Iterator[tuple[Any, Any, di
 
 
 def rows(name: str, count: int, seed: int) -> list[dict[str, dict[str, float]]]:
-    """One row a target: what each method gives."""
+    """Return one row for each target, with the numbers of each method."""
     sms = ffsms.load(name)
     found: list[dict[str, dict[str, float]]] = []
     for q0, target, straight in islice(tasks(sms, seed), count):
@@ -75,7 +76,7 @@ def rows(name: str, count: int, seed: int) -> list[dict[str, dict[str, float]]]:
 
 
 def table(results: dict[str, list[dict[str, dict[str, float]]]]) -> str:
-    """Markdown: medians, and ratios to the resolved-rate move."""
+    """Return a Markdown table of medians, and of ratios to the resolved-rate move."""
     head = (
         "| arm | method | reached | cost [s] | travel, ratio (95 %) | path / straight | base turn, ratio "
         "| time [s] |"
@@ -104,7 +105,7 @@ def table(results: dict[str, list[dict[str, dict[str, float]]]]) -> str:
 
 
 def main() -> None:
-    """Measure and print."""
+    """Measure, and print the table."""
     parser = argparse.ArgumentParser(description=__doc__)
     arms = ["satellite_ur5", "satellite_panda", "satellite_xarm7"]
     parser.add_argument("--arms", nargs="+", default=arms)

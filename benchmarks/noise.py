@@ -44,9 +44,9 @@ ROWS = (("planar_3r", 1), ("satellite_panda", 1), ("planar_3r", 2))
 class Run(NamedTuple):
     """The numbers of one run.
 
-    Distances at the deadline, whole and in the directions that the arm can correct; the largest rise of the
-    distance during the motion; the largest distance in the hold, all in mm. Torque in the hold (root mean
-    square, the worst joint) over the share that the noise itself causes.
+    All distances from the target are in mm: at the deadline, its part in the directions that the arm can
+    correct, its largest increase during the motion, and its largest value in the hold. The torque in the hold
+    (root mean square, worst joint) is divided by the torque that noise alone causes in a robot at rest.
     """
 
     end: float

@@ -1,12 +1,12 @@
-"""Fly the packaged `nozzle` with other plants and other noise: share of latched probes, loads and times.
+"""Fly the packaged `nozzle` with other plants and other noise; print latches, loads and times.
 
 Run from the repository's root:
     python benchmarks/nozzle.py [--seeds 100] [--first 0] [--mujoco] [--resume FILE]
-With `--resume` each run is a line of that file; runs in the file are not flown again, and are in the table. A
+With `--resume` each run is a line of that file. Runs in the file are not flown again, but are in the table. A
 seed draws the plant's masses and inertias, and the noise of sensors and camera; everything else is as
-packaged except the time after the catch. Each run that does not latch has its reason. The CPU time is that of
-planning before the flight, of all re-plans, and of the whole run. With `--mujoco` each catch is flown again
-in MuJoCo, see nozzle_in_mujoco.py.
+packaged except the time after the catch. For each run without a latch, the reason is printed. CPU times are
+those of planning before the flight, of all re-plans, and of the whole run. With `--mujoco` each catch is
+flown again in MuJoCo, see nozzle_in_mujoco.py.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ ASKED = {"guide": 20.0, "share": 1.0, "planning": 5.0, "replanning": 5.0, "off":
 
 
 def timed(owner: Any, name: str, spent: list[float]) -> None:
-    """Make the function of this name add up its CPU time [s]."""
+    """Replace `owner.name` by a function that appends its CPU time [s] to `spent`."""
     function: Callable[..., Any] = getattr(owner, name)
 
     def wrapped(*arguments: Any, **options: Any) -> Any:
@@ -115,7 +115,7 @@ def main() -> None:
     arguments = parser.parse_args()
     timed(import_module("ffsms_pin.scenarios.closed_loop"), "planned", PLANNING)
     timed(RestPlanner, "plan", REPLANNING)
-    # Do not simulate the first plan without re-planning.
+    # Skip the simulation of the first plan without re-planning.
     import_module("ffsms_pin.scenarios.closed_loop").attempt = lambda _: None
     kept = arguments.resume
     lines = kept.read_text("utf-8").splitlines() if kept is not None and kept.exists() else []

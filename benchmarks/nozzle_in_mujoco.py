@@ -1,11 +1,11 @@
 """Repeat a catch of the packaged `nozzle` in MuJoCo, with the same motion of the joints.
 
 MuJoCo simulates from the hold point on, with its own dynamics and its own contact of rod and nozzle, with the
-same spring and friction (see tests/capture/test_contact_beside_mujoco.py). The grip follows its formula, and
-the joints have the recorded friction. The latch is plastic; the joined bodies then move in MuJoCo, too. The
-joints have the recorded torques, and the gains of the law keep them on the recorded motion, because the
-torques alone do not determine the motion of joints about nearly parallel axes for half a minute. Base, client
-and contact are free.
+same spring and friction (see tests/capture/test_contact_beside_mujoco.py). The grip has the load of
+`GripLoad`, and the joints have the friction of the scenario. The latch is a plastic impact, after which
+MuJoCo simulates the joined bodies. The joints have the recorded torques. In addition, feedback with the gains
+of the law keeps them on the recorded motion, because torques alone do not determine the motion of joints
+about nearly parallel axes for half a minute. Base, client and contact are not constrained.
 """
 
 from __future__ import annotations
@@ -110,9 +110,9 @@ class Peer:
         model, data, nv = self.model, self.data, self.sms.nv
         J = np.zeros((6, model.nv))
         for _ in range(parts):
-            if data.ncon:  # its damping is constant, that of `SurfaceContact` grows with depth
+            if data.ncon:  # MuJoCo's damping is constant; that of `SurfaceContact` grows with depth
                 deepest = max(0.0, -float(data.contact.dist.min()))
-                slower = 1e-9 + 1.5 * self.load.damping * deepest  # zero selects another format
+                slower = 1e-9 + 1.5 * self.load.damping * deepest  # in MuJoCo zero selects another format
                 model.pair_solref[:, 1] = slower * model.pair_solref[:, 0]
             data.qfrc_applied[:] = 0.0
             data.qfrc_applied[6:nv] = tau + friction(data.qvel[6:nv])

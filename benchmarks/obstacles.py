@@ -1,9 +1,9 @@
 """Count the targets reached among obstacles, and measure the clearance and the cost of the plans.
 
 Targets are reachable by construction (`benchmarks.targets`) by a straight joint-space move. Three obstacles
-are drawn near the volume that the arm sweeps in that move, such that the move keeps clear of them. The table
-has how many of the targets that are reached without obstacles are reached among them. Finished plans are
-judged by Coal, on the robot's meshes, at nodes.
+are drawn near the volume that the arm sweeps in that move, but at a distance from it. The table has the share
+of targets reached among obstacles, of those that are reached without obstacles. Coal checks finished plans
+with the robot's meshes, at nodes.
 """
 
 from __future__ import annotations
@@ -81,7 +81,7 @@ def random_shape(rng: np.random.Generator) -> coal.ShapeBase:
 
 
 def obstacles_beside(sms: ffsms.SpaceManipulator, task: Task, rng: np.random.Generator) -> list[opt.Obstacle]:
-    """Draw obstacles near the straight move that the move keeps clear of."""
+    """Draw obstacles near the straight move that the move does not touch."""
     profile = 1.5 * (1.0 - (2.0 * np.linspace(0.0, 1.0, MOVE + 1) - 1.0) ** 2)
     rates = profile[:, None] * (task.joint_goal - sms.joint_positions(task.q0))
     motion = rolled_out(sms, ArmStack(sms), task.q0, rates, 1.0 / MOVE)

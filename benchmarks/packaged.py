@@ -30,7 +30,7 @@ ROWS = (
 
 
 def summary(name: str) -> Any:
-    """Run a scenario and return its summary.json, which a run that does not arrive (status 1) also has."""
+    """Run a scenario, and return its summary.json. A run that does not arrive (status 1) writes it, too."""
     with tempfile.TemporaryDirectory() as folder:
         command = [sys.executable, "-m", "ffsms_pin", "run", name, "--no-figures", "--out", folder]
         status = subprocess.run(command, capture_output=True, check=False).returncode

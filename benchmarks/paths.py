@@ -1,7 +1,7 @@
-"""Follow 40 paths: `python benchmarks/paths.py`.
+"""Follow 40 paths, ten on each of four robots: `python benchmarks/paths.py`.
 
-Circles, lines, rounded squares and helices on four robots, ten on each, in 20 s after an approach of 2 s.
-Each path begins at the end effector of a random posture. A path is used if simple resolved-rate control,
+The paths are circles, lines, rounded squares and helices. They take 20 s after an approach of 2 s. Each path
+begins at the end effector's position in a random posture. A path is used if simple resolved-rate control,
 written here with Pinocchio, stays within the joints' ranges and rates and keeps the clearance, so the limits
 allow the path. The plans are judged by integration with Pinocchio at ten times their resolution.
 """
@@ -94,7 +94,7 @@ def allowed(sms: ffsms.SpaceManipulator, q0: FloatArray, curve: Curve, apart: An
 
 
 def paths(name: str, sms: ffsms.SpaceManipulator, seed: int) -> Iterator[tuple[str, FloatArray, Curve]]:
-    """Draw paths of all kinds in turn: their kinds, starts, and curves over the share s of the path."""
+    """Draw paths, cycling through the kinds; return kind, start and curve over the share s of the path."""
     rng, limits, apart = np.random.default_rng(seed), sms.limits, apart_by(sms)
     middle = np.where(np.isfinite(limits.lower + limits.upper), 0.5 * (limits.lower + limits.upper), 0.0)
     half = np.minimum(

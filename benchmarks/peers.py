@@ -1,4 +1,4 @@
-"""Time the same work by adam, MuJoCo and Pink in the same run.
+"""Time adam, MuJoCo and Pink at the same work as this library, in the same run.
 
 Their results are checked against ours before the measurement. Licences: adam BSD-3-Clause, MuJoCo and Pink
 Apache-2.0, qpsolvers (used by Pink) LGPL-3.0. A package that is not installed is named in the table, with the
@@ -27,7 +27,7 @@ from ffsms_pin.urdf import model_path
 
 ROBOTS = ("planar_3r", "space_arm_7")
 STATES, DT = 20, 1e-3
-STEP, DURATION, FIRST = 0.01, 4.0, 100  # [s] of inverse kinematics; the first timed step
+STEP, DURATION, FIRST = 0.01, 4.0, 100  # [s] of inverse kinematics; index of the first timed step
 ROUNDING = 1e-10  # relative to the largest entry
 
 Call = Callable[[int], Any]
@@ -44,7 +44,7 @@ class Work(NamedTuple):
 
 
 def run(turns: int = 60) -> list[dict[str, Any]]:
-    """Return a row for each peer, robot and piece of work; `reason` tells why it was not measured."""
+    """Return a row for each peer, robot and piece of work; `reason` is set if it was not measured."""
     rows: list[dict[str, Any]] = []
     for peer, package, make in (
         ("adam", "adam-robotics", adam_work),
@@ -92,7 +92,7 @@ def apart(pairs: list[tuple[Any, Any]]) -> float:
 
 
 def adam_work(name: str) -> list[Work]:
-    """Compare H and the generalised Jacobian, which is put together from adam's mass matrix and Jacobian."""
+    """Compare H and the generalised Jacobian; the latter follows from adam's mass matrix and Jacobian."""
     kindyn = importlib.import_module("adam.numpy").KinDynComputations
     sms = ffsms.load(name)
     peer = kindyn(str(model_path(name)), sms.joint_names)
@@ -154,8 +154,8 @@ def mujoco_work(name: str) -> list[Work]:
         mj.mj_fwdVelocity(model, data)
         full(M)
         bias = data.qfrc_bias
-        # The fastest calls for the remaining operations: NumPy's solve and its operator @ take several times
-        # longer, which would add to MuJoCo's time.
+        # The fastest calls for the remaining operations. NumPy's solve and its operator @ take several times
+        # longer and would count as MuJoCo's time.
         coupling = lapack.dposv(M[:6, :6], M[:6, 6:])[1]
         return coupling, M[6:, 6:] - M[6:, :6].dot(coupling), bias[6:] - bias[:6].dot(coupling)
 
@@ -205,7 +205,7 @@ def mujoco_work(name: str) -> list[Work]:
             (np.concatenate([q[7:], R @ v[:3], v[3:]]), np.concatenate([data.qpos[7:], data.qvel])),
         ]
     assert apart(torques) <= ROUNDING, apart(torques)
-    # The methods differ: MuJoCo's does not correct for the turning of the base within the step.
+    # The results differ because MuJoCo's method neglects the rotation of the base within the step.
     return [
         Work("J*, H_q and C_q", ours, theirs, same, ROUNDING),
         Work("control step, Runge-Kutta", our_step, their_step, apart(ends), 1e-6),
@@ -254,7 +254,7 @@ def pink_work(name: str) -> list[Work]:
         v: FloatArray = pink.solve_ik(configuration, [hold], STEP, "proxqp", constraints=[momentum])
         return v
 
-    # Pink's task is the motion of our step in the same time.
+    # Pink's task is the end-effector motion of our step.
     goals = [STEP * sms.at(q).J_star[:3] @ ours(i) for i, q in enumerate(starts)]
     found = [theirs(i) for i in range(STATES)]
     # The base must move by our momentum equation up to the solver's tolerance, the end effector by the task

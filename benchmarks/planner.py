@@ -22,7 +22,7 @@ Apart: TypeAlias = Callable[[FloatArray], bool]
 
 
 def paper_tasks(sms: ffsms.SpaceManipulator, count: int, seed: int) -> list[Task]:
-    """Return tasks from the paper's start."""
+    """Return tasks that begin at the paper's initial configuration."""
     return reachable_targets(sms, np.full(sms.n, np.deg2rad(1.0)), count, seed, DT)
 
 

@@ -1,6 +1,6 @@
 """Measure the planner's reach in space: targets of seven-joint arms that are reachable by construction.
 
-`python benchmarks/reach.py` makes the table; `make bench` has it as a section.
+`python benchmarks/reach.py` prints the table, which is also a section of `make bench`.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ def run(count: int, seed: int, models: list[str] | None = None) -> list[dict[str
 
 
 def report(results: list[dict[str, Any]]) -> str:
-    """Return a table of plans that keep all limits and meet const8, and of those that end exactly."""
+    """Return a table of plans that keep all limits and meet const8, and of plans that end within `EXACT`."""
     lines = [
         "| model | targets | reached | within 1 mm, 1 mrad | median cost [s] | largest cost [s] | "
         "median time [s] | longest [s] |",
@@ -58,7 +58,7 @@ def report(results: list[dict[str, Any]]) -> str:
 
 
 def main() -> None:
-    """The command line."""
+    """Run the command line."""
     p = argparse.ArgumentParser(description=__doc__)
     p.add_argument("--count", type=int, default=100, help="targets of each set (default: 100)")
     p.add_argument("--seed", type=int, default=1, help="of the targets (default: 1)")

@@ -1,4 +1,4 @@
-"""The robots, starts and targets of the benchmarks of re-planning."""
+"""Problems of the benchmarks of re-planning: robots, starts and targets."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def problem(robot: str, case: int) -> tuple[Any, Any, Any]:
     sms = ffsms.load(robot)
     if robot == "planar_3r":
         return sms, sms.configuration(np.deg2rad([1.0, 1.0, 1.0])), np.array(PLANAR[case])
-    # In space: a bent arm, and a target half a metre from where its end effector is.
+    # Spatial robots: a bent arm, and a target half a metre away from its end effector.
     limits = sms.limits
     middle = 0.5 * (np.clip(limits.lower, -3.0, 3.0) + np.clip(limits.upper, -3.0, 3.0))
     q0 = sms.configuration(middle)

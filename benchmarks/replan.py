@@ -2,8 +2,8 @@
 
 Run from the repository's root: python benchmarks/replan.py [--plants 10] [--seed 1]
 The problems are those of benchmarks/reaching.py. All re-plans of all runs are timed, without the first plans.
-The unit of the last two columns is one linearisation of a motion on the spline with which a re-plan begins,
-measured in the same run, so that the ratio does not depend on the machine or its load.
+The last two columns are ratios to the time of one linearisation of a motion on the initial spline of a
+re-plan. That time is measured in the same run, so the ratios do not depend on the machine or its load.
 """
 
 from __future__ import annotations

@@ -2,9 +2,9 @@
 
 Run from the repository's root: python benchmarks/roughness.py [--plants 3]
 The problems are those of benchmarks/reaching.py, the wrong plants and the sensors those of
-benchmarks/noise.py, with re-planning at 100 Hz and computed torque at 1 kHz. The table has the worst values
-of all plants: largest step of a torque from one control step to the next, largest torque and joint
-acceleration, and final error. Noisy measurements are filtered for both motions.
+benchmarks/noise.py, with re-planning at 100 Hz and computed torque at 1 kHz. The table has the largest
+values over all plants: the change of a torque between two control steps, torque, joint acceleration, and
+final error. Noisy measurements are filtered for both motions.
 """
 
 from __future__ import annotations

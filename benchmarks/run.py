@@ -1,8 +1,8 @@
-"""Run `make bench`: the library's speed, reach and cost, beside the least possible and other libraries.
+"""Run `make bench`: speed, reach and cost of the library, of its lower bounds and of other libraries.
 
-Writes all tables to one Markdown file and all numbers to one JSON file. `--only` chooses sections. One core
-is used (except for the section `many`). Compare ratios, because both sides of each were measured in the same
-run, in turns.
+All tables are written to one Markdown file and all numbers to one JSON file. `--only` chooses sections. One
+core is used, except for the section `many`. Compare ratios, because their numerators and denominators are
+measured in turns in the same run.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ from ffsms_pin.files import write_content
 
 COARSE = 100  # number of steps of the nonlinear programme
 TIME_LIMIT = 120.0  # [s] time limit of a solution
-# The forms of the programme: label, True for the plan's grid, True for scalar formulas (see `ipopt.solve`).
+# The forms of the programme: label, True for the plan's time grid, `expanded` of `ipopt.solve`.
 FORMS = {
     "coarse": (f"IPOPT, {COARSE} steps", False, True),
     "graph": (f"IPOPT, {COARSE} steps, as a graph", False, False),
@@ -47,7 +47,7 @@ Section = tuple[str, Callable[[argparse.Namespace], Any], Callable[[Any], str]]
 
 
 def main() -> None:
-    """Run the sections that the command line asks for; the files are complete after each."""
+    """Run the chosen sections; the files are written after each section."""
     arguments = parser().parse_args()
     out: dict[str, Any] = {
         "arguments": {k: v for k, v in vars(arguments).items() if k != "out"},
@@ -105,7 +105,7 @@ def reach_section(arguments: argparse.Namespace) -> list[dict[str, Any]]:
 
 
 def cost_section(arguments: argparse.Namespace) -> list[dict[str, Any]] | str:
-    """Compare the cost with that of IPOPT, or return why it was not measured."""
+    """Compare the cost with that of IPOPT, or return the reason why it was not measured."""
     sms = ffsms.load("planar_3r")
     try:
         return [
@@ -128,7 +128,7 @@ def printed(show: Callable[[Any], None], results: Any) -> str:
 
 
 def reach(sms: ffsms.SpaceManipulator, kappa: float, seed: int, count: int) -> dict[str, Any]:
-    """Measure plans alone, on many targets."""
+    """Measure the library's plans, without IPOPT, on many targets."""
     return {"kappa": kappa, "seed": seed, "plans": run_plans(sms, paper_tasks(sms, count, seed), kappa)}
 
 
@@ -177,7 +177,7 @@ def print_reach(results: list[dict[str, Any]]) -> None:
 
 
 def print_costs(results: list[dict[str, Any]]) -> None:
-    """Print our costs beside IPOPT's: medians over the same targets."""
+    """Print the library's and IPOPT's costs: medians over the same targets."""
     print(
         "\n| kappa | seed | planner | done | median cost [s] | worst excess of ours [s] | building [ms] | "
         "solving [ms] | both over ours | solving over ours | sign changes | "
@@ -193,7 +193,7 @@ def print_costs(results: list[dict[str, Any]]) -> None:
 
 
 def row_of(label: str, r: dict[str, Any], rows: list[dict[str, Any]], plans: list[dict[str, Any]]) -> None:
-    """Print one row of the cost table; ratios are medians over `plans`, ours for the same targets."""
+    """Print one row of the cost table; ratios are relative to the library's `plans` of the same targets."""
     ours = rows is plans
     done = sum(row["reached" if ours else "converged"] for row in rows)
     excess, building, both, solving = "", "", "", ""

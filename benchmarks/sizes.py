@@ -21,12 +21,12 @@ from ffsms_pin.simulation.integrators import rk4_step
 
 JOINTS = (3, 6, 7, 14, 30)
 PLANNED = (3, 6, 7)
-PLANS = 3  # number of targets per size
-STATES, STEP, DT = 10, 0.01, 1e-3  # number of states, [s] step of planning, [s] step of control
+PLANS = 3  # number of targets per number of joints
+STATES, STEP, DT = 10, 0.01, 1e-3  # number of states, [s] planning step, [s] control step
 
 
 def run(turns: int = 40, hour: bool = True) -> dict[str, Any]:
-    """Measure the growth with joints and with duration."""
+    """Measure times over the number of joints and over the duration."""
     rows = [joints(n, turns) for n in JOINTS]
     what = ("state", "planning step", "control step")
     exponents = {name: exponent([(row["joints"], row[name]["median"]) for row in rows]) for name in what}
@@ -76,7 +76,7 @@ def joints(n: int, turns: int, packaged: bool = False) -> dict[str, Any]:
 
 
 def exponent(points: list[tuple[int, float]]) -> dict[str, float]:
-    """Return slopes of log time over log joints: fitted to all sizes, and between the last two sizes."""
+    """Return slopes of log time over log joints: a fit to all sizes, and between the two largest sizes."""
     n, t = np.log([point[0] for point in points]), np.log([point[1] for point in points])
     return {
         "fitted": float(np.polyfit(n, t, 1)[0]),
@@ -85,7 +85,7 @@ def exponent(points: list[tuple[int, float]]) -> dict[str, float]:
 
 
 def planned(n: int) -> dict[str, Any]:
-    """Plan by `opt.plan` to targets that are reachable by construction."""
+    """Time `opt.plan` for targets that are reachable by construction."""
     sms = robot(n)
     tasks = reachable_targets(sms, np.full(n, np.deg2rad(5.0)), PLANS, 1, STEP)
     opt.plan(sms, tasks[0].q0, tasks[0].target, tasks[0].duration, STEP)
@@ -104,7 +104,7 @@ def planned(n: int) -> dict[str, Any]:
     }
 
 
-# The joints swing steadily, so that only the recording grows. Each run has its own process for its memory.
+# The joints swing steadily, so only the recording grows. Each run has its own process, to measure memory.
 SIMULATION = """
 import json, sys, time, numpy as np, resource
 import ffsms_pin as ffsms

@@ -1,4 +1,4 @@
-"""Start-up: whole processes that import the library, beside ones that import Pinocchio and numpy."""
+"""Time whole processes that import the library, and processes that import only Pinocchio and NumPy."""
 
 from __future__ import annotations
 
@@ -30,9 +30,9 @@ BASE = "import pinocchio, numpy"
 
 
 def run(repeats: int = 15) -> dict[str, Any]:
-    """Times of whole processes, in turns, and their multiples of importing Pinocchio and numpy."""
+    """Return times of whole processes, in turns, and their ratios to importing Pinocchio and NumPy."""
     samples: dict[str, list[float]] = {name: [] for name in PROGRAMS}
-    # Compiled once, as an installed package is, wherever the environment says that caches may not be written.
+    # Byte code is cached, as for an installed package, even if the environment forbids caches.
     with tempfile.TemporaryDirectory() as cache:
         environment = {k: v for k, v in os.environ.items() if k != "PYTHONDONTWRITEBYTECODE"}
         environment["PYTHONPYCACHEPREFIX"] = cache
@@ -40,7 +40,7 @@ def run(repeats: int = 15) -> dict[str, Any]:
             for name, code in PROGRAMS.items():
                 begin = time.perf_counter()
                 subprocess.run([sys.executable, "-c", code], check=True, env=environment)
-                if k > 0:  # the first fills the cache
+                if k > 0:  # the first repeat fills the cache
                     samples[name].append(time.perf_counter() - begin)
     found = {name: times(values) for name, values in samples.items()}
     ratios = {name: found[name]["median"] / found[BASE]["median"] for name in PROGRAMS}

@@ -1,8 +1,9 @@
-"""Compare states and control steps with the library calls that they need at least, as Markdown tables.
+"""Compare states and control steps with the least library calls that they need: Markdown tables.
 
 Run from the repository's root: python benchmarks/state_floor.py
-Both sides work on the same states in the same run, in short turns; the least time of each is used, because
-other load on the machine affects it least. Compare the ratio. The floor calls LAPACK directly; with NumPy's
+The library and the floor (the sum of these calls) process the same states in the same run, in short turns.
+The least time of each is used, because other load on the machine affects it least. Compare ratios. The floor
+calls LAPACK directly; with NumPy's
 solve and SVD it would be higher (`numpy_us`).
 """
 
@@ -47,7 +48,7 @@ class Floor(TypedDict):
 
 
 def run(turns: int = TURNS) -> dict[str, list[Floor]]:
-    """Measure states, states of which only the coupling is used, and control steps."""
+    """Measure states with all quantities, states with the coupling only, and control steps."""
     out: dict[str, list[Floor]] = {"state": [], "coupling": [], "control": []}
     for robot in ROBOTS:
         sms = ffsms.load(robot)
@@ -171,7 +172,7 @@ def _measured(
     }
 
 
-# Quantities that are computed together, by the one that is read first.
+# Quantities that are computed together when the first is read.
 GROUPS = (
     ("C_bm", "N and C_bm"),
     ("H_q", "H_q"),
@@ -190,7 +191,7 @@ GROUPS = (
 
 
 def where(robot: str, turns: int = TURNS) -> dict[str, float]:
-    """Return the time [us] of each part of a state, and of both halves of a control step."""
+    """Return the times [us] of the parts of a state, and of torque and integration in a control step."""
     sms = ffsms.load(robot)
     states, now = _states(sms), time.perf_counter_ns
     controller, data = ffsms.SlidingModeController(sms), sms.model.createData()

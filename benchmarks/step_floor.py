@@ -1,12 +1,12 @@
-"""Compare a planning step with the library calls that it needs at least.
+"""Compare a planning step with the least library calls that it needs.
 
-The floor of a step is the sum of its calls into Pinocchio, LAPACK and ProxQP, on the same states, with the
-same matrices, in the same run. A third table has the times of the functions that a step calls. Prints the
-tables as Markdown:
+The floor of a step is the time of its calls into Pinocchio, LAPACK and ProxQP, with the same states and
+matrices, in the same run. A third table has the times of the functions that a step calls. Print the Markdown
+tables:
 
     OMP_NUM_THREADS=1 python benchmarks/step_floor.py
 
-Other programs on the machine lengthen single calls by milliseconds. So a rollout is repeated a few times with
+Other programs on the machine lengthen single calls by milliseconds. So a rollout is repeated with
 the same work at every step, and a step's time is the least of its repeats.
 """
 
@@ -34,7 +34,7 @@ from ffsms_pin.opt.step.stepper import Stepper, StepProblem, StepSolver, new_sol
 from ffsms_pin.opt.step.stepwise import sides_of
 from ffsms_pin.robot.base_motion import advance
 
-DT, KAPPA = 0.01, 10.0  # [s], and the sharpness of C~
+DT, KAPPA = 0.01, 10.0  # [s] time step; kappa of the paper's cost C~
 MODELS = ("planar_3r", "satellite_panda")
 # The functions that a step calls: their module or class, and their names.
 PARTS: dict[str, tuple[Any, tuple[str, ...]]] = {
@@ -51,7 +51,7 @@ CALLS = ("crba with Jacobians", "frame Jacobian", "6 x 6 solve", "SVD", "ProxQP,
 
 
 class Task(NamedTuple):
-    """A rollout: its states, and the quadratic programmes that were solved in it."""
+    """A rollout: its states, and its quadratic programmes."""
 
     sms: ffsms.SpaceManipulator
     target: FloatArray
@@ -61,18 +61,18 @@ class Task(NamedTuple):
 
 
 def run(repeats: int = 7) -> dict[str, Any]:
-    """Time steps and their floor on the packaged robots, joint limits and the paper's clearances kept.
+    """Time steps and their floors for the packaged robots, with joint limits and the paper's clearances.
 
     Parameters
     ----------
     repeats : int
-        Replays of each march.
+        The number of repeats of each rollout.
 
     Returns
     -------
     dict
-        One entry a model: `calls` (medians of the floor's calls), `floor` (of their sum), `step`, `step_p999`
-        and `step_worst`, `parts` (medians of the step's parts and of the rest), all in microseconds;
+        One entry for each model: `calls` (medians of the floor's calls), `floor` (median of their sum),
+        `step`, `step_p999` and `step_worst`, `parts` (medians of its parts and of the remainder), in us;
         `ratio` = step / floor; `tail` = step_p999 / step; `steps`.
     """
     return {name: measure(roll_out_steps(name), repeats) for name in MODELS}
@@ -113,12 +113,12 @@ def _stepper(sms: ffsms.SpaceManipulator) -> Stepper:
 def measure(task: Task, repeats: int) -> dict[str, Any]:
     """Measure the times of a rollout's steps and of their floors [us]."""
     empty = _clock()
-    # Step and floor take turns, so that other load slows both.
+    # Step and floor are timed in turns, so that other load slows both.
     times = [(_steps(task), _floors(task), _parts(task)) for _ in range(repeats)]
     steps = np.min([step for step, _, _ in times], axis=0) - empty
     floors = np.array([floor for _, floor, _ in times]) - empty
     parts = np.median(np.min([part for _, _, part in times], axis=0), axis=0) - empty
-    # The least time of all calls together, from one undisturbed run, as for the step.
+    # The least total time of the calls in one run, as for the step.
     step, floor = float(np.median(steps)), float(np.median(floors.sum(axis=2).min(axis=0)))
     p999 = float(np.percentile(steps, 99.9))
     return {
@@ -135,7 +135,7 @@ def measure(task: Task, repeats: int) -> dict[str, Any]:
 
 
 def _clock() -> float:
-    """Return the time of two readings of the clock [us]."""
+    """Return the time that two readings of the clock take [us]."""
     now = time.perf_counter_ns
     return 1e-3 * float(np.median([-(now() - now()) for _ in range(10000)]))
 
@@ -189,7 +189,7 @@ def _floors(task: Task) -> FloatArray:
 
 
 def _parts(task: Task) -> FloatArray:
-    """Return the time of each part of each step and of the rest, (N, parts + 1) [us], in `Stepper.step`."""
+    """Return the times of the parts of each `Stepper.step` and of its remainder, (N, parts + 1) [us]."""
     spent, now = [0] * len(PARTS), time.perf_counter_ns
 
     def timed(part: int, function: Callable[..., Any]) -> Callable[..., Any]:

@@ -19,7 +19,7 @@ import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.opt.search import search as search_module
 
-ENOUGH = (0.01, 8e-4)  # [s] the library's threshold, and one that plans in coarse steps seldom reach
+ENOUGH = (0.01, 8e-4)  # [s] the library's threshold, and a threshold that plans in coarse steps seldom reach
 STEPS = (100, 200)
 
 

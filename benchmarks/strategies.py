@@ -1,10 +1,10 @@
-"""Measure the effect of each strategy of the search: one row without each of them, beside all of them.
+"""Measure the effect of each strategy of the search by leaving it out.
 
 Targets are easy (with kappa 10 and 1), near, beside the start, hard, obstructed, short, hurried, with
-momentum, and with weak wheels. All targets can be reached by construction, by a straight joint-space move
-with a reacting base, except the obstructed ones, some of the hard and short ones, and those with weak wheels;
-the hurried ones by `method="resolved-rate"` in little more than the least time. `python
-benchmarks/strategies.py` makes the table, as does `make bench` with `BENCH="--only strategies"`.
+momentum, and with weak wheels. A straight joint-space move with a reacting base reaches the targets, except
+the obstructed targets, some of the hard and short targets, and those with weak wheels. Hurried targets are
+reached by `method="resolved-rate"` in little more than the minimum time. `python benchmarks/strategies.py`
+prints the table, as does `make bench` with `BENCH="--only strategies"`.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ NEEDED = ("first starts", "descent")
 NAMES = tuple(name for name in dict.fromkeys(one.name for one in STRATEGIES) if name not in NEEDED)
 DT = 0.02  # [s]
 SHARE = 0.9  # share of the joint box from which goals are drawn, for hard and hurried targets also the start
-SLACK = 1.5  # durations as multiples of the joints' least time; short ones are drawn from the range
+SLACK = 1.5  # durations as multiples of the joints' minimum time; short durations are drawn from `SHORT`
 SHORT = (0.8, 1.1)
 NEAR = 0.1  # [rad] largest joint displacement to a near target; some are within the tolerance at the start
 CARRIED = (0.2, 1.0)  # displacement [arm lengths] and rotation [rad] by the momentum
@@ -149,13 +149,13 @@ def _straight(
 
 
 def _clear_at(sms: ffsms.SpaceManipulator, stack: ArmStack, clearance: opt.Limit, joints: FloatArray) -> bool:
-    """Return whether the arm keeps clear at joint positions (n,)."""
+    """Return whether the clearance is satisfied at joint positions (n,)."""
     still = rolled_out(sms, stack, sms.configuration(joints), np.zeros((2, sms.n)), DT)
     return clearance.violation(still).amount == 0.0
 
 
 def _momentum(stack: ArmStack, start: FloatArray, duration: float, rng: np.random.Generator) -> FloatArray:
-    """Draw a momentum (6,) that moves and turns the robot by about `CARRIED` in the time, about z alone."""
+    """Draw a momentum (6,) that moves the robot, and turns it about z, by about `CARRIED` in `duration`."""
     shift, turn = CARRIED
     inertia = np.linalg.inv(stack.evaluate(start[:, None]).inverse[..., 0])
     linear = np.append(rng.uniform(-1.0, 1.0, 2), 0.0) * shift * stack.length * stack.mass / duration
@@ -175,7 +175,7 @@ def _in_the_way(stack: ArmStack, move: Rollouts) -> list[opt.Obstacle]:
 
 
 def _stands_between(around: opt.Limit, move: Rollouts) -> bool:
-    """Return whether the obstacle is in the way of a move, but neither at its start nor at its end."""
+    """Return whether a move collides with the obstacle, but neither at its start nor at its end."""
     found = around.violation(move)
     binds = np.isin(move.times[[0, -1]], found.instants)
     return found.amount > 0.0 and not binds.any()
@@ -266,7 +266,7 @@ def _numbers(rows: list[dict[str, Any]], base: dict[Any, dict[str, Any]]) -> lis
 
 
 def main() -> None:
-    """The command line."""
+    """Run the command line."""
     p = argparse.ArgumentParser(description=__doc__)
     p.add_argument("--counts", type=int, nargs=2, default=(12, 4), help="targets of each kind (12 and 4)")
     p.add_argument("--seed", type=int, default=1, help="of the targets (default: 1)")

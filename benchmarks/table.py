@@ -1,4 +1,4 @@
-"""Results as Markdown: one table a section, what is ratio and what is time said in its head."""
+"""Format results as Markdown tables, one for each section; the heads distinguish ratios and times."""
 
 from __future__ import annotations
 
@@ -7,18 +7,18 @@ from typing import Any
 
 
 def markdown(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """A Markdown table."""
+    """Return a Markdown table."""
     lines = [f"| {' | '.join(head)} |", "|" + "---|" * len(head)]
     return "\n".join([*lines, *(f"| {' | '.join(row)} |" for row in rows)])
 
 
 def us(seconds: float) -> str:
-    """Microseconds."""
+    """Return a time [s] as text in microseconds."""
     return f"{1e6 * seconds:.1f}"
 
 
 def spread(times: dict[str, float], unit: float = 1e6, digits: int = 1) -> str:
-    """Median, and in brackets the 10th and 90th percentiles."""
+    """Return the median and, in brackets, the 10th and 90th percentiles."""
     return (
         f"{unit * times['median']:.{digits}f} "
         f"({unit * times['p10']:.{digits}f} to {unit * times['p90']:.{digits}f})"
@@ -26,7 +26,7 @@ def spread(times: dict[str, float], unit: float = 1e6, digits: int = 1) -> str:
 
 
 def machine(facts: dict[str, Any]) -> str:
-    """What was measured on."""
+    """Return a text of the machine and the packages."""
     packages = ", ".join(f"{name} {version}" for name, version in facts["packages"].items())
     threads = ", ".join(f"{name}={value}" for name, value in facts["threads"].items())
     return (
@@ -36,7 +36,7 @@ def machine(facts: dict[str, Any]) -> str:
 
 
 def startup(found: dict[str, Any]) -> str:
-    """Whole processes."""
+    """Return the table of start-up times."""
     rows = [
         (name, spread(found["times"][name], 1e3, 0), f"{found['ratios'][name]:.2f}")
         for name in found["times"]
@@ -45,7 +45,7 @@ def startup(found: dict[str, Any]) -> str:
 
 
 def state(found: dict[str, Any]) -> str:
-    """States and control steps over their floors."""
+    """Return the table of states and control steps relative to their floors."""
     rows = [
         (
             row["what"],
@@ -62,7 +62,7 @@ def state(found: dict[str, Any]) -> str:
 
 
 def peers(found: list[dict[str, Any]]) -> str:
-    """The same work by others."""
+    """Return the table of the same work by other libraries."""
     rows = []
     for row in found:
         who = f"{row['peer']} {row.get('version', '')}".strip()
@@ -85,7 +85,7 @@ def peers(found: list[dict[str, Any]]) -> str:
 
 
 def sizes(found: dict[str, Any]) -> str:
-    """Growth with joints and durations."""
+    """Return the tables of times over numbers of joints and over durations."""
     what = ("state", "planning step", "control step")
     rows = [
         (row["robot"], str(row["joints"]), *(spread(row[name]) for name in what))
@@ -129,7 +129,7 @@ def sizes(found: dict[str, Any]) -> str:
 
 
 def many(found: dict[str, Any]) -> str:
-    """Return the tables of plans over processes."""
+    """Return the tables of plans in several processes."""
     e = found["efficiency"]
     first = markdown(
         (

@@ -2,7 +2,7 @@
 
 A joint goal is drawn from 90 % of the joint box. If the straight joint-space move to it keeps the clearances
 that `opt.plan` keeps by default, the target is the position (or pose) of the end effector at its end, with a
-reacting base. The duration is 1.5 times the least time of the slowest joint, so the straight move is a
+reacting base. The duration is 1.5 times the minimum time of the slowest joint, so the straight move is a
 solution. Clearances are those with which `opt.Clearance` judges finished motions: between the bodies'
 collision shapes, and between the paper's points (const4 to const7) for planar arms and bodies without shapes.
 """
@@ -23,7 +23,7 @@ from ffsms_pin.system.batch.arm import ArmStack
 
 CLEARANCE = 0.01  # [m]
 SHARE = 0.9  # share of the joint box
-SLACK = 1.5  # durations as multiples of the joints' least time
+SLACK = 1.5  # durations as multiples of the joints' minimum time
 STEPS = 120  # number of steps of the straight move, for its clearances and the base's reaction
 
 
@@ -56,7 +56,7 @@ def reachable_targets(
         motion = rolled_out(sms, stack, q0, rates, dt_move)
         if clearance.violation(motion).amount > 0.0:
             continue
-        # The simple integration gives bitwise the same targets of a seed as before.
+        # This simple integration keeps the targets of each seed unchanged.
         q, _ = roll_out(sms, q0, move, np.zeros((STEPS, sms.n)), dt_move)
         least = np.max(np.abs(move) / limits.velocity + limits.velocity / limits.acceleration)
         duration = dt * math.ceil(SLACK * float(least) / dt - 1e-9)

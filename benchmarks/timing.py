@@ -1,4 +1,4 @@
-"""Timing: calls side by side, in turns, so that other work falls on all alike; and whole commands."""
+"""Time calls in turns, so that other load affects all of them, and time whole commands."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 
 
 class Times(TypedDict):
-    """Seconds a call: over the turns."""
+    """Statistics of the times of one call [s]."""
 
     median: float
     p10: float
@@ -24,26 +24,26 @@ class Times(TypedDict):
 
 
 def times(samples: ArrayLike) -> Times:
-    """Median, percentiles and least of samples [s]."""
+    """Return median, percentiles and least of samples [s]."""
     values = np.asarray(samples, dtype=np.float64)
     low, middle, high = np.percentile(values, [10.0, 50.0, 90.0])
     return {"median": float(middle), "p10": float(low), "p90": float(high), "least": float(values.min())}
 
 
 def in_turns(calls: Mapping[str, Callable[[int], Any]], turns: int = 60, inner: int = 20) -> dict[str, Times]:
-    """Time calls side by side.
+    """Time calls in turns.
 
     Parameters
     ----------
     calls : mapping of str to callable
-        Each is given a running number, to choose its state by.
+        Functions of a running number, by which they choose a state.
     turns : int
-        How often each has its turn.
+        The number of turns of each call.
     inner : int
-        Calls in a turn, each a sample: one that another program interrupts spoils no other.
+        The number of calls per turn. Each is a sample, so that an interruption affects one sample only.
     """
     for call in calls.values():
-        call(0)  # first use fills caches
+        call(0)  # the first use fills caches
     samples: dict[str, list[float]] = {name: [] for name in calls}
     now = time.perf_counter
     gc.collect()
@@ -62,7 +62,7 @@ def in_turns(calls: Mapping[str, Callable[[int], Any]], turns: int = 60, inner: 
 
 
 class Cost(NamedTuple):
-    """Of a whole command: processor time and time by the clock [s], most memory of its own process [MB]."""
+    """The cost of a command: CPU and wall time [s], peak memory of the process without its children [MB]."""
 
     used: float
     clock: float
@@ -70,7 +70,7 @@ class Cost(NamedTuple):
 
 
 def command(words: list[str]) -> Cost:
-    """What `ffsms-pin WORDS` costs, its workers included."""
+    """Run `ffsms-pin WORDS` and return its cost; the CPU time includes its workers."""
     began = time.perf_counter()
     process = subprocess.Popen(
         [sys.executable, "-m", "ffsms_pin", *words], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL

@@ -1,8 +1,8 @@
-"""Cost against base turn against joint travel, as the weights on the base's turn and on effort vary.
+"""Measure cost, base rotation and joint travel for different weights of `opt.BaseTurn` and `opt.Effort`.
 
 `python benchmarks/trade_off.py --targets 10 --figure docs/images/trade-off.png` makes the figure of the docs.
-Targets as in `motions.py`; turn and travel are ratios to the resolved-rate move, target by target, and what
-is drawn are medians. `--draw` makes the figure again from the numbers of an earlier run.
+The targets are those of `motions.py`. The figure has medians; base rotation and joint travel are divided by
+those of the resolved-rate move for each target. `--draw` draws the numbers of an earlier run.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from ffsms_pin.files import write_content
 from ffsms_pin.plotting.style import applied, line
 
 BASE = (0.0, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 100.0)  # weights of opt.BaseTurn, with the default effort
-EFFORT = (1e-4, 1e-3, 1e-2, 1e-1, 1.0)  # weights of opt.Effort, without the base's
+EFFORT = (1e-4, 1e-3, 1e-2, 1e-1, 1.0)  # weights of opt.Effort, without opt.BaseTurn
 NUMBERS = ("cost", "turn", "travel")
 FAMILIES = ("base", "effort")
 # Weights that the figure writes beside their points; the labels of other weights would overlap.
@@ -31,7 +31,7 @@ OTHERS = {"step": 'method="step"', "resolved-rate": 'method="resolved-rate"'}
 
 
 def planned(sms: ffsms.SpaceManipulator, q0: Any, target: Any, **weights: float) -> dict[str, float]:
-    """Cost [s], base turn [rad] and joint travel [rad] of one plan."""
+    """Return cost [s], base rotation [rad] and joint travel [rad] of one plan."""
     plan = opt.plan(sms, q0, target, DURATION, DT, **weights)
     return {
         "reached": float(plan.reached),
@@ -42,7 +42,7 @@ def planned(sms: ffsms.SpaceManipulator, q0: Any, target: Any, **weights: float)
 
 
 def measure(name: str, count: int, seed: int) -> dict[str, dict[str, float]]:
-    """By setting, as "base 0.1": medians over the targets, turn and travel as ratios."""
+    """Return medians over targets for each setting, such as "base 0.1"; `turn` and `travel` are ratios."""
     sms = ffsms.load(name)
     found: dict[str, list[dict[str, float]]] = {}
     for q0, target, straight in islice(tasks(sms, seed), count):
@@ -60,7 +60,7 @@ def measure(name: str, count: int, seed: int) -> dict[str, dict[str, float]]:
 
 
 def draw(results: dict[str, dict[str, dict[str, float]]], path: Path) -> None:
-    """The figure: a column an arm, cost and joint travel over the turn of the base."""
+    """Draw cost and joint travel over the base's rotation, with one column for each arm."""
     from matplotlib.figure import Figure
 
     with applied():
@@ -107,7 +107,7 @@ def _families(ax: Any, found: dict[str, dict[str, float]], key: str) -> None:
 
 
 def table(results: dict[str, dict[str, dict[str, float]]]) -> str:
-    """Markdown: the medians."""
+    """Return a Markdown table of the medians."""
     lines = ["| arm | setting | reached | cost [s] | base turn | joint travel |", "|" + "---|" * 6]
     for name, found in results.items():
         lines += [
@@ -119,7 +119,7 @@ def table(results: dict[str, dict[str, dict[str, float]]]) -> str:
 
 
 def main() -> None:
-    """Measure, print and draw."""
+    """Measure, print the table and draw the figure."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--arms", nargs="+", default=["satellite_ur5", "satellite_panda"])
     parser.add_argument("--targets", type=int, default=10, help="a robot (default: 10)")

@@ -1,6 +1,7 @@
-"""How still the second arm holds the base while the first works: `python benchmarks/two_arms.py`.
+"""Measure by how much the second arm reduces the base's rotation while the first moves to a goal.
 
-The robot, start and place of docs/goals.md; the pose is 0.25 rad from the attitude at the start.
+Run: python benchmarks/two_arms.py
+Robot, start and position goal are those of docs/goals.md. The pose goal also turns the hand by 0.25 rad.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ from table import markdown
 import ffsms_pin as ffsms
 from ffsms_pin import opt
 
-HALF = [0.3, 0.5, 0.2, -1.0, 0.2, 0.6, 0.1]  # [rad], of each arm
+HALF = [0.3, 0.5, 0.2, -1.0, 0.2, 0.6, 0.1]  # [rad] joint positions of each arm
 WAY, TURN, DURATION = np.array([-0.15, -0.1, 0.15]), np.array([0.0, 0.0, 0.25]), 15.0  # [m], [rad], [s]
 ASKED = {
     "no price": {},
@@ -24,7 +25,7 @@ ASKED = {
 
 
 def said(plan: opt.Trajectory) -> str:
-    """One cell: the turn of the base, and by how much the target is missed."""
+    """Return a cell of the table: the base's rotation and, if the target is missed, the final error."""
     turn = f"{np.degrees(plan.base_rotation.max()):.2g} deg"
     return turn if plan.reached else f"{turn}, missed by {1e3 * plan.position_error[-1]:.0f} mm"
 

@@ -1,8 +1,9 @@
 """Measure the momentum over an hour of turning wheels, and the attitude held on the README's moves.
 
-`python benchmarks/wheels.py --targets 20`; the hour: `python benchmarks/wheels.py --hour`, with another
-`--integrator`. The moves are those of `motions.py`, with the attitude held by four wheels. The plans hold the
-attitude (`opt.plan(..., mode="rotation-floating")`), or are for a floating base and ignore the wheels.
+Run `python benchmarks/wheels.py --targets 20` for the moves, and `python benchmarks/wheels.py --hour
+[--integrator NAME]` for the hour. The moves are those of `motions.py`; four wheels hold the attitude. Plans
+take this into account (`opt.plan(..., mode="rotation-floating")`), or are for a floating base and ignore the
+wheels.
 """
 
 from __future__ import annotations
@@ -26,8 +27,8 @@ RPM = 2.0 * np.pi / 60.0
 SMALL = ffsms.ReactionWheels(PYRAMID, 0.001364, 0.1, 0.001364 * 7000.0 * RPM)
 LARGE = ffsms.ReactionWheels(PYRAMID, 12.0 / (6000.0 * RPM), 0.2, 12.0)
 
-LONG = ((300.0, 1e-2), (300.0, 5e-3), (300.0, 2e-3), (3600.0, 1e-2), (3600.0, 2.5e-3))  # flight, step [s]
-# The modes of the plans, and durations [s] of the moves. A floating plan ignores the wheels.
+LONG = ((300.0, 1e-2), (300.0, 5e-3), (300.0, 2e-3), (3600.0, 1e-2), (3600.0, 2.5e-3))  # duration, step [s]
+# Modes of the plans, and durations [s] of the moves. A floating plan ignores the wheels.
 MODES = {"floating": [12.0, 24.0, 36.0], "rotation-floating": [12.0]}
 ARMS = ("satellite_ur5", "satellite_panda", "satellite_xarm7")
 
