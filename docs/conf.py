@@ -40,15 +40,15 @@ html_title = f"ffsms-pin {__version__}"
 exclude_patterns = ["_build", "jupyter_execute", "lessons/README.md", "records"]
 suppress_warnings = [
     "mystnb.unknown_mime_type",  # Meshcat's scenes; the page shows the HTML beside it
-    "ref.python",  # `duration` alone may mean several attributes; such words are not links here
+    "ref.python",  # a name such as `duration` fits several attributes, so it is not a link
 ]
 
 myst_enable_extensions = ["dollarmath", "amsmath", "deflist"]
 myst_heading_anchors = 3
 
-# Every lesson runs while the site is built, unless NOTEBOOKS=off asks for a quick look.
+# Every lesson runs while the site is built, unless NOTEBOOKS=off is set for a fast build.
 nb_execution_mode = os.environ.get("NOTEBOOKS", "force")
-nb_execution_timeout = 600  # [s] a cell that hangs
+nb_execution_timeout = 600  # [s] limit of one cell
 nb_execution_raise_on_error = True
 nb_merge_streams = True
 warnings_are_errors(HERE / "_build" / "ipython")
@@ -58,7 +58,7 @@ autodoc_typehints = "none"  # the docstrings have types with shapes and units
 napoleon_google_docstring = False
 napoleon_use_ivar = True  # attributes are described in the class, once
 
-# The lessons are the notebooks of the repository; Sphinx reads files below its own folder only.
+# The lessons are copies of the notebooks, because Sphinx reads only files below its own folder.
 shutil.copytree(HERE.parent / "notebooks", HERE / "lessons", dirs_exist_ok=True)
 (HERE / "paper-map.md").write_text(paper_map.page(), encoding="utf-8")
 (HERE / "agreement.md").write_text(agreement.page(), encoding="utf-8")
@@ -81,7 +81,7 @@ def _mark_changed(app: Any, page: str, text: list[str]) -> None:
 
 
 def _check_lessons(app: Any, exception: Exception | None) -> None:
-    """Check the lessons after they have run."""
+    """Check that the lessons have run without faults."""
     if exception is None and nb_execution_mode != "off":
         check_built(Path(app.outdir).parent / "jupyter_execute" / "lessons")
 

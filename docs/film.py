@@ -1,8 +1,8 @@
 """Film a page of the viewer, `python docs/film.py PAGE.html FILM.gif`, or take one picture, `... FILE.png`.
 
-Chromium without a window, driven by its chromedriver, draws the page picture by picture at exact times, so
-the film does not depend on the speed of the machine. Each picture has a clock and, in a capture, the name of
-the phase. The README's film is made by
+Headless Chromium, controlled by chromedriver, draws one picture of the page for each exact time, so the
+film does not depend on the speed of the machine. Each picture has a clock and, in a capture, the name of the
+phase. The README's film is made by
 
     ffsms-pin run capture --out results/capture
     ffsms-pin view results/capture --speed 3 --show robot,panels,client,tracked_path --html capture.html
@@ -28,14 +28,14 @@ from selenium.webdriver.support.ui import WebDriverWait
 
 _FLAGS = (
     "--headless=new",
-    "--no-sandbox",  # Chromium refuses to start for root otherwise; the page is our own
-    "--use-angle=swiftshader",  # the same pictures with and without a graphics card
+    "--no-sandbox",  # otherwise Chromium does not start as root; the page is trusted
+    "--use-angle=swiftshader",  # makes the pictures independent of the graphics card
     "--enable-unsafe-swiftshader",
     "--disable-dev-shm-usage",
     "--force-device-scale-factor=1",
 )
-_COLOURS = 255  # all pictures share one palette, so that what stands still does not flicker
-_PATIENCE = 120.0  # [s] for the first picture; without a graphics card it takes a while
+_COLOURS = 255  # size of the palette that all pictures share, so that static parts do not flicker
+_PATIENCE = 120.0  # [s] limit for the first picture, which is slow without a graphics card
 
 
 _PHASES = {"": "approach", "hold point": "closing in", "rest": "at rest"}  # by the last mark on the time bar
@@ -75,7 +75,7 @@ def scene(browser: webdriver.Chrome, time: float, width: int, height: int) -> Im
     """Draw the scene alone, without the controls, at a time of its motion [s]."""
     fill = "fit({left: 0, top: 0, right: arguments[1], bottom: arguments[2]}, arguments[1], arguments[2]); "
     show = "seek(arguments[0]); return viewer.capture_image()"
-    address = browser.execute_script(fill + show, time, width, height)  # a data address of PNG
+    address = browser.execute_script(fill + show, time, width, height)  # a data URL of a PNG image
     return Image.open(io.BytesIO(base64.b64decode(address.split(",")[1]))).convert("RGB")
 
 
@@ -110,7 +110,7 @@ def write_gif(path: Path, images: list[Image.Image], rate: float) -> None:
     sample = np.concatenate([np.asarray(image) for image in images[:: max(1, len(images) // 6)]])
     palette = Image.fromarray(sample).quantize(_COLOURS)
     flat = [image.quantize(palette=palette, dither=Image.Dither.NONE) for image in images]
-    # The format counts in hundredths of a second; a rounded duration does not add up to a delay.
+    # GIF durations are hundredths of a second; rounding the times avoids an accumulated error.
     ends = np.round(100.0 / rate * np.arange(len(flat) + 1))
     durations = (10.0 * np.diff(ends).clip(min=1.0)).astype(int).tolist()
     flat[0].save(path, save_all=True, append_images=flat[1:], duration=durations, loop=0)

@@ -12,7 +12,7 @@ from typing import Any
 
 _PICTURE = re.compile(r"!\[([^\]]*)\]\((?!https?:)([^)]+)\)")
 _LINK = re.compile(r"(?<!!)\[([^\]]*)\]\((?!https?:)([^)]+)\)")
-_TABLE = re.compile(r"^\|.*!\[.*\]\((?!https?:).*\|\n\|[-|]+\|\n", re.M)  # a table of pictures alone
+_TABLE = re.compile(r"^\|.*!\[.*\]\((?!https?:).*\|\n\|[-|]+\|\n", re.M)  # a table that has only pictures
 
 
 def long_description(readme: str, source: str | None = None) -> str:

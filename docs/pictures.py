@@ -15,7 +15,7 @@ sys.path.insert(0, str(HERE.parent / "tests"))
 from page_code import run_page, shown  # noqa: E402
 from PIL import Image  # noqa: E402
 
-_MOST = 100_000  # bytes of a picture
+_MOST = 100_000  # largest size of a picture in bytes
 
 
 def store(made: Image.Image, path: Path) -> None:
@@ -23,7 +23,7 @@ def store(made: Image.Image, path: Path) -> None:
     picture = made.convert("RGB")
     picture.save(path, optimize=True)
     if path.stat().st_size > _MOST:
-        # Median cut, the default, gives thin lines the colours of others.
+        # The default, median cut, draws thin lines in the colours of other lines.
         picture.quantize(256, Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE).save(path, optimize=True)
 
 

@@ -26,7 +26,7 @@ KEPT = ROOT / "docs" / "records"
 CHANGED = "\n**The command has changed since.**\n"
 _BLOCK = re.compile(r"(<!-- record: ([\w-]+) -->\n).*?(<!-- end -->)", re.S)
 _TABLE = re.compile(r"(?:^\|.*\n){2,}\n?(?=(\*Copied from `.+, \d{4}.*\*$|<!-- not measured -->)?)", re.M)
-# In sentences: a number with a unit, and the source of the numbers or a mark that none was measured.
+# A number with a unit in a sentence; a source of a paragraph's numbers, or the mark of chosen numbers.
 _NUMBER = re.compile(r"\b(\d+(?:\.\d+)?) (?:%|mm|mN|deg(?:rees)?\b|rad|s\b|ms|us|MB|GB|N\b|times|of \d)")
 _SOURCE = re.compile(r"`(?:tests/[\w/]+\.py|(?:python|pytest|make|ffsms-pin) [^`]+)`|<!-- given -->")
 _APART = re.compile(r"^```[\s\S]*?^```|^\|.*|^ {4}.*|^\*Copied from .*|<!-- (?!given).*? -->", re.M)
@@ -84,7 +84,7 @@ def source_of(command: str) -> str:
     """Return a hash of the files and packages that a command names, and of the scripts that these import."""
     seen: set[Path] = set()
     todo = [path for word in command.split() if (path := ROOT / word).is_file()]
-    modules = [word.replace(".", "/") for word in command.split()]  # of python -m
+    modules = [word.replace(".", "/") for word in command.split()]  # for python -m
     for package in (root / module for module in modules for root in (ROOT, ROOT / "tests")):
         todo += sorted(package.rglob("*.py")) if (package / "__main__.py").is_file() else []
     while todo:
@@ -154,7 +154,7 @@ def faults(path: Path) -> list[str]:
 
 
 def unsaid(text: str) -> list[str]:
-    """Return messages about numbers in sentences that neither a record nor a source in the paragraph has.
+    """Return messages about numbers in sentences that are in no record, if the paragraph has no source.
 
     `<!-- given -->` marks a paragraph whose numbers were chosen, or follow from others.
     """

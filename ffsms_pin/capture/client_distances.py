@@ -78,7 +78,7 @@ class ClientDistances:
         """Return the distances (m, K) [m] of m pairs of bodies at K configurations (K, nq) and client poses.
 
         The poses are `positions` (K, 3) [m] and `attitudes` (K, 3, 3). Distances beyond `near` [m] are lower
-        bounds. If plans permit an overlap of two bodies in the grasp, their distance is increased by it.
+        bounds. If plans permit an overlap of two bodies in the grasp, this overlap is added.
         """
         values = [
             self._stack.values(self._poses(*some), near)

@@ -7,9 +7,9 @@ H_q^-1 J*^T; the client is a free body. With the pose x of the grasp relative to
 
     x'' = -W (K x + C x'),    w = K x + C x'.
 
-A rotating client must also be accelerated to follow the arm. This second load is the solution w of x'' = a -
-W (K x + C x') with x = x' = 0 at the start. Here a is the acceleration of the grasp relative to the end
-effector if the client is free and the joints keep their rates. The joints are free in the W of the first
+A rotating client must also be accelerated to follow the arm. This causes a second load w = K x + C x', where
+x'' = a - W (K x + C x') with x = x' = 0 at the start. Here a is the acceleration of the grasp relative to the
+end effector if the client is free and the joints keep their rates. The joints are free in the W of the first
 load, which changes faster than the control law reacts. They are locked in the W of the second load, which
 changes more slowly. The two loads are added.
 """

@@ -25,7 +25,7 @@ from ffsms_pin.geometry.bodies import clearance_stack
 from ffsms_pin.geometry.distances import Poses
 from ffsms_pin.system.batch.stacks import quaternions
 
-_STEP, _MOST = 0.02, 6000  # [m] relative displacement between two instants; largest number of instants
+_STEP, _MOST = 0.02, 6000  # [m] relative displacement between two instants; largest number of time steps
 _LARGEST_TURN = 2.0  # chord of half a turn on a unit circle
 _ON_THE_WAY = 0.2  # [s] between two evaluated instants of a motion
 _DRAWN, _BEST = 24, 3  # numbers of random postures, and of the best random postures that are tried

@@ -158,6 +158,6 @@ class Closing(NamedTuple):
 
 
 def missed(plant: SpaceManipulator, now: Instant, grasp: Any) -> tuple[FloatArray, FloatArray]:
-    """Return the values `miss` (2,) and `relative` (6,) of a `Closing` at the present instant."""
+    """Return pose error (2,) and relative twist (6,) at an instant, as `miss` and `relative` of `Closing`."""
     offset = relative_motion(plant, now.q, now.v, *carried(now.client_pose, now.client_twist, grasp))
     return np.linalg.norm(offset[:6].reshape(2, 3), axis=1), -offset[6:]

@@ -403,7 +403,7 @@ class StateMachine(Observer, Supervisor):
         return beside * math.cos(meet.half_angle) - before * math.sin(meet.half_angle) - meet.tolerance
 
     def _misaligned(self, now: Instant) -> float:
-        """Return by what angle [rad] the end effector is turned more than `Meet.misalignment` allows."""
+        """Return the excess [rad] of the end effector's attitude error over `Meet.misalignment`."""
         meet = self._meet
         if meet.misalignment is None:
             return -math.inf
