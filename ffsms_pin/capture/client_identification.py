@@ -177,7 +177,7 @@ def teaching_motion(
     room: HeldClient | None,
     locked: Sequence[str] = (),
 ) -> tuple[Trajectory | None, str]:
-    """Return small swings of the joints that identify the grasped client; without them, None and the reason.
+    """Return a motion of small swings that identifies the grasped client, or None and the reason.
 
     The motion ends where it begins. If the client would come too near to the servicer, smaller swings are
     tried.

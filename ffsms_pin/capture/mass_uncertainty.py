@@ -48,7 +48,7 @@ class MassUncertainty:
         """Return the deviations of a plant whose masses differ from the model's.
 
         `errors` are fields of `simulation.InertialError`, and `drawn` keyword arguments of
-        `simulation.random_plants`; None: nothing is drawn. Fields in `chosen` replace the deviations.
+        `simulation.random_plants`, None without random errors. Fields in `chosen` replace the deviations.
         """
         base = errors.get("base_mass", 1.0)
         factors = {"arm_mass": 1.0, "base_mass": base, "base_inertia": base}

@@ -403,7 +403,7 @@ class StateMachine(Observer, Supervisor):
         return beside * math.cos(meet.half_angle) - before * math.sin(meet.half_angle) - meet.tolerance
 
     def _misaligned(self, now: Instant) -> float:
-        """Return the excess [rad] of the end effector's attitude error over `Meet.misalignment`."""
+        """Return the excess [rad] over the permitted misalignment, which decreases towards the grasp."""
         meet = self._meet
         if meet.misalignment is None:
             return -math.inf
@@ -606,7 +606,7 @@ class StateMachine(Observer, Supervisor):
     def _is_away(self, now: Instant, more: float = 0.0) -> bool:
         """Return whether the end effector is far from the grasp.
 
-        Far is 90 % of the longer of `retreat` and the standoff, plus `more` [m].
+        The bound of the distance is 90 % of the sum of `more` [m] and the longer of `retreat` and standoff.
         """
         far = max(self.handling.retreat, self._meet.standoff) + more
         return float(np.linalg.norm(self._off(now))) > 0.9 * far

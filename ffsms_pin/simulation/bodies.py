@@ -21,7 +21,7 @@ from ffsms_pin.references import Resettable
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.simulation.loads import Load, checked_load
 
-_AT_LIMIT = 0.999  # share of the largest force from which a thruster counts as saturated (rounding)
+_AT_LIMIT = 0.999  # share of the largest force from which a thruster counts as saturated; allows rounding
 _ALIGNED = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
 
 

@@ -262,7 +262,7 @@ class Watch:
         if not self._beyond(joints, rates, displacement)[~limp].any():
             return ""
         M = inertia_matrix(plant, q)
-        strength = 0.5 * torque / np.diag(M[6:] @ floating_motion(M))  # deceleration by half of the torques
+        strength = 0.5 * torque / np.diag(M[6:] @ floating_motion(M))  # decelerations by half of the torques
         displacement = np.maximum(self._reaction * speed, speed**2 / (2.0 * strength))
         over = np.where(limp, 0.0, self._beyond(joints, rates, displacement))
         if not over.any():
