@@ -228,7 +228,7 @@ def test_a_probe_in_a_nozzle_is_that_of_a_file(tmp_path: Path) -> None:
     text = text.replace(packaged, start)
     text = text.replace("K_p = 49.0", "K_p = 2.0").replace("K_d = 14.0", "K_d = 2.8")
     text = re.sub(
-        r"^(reach = 0.2|misalignment_deg = 20.0|coulomb = 0.8|viscous = 4.0) .*\n", "", text, flags=re.M
+        r"^(reach = 0.1|misalignment_deg = 20.0|coulomb = 0.8|viscous = 4.0) .*\n", "", text, flags=re.M
     )
     for name in ("client.sensor", "client.belief", "reference"):
         text = re.sub(rf"^\[{re.escape(name)}\]\n(?:[^\[\n].*\n|\n)*", "", text, flags=re.M)
