@@ -272,7 +272,8 @@ def clearance_numbers(least: LeastClearance | None) -> dict[str, Any]:
     """Return a motion's least clearance, its pair, time and position; all None without a clearance limit."""
     if least is None:
         return {"wanted_m": None, "least_m": None, "pair": None, "time_s": None, "place_m": None}
-    numbers = {"wanted_m": least.wanted, "least_m": least.distance, "pair": least.pair, "time_s": least.time}
+    required, distance = least.required, least.distance
+    numbers = {"wanted_m": required, "least_m": distance, "pair": least.pair, "time_s": least.time}
     return numbers | {"place_m": list(least.place)}
 
 

@@ -22,7 +22,7 @@ from ffsms_pin.opt.step.state import StepState
 from ffsms_pin.robot.base_motion import advance
 from ffsms_pin.system.batch.stacks import apply, exp3
 
-# The names of slopes, each with the field of `Rollouts` with respect to which it is the derivative.
+# The name of each slope, and the field of `Rollouts` by which the slope is the derivative.
 _MOVED = {
     "by_tip": "end_effector",
     "by_turn": "attitude",
@@ -42,9 +42,10 @@ _STEP = 1e-5  # step of finite differences in time [s] or in acceleration [rad/s
 def check(part: Term | Limit, problem: Problem, tolerance: float = 1e-4, seed: int = 0) -> float:
     """Check the slopes (derivatives) of a term or limit by finite differences; return the largest error.
 
-    The motions are random. For an `opt.Inequality` the slopes of its slack are checked, and its rows against
-    the change of the slack in a short step. For another limit the slopes of its residual are checked, and the
-    sign of its rows where it is violated.
+    The motions are random. For a term the slopes of the residual are checked. For an `opt.Inequality` the
+    slopes of the slack are checked, and the rows are compared with the change of the slack in a short step.
+    For any other limit the slopes of the residual are checked, and the sign of the rows if the limit is
+    violated.
 
     Parameters
     ----------
@@ -61,8 +62,8 @@ def check(part: Term | Limit, problem: Problem, tolerance: float = 1e-4, seed: i
     Raises
     ------
     PartError
-        If a slope or a row is wrong, if a shape is wrong, or if the part fails. For a wrong slope the message
-        has its name and both values.
+        If a slope or a row is wrong, if a shape is wrong, or if a method of the part fails. For a wrong slope
+        the message has the slope's name, its value and the finite difference.
     """
     if not isinstance(part, (Term, Limit)):
         raise InvalidValue("part", part, "must be an opt.Term or an opt.Limit")
@@ -91,7 +92,7 @@ def check(part: Term | Limit, problem: Problem, tolerance: float = 1e-4, seed: i
 
 
 def _dense(part: Any, method: str, motions: Rollouts) -> list[Variable]:
-    """Return the variables of a part's formula at all instants, with all slopes."""
+    """Return the variables of a part's formula as full arrays, zero at instants without a value."""
 
     def spread(values: FloatArray, motion: Indices | None, instants: Indices | slice) -> FloatArray:
         full = np.zeros((*values.shape[:-2], *motions.rates.shape[1:]))
@@ -103,10 +104,10 @@ def _dense(part: Any, method: str, motions: Rollouts) -> list[Variable]:
 
     dense = []
     for variable in formulas(part, method, Variables(motions)):
-        if not variable.value.size:  # for example, wheels if none hold the attitude
+        if not variable.value.size:  # for example, momenta of wheels if no wheels hold the attitude
             continue
         if np.isnan(variable.value).any():
-            raise PartError(part, method, "returns NaN or infinity")
+            raise PartError(part, method, "returns NaN; it must be defined for every motion")
         where = variable.where or (None, slice(None))
         try:
             slopes = {name: spread(slope, *where) for name, slope in variable.slopes.items()}
@@ -119,7 +120,7 @@ def _dense(part: Any, method: str, motions: Rollouts) -> list[Variable]:
 def _compared(
     part: Any, method: str, i: int, variable: Variable, motions: Rollouts, tolerance: float
 ) -> float:
-    """Return the largest error of the slopes of a formula's variable i, relative to the largest slope."""
+    """Compare the slopes of variable i with finite differences; return the largest relative error."""
     by_name: dict[str, Any] = variable.by_all()
     by_name.pop("by_time", None)  # explicit time dependence, used in single steps only
     if "by_coupling" in by_name:  # C_bm depends on the joints
@@ -161,9 +162,9 @@ class _Nudged(FixedRollouts):
     entropy: FloatArray
 
 
-def _nudged(held: _Nudged, name: str, i: int, by: float) -> Rollouts:
+def _nudged(motions: _Nudged, name: str, i: int, by: float) -> Rollouts:
     """Return the motions with component `i` of the field `name` changed by `by` at all instants."""
-    values: Any = getattr(held, name)
+    values: Any = getattr(motions, name)
     if values.ndim == 4:  # an attitude
         values = apply(exp3(by * np.eye(3)[i])[..., None, None], values)
     elif values.ndim == 2:
@@ -171,24 +172,24 @@ def _nudged(held: _Nudged, name: str, i: int, by: float) -> Rollouts:
     else:
         values = values.copy()
         values[i] += by
-    moved = replace(held, **{name: values}, evaluated=None if name == "joints" else held.evaluated)
-    if held.angular_momentum is None:
+    moved = replace(motions, **{name: values}, evaluated=None if name == "joints" else motions.evaluated)
+    if motions.angular_momentum is None:
         return moved
-    in_base_axes = np.einsum("yx...,y->x...", moved.base_attitude, held.angular_momentum)
+    in_base_axes = np.einsum("yx...,y->x...", moved.base_attitude, motions.angular_momentum)
     return replace(moved, angular_drift=apply(moved.arm.inverse, in_base_axes))
 
 
 def _by_differences(
     formula: Callable[[Rollouts], FloatArray], motions: Rollouts, step: float = 1e-6
 ) -> dict[str, FloatArray]:
-    """Return finite differences of a formula (S, K) or (c, S, K) for each quantity; zero if not finite."""
+    """Return the slopes of a formula (S, K) or (c, S, K) by finite differences; zero at infinite values."""
     quantities: dict[str, Any] = {entry.name: getattr(motions, entry.name) for entry in fields(_Nudged)}
-    held = _Nudged(**(quantities | {"evaluated": motions.arm}))
+    independent = _Nudged(**(quantities | {"evaluated": motions.arm}))
     slopes: dict[str, FloatArray] = {}
     for by, name in _MOVED.items():
         columns = []
         for i in range(1 if by == "by_entropy" else len(quantities[name])):
-            ahead, behind = (formula(_nudged(held, name, i, size)) for size in (step, -step))
+            ahead, behind = (formula(_nudged(independent, name, i, size)) for size in (step, -step))
             difference = np.subtract(ahead, behind, out=np.zeros_like(ahead), where=np.isfinite(ahead))
             columns.append(difference / (2.0 * step))
         if np.any(columns):
@@ -197,13 +198,13 @@ def _by_differences(
     return slopes
 
 
-# -- rows of a step, compared with the step taken
+# -- rows of a step, compared with a short step
 
 
 def _check_rows(limit: Limit, problem: Problem, motion: Rollouts, tolerance: float) -> float:
     """Return the largest relative error of a limit's rows at the nodes of a motion."""
     largest, nodes = 0.0, configurations(problem.sms, problem.q0, motion)
-    for k in range(1, len(nodes)):  # at the start, distances from the start have no slope
+    for k in range(1, len(nodes)):  # at the start, the distance from the start is zero and has no slope
         state = _state(problem, nodes[k], motion.rates[:, 0, 2 * k], float(motion.times[2 * k]))
         rows = rows_of(limit, state)
         if rows is None:
@@ -228,14 +229,14 @@ def _moved(problem: Problem, state: StepState, rates: FloatArray, by: float) -> 
 
 
 def _ending(problem: Problem, state: StepState, change: FloatArray, by: float) -> StepVariables:
-    """Return the step's variables with the rates changed by `by` times `change` within the step."""
+    """Return the variables of a step whose rates change by `by` times `change` within the step."""
     variables = StepVariables(_state(problem, state.q, state.rates + by * change, state.time))
     variables.rollouts = replace(variables.rollouts, accelerations=by * change[:, None, None] / state.dt)
     return variables
 
 
 def _flow_error(limit: Inequality, problem: Problem, state: StepState, tolerance: float) -> float:
-    """Return the relative error of the slack's rate of change, compared with a short step."""
+    """Return the relative error of the slack's rate of change, by comparison with a short step."""
     here = StepVariables(state)
     at, u = here.change(limit.slacks(here)), state.rates
 
@@ -252,13 +253,13 @@ def _flow_error(limit: Inequality, problem: Problem, state: StepState, tolerance
         change = slope(partial(_ending, problem, state, unit), _STEP * state.dt)
         errors.append(float(np.abs(change - at.jump[:, j])[jumps].max()) / scale)
     if max(errors) > tolerance:
-        problem_text = "are wrong: the slack's rate of change differs from that in a short step by"
-        raise PartError(limit, "rows", f"{problem_text} {max(errors):.3g} of the largest rate")
+        text = "are wrong: the slack's rate of change by its slopes and by a short step differ by"
+        raise PartError(limit, "rows", f"{text} {max(errors):.3g} of the largest rate")
     return max(errors)
 
 
 def _leads_out(limit: Limit, problem: Problem, state: StepState, rows: Rows) -> None:
-    """Raise `PartError` if motion in the direction of a single one-sided row increases a violation."""
+    """Raise `PartError` if a step along a limit's only row, which has one bound, increases a violation."""
     if len(rows.lower) != 1:
         return
     outwards = float(rows.lower[0] > -UNBOUNDED) - float(rows.upper[0] < UNBOUNDED)

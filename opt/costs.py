@@ -1,6 +1,7 @@
 """Cost terms: residuals whose squared integrals are the objective.
 
-The terms are the paper's cost, regularisations of the motion, and the use of base, wheels and thrusters.
+The terms are the paper's cost, regularisations of the motion, and costs of base rotation, wheels and
+thrusters.
 """
 
 from __future__ import annotations
@@ -23,8 +24,8 @@ from ffsms_pin.options import NotNegative, Positive, Unit
 if TYPE_CHECKING:
     from ffsms_pin.opt.step.state import StepState
 
-# [s] The duration for which weights of regularisation are stated. For other durations time is scaled, so that
-# the ratio of the paper's cost to the regularisation is the same for a motion at any speed.
+# [s] The duration to which the weights of regularisation terms refer. For other durations time is scaled. The
+# ratio of the paper's cost to the regularisation is then independent of the speed of a motion.
 REFERENCE_TIME = 8.0
 
 
@@ -47,8 +48,9 @@ class Term(ABC):
     smooths : bool
         True if the term has a larger weight at the beginning of a search, to avoid poor minima.
     step_weight : float
-        The weight of the squared residual in single steps, where the term determines redundant motion. It is
-        small compared with 1, the weight of a step's direction. With 0 single steps ignore the term.
+        The weight of the squared residual in single steps, where the term determines redundant motion. It
+        should be small compared with 1, the weight of a step's direction. With 0 single steps ignore the
+        term.
     measures_cost : bool
         True if the cost of the term decides whether a motion is cheap enough to end a search.
     kappa : float or None
@@ -74,15 +76,15 @@ class Term(ABC):
         """Return W (n, n) and w (n,) that a step adds to its objective as u^T W u / 2 - w^T u.
 
         u are the joint rates at the step's end. The direction and speed of the end effector have priority
-        over this objective. Default: if `step_weight` is above zero, rates at which the residual decays with
-        a time constant of 1 s.
+        over this objective. By default the objective favours rates at which the residual decays with a time
+        constant of 1 s. If `step_weight` is zero, the default is None.
         """
         if self.step_weight == 0.0:
             return None
         variables = step.variables
         W, w = np.zeros((step.sms.n, step.sms.n)), np.zeros(step.sms.n)
         for residual in formulas(self, "residual", variables):
-            if residual.where is None:  # only whole motions have variables at some instants
+            if residual.where is None:  # variables at selected instants exist for whole motions only
                 value, flow, drift, jump = variables.change(residual)
                 known = np.isfinite(value)  # a residual that depends on the goal is NaN
                 J, desired = (flow + jump)[known], (jump @ step.rates - value - drift)[known]
@@ -96,7 +98,7 @@ class Term(ABC):
         return sum(squares, np.zeros(m.count))
 
     def share(self, motion: Rollouts) -> float:
-        """Return the cost of a finished motion from its nodes and midpoints; default: `cost`."""
+        """Return the cost of a finished motion from its nodes and midpoints. Default: `cost`."""
         return float(self.cost(Variables(motion))[0])
 
 
@@ -140,11 +142,11 @@ class Coupling(Term):
     """The paper's cost (C~ - (1 - H_norm))^2, integrated over time (Eq. optimal_cost).
 
     The residual is independent of the end effector's speed, and discontinuous where this speed or the
-    distance to the target is zero. During a search two factors reduce the residual to zero there
-    (`rollouts.Smoothing`); the cost of a finished motion is exact.
+    distance to the target is zero. During a search two factors reduce the residual to zero at these points
+    (`rollouts.Smoothing`). The cost of a finished motion is exact.
 
-    The paper states no `kappa`; with 10, C~ is close to max(0, cos(theta_a)). With the default `weight`,
-    other weights are relative to this term.
+    The paper states no `kappa`; with 10, C~ is close to max(0, cos(theta_a)). The weights of other terms are
+    relative to the default `weight` of this term.
     """
 
     kappa: Annotated[Positive, Unit()] = 10.0
@@ -296,7 +298,7 @@ class Propellant(_Rounded):
     """The cost of propellant of thrusters that hold attitude or position; zero without thrusters.
 
     The force and the moment that hold the base (`Variables.wrench`) are allocated to the thrusters by the
-    pseudo-inverse. A negative force is taken as that of an opposed thruster. For thrusters in opposed pairs
+    pseudo-inverse. A negative force is attributed to an opposed thruster. For thrusters in opposed pairs
     the propellant equals `Trajectory.propellant`, except for the smoothing; for others it is an
     approximation. `weight` multiplies the propellant [s/g, for a motion of 8 s]. `rounding` is the force of a
     thruster below which its absolute value is smoothed [N].

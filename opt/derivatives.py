@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 
 # Slopes by quantity, or a function that computes them when they are needed.
 Slopes: TypeAlias = "dict[str, FloatArray] | Callable[[], dict[str, FloatArray]]"
-# Motions, or None for all of them, and instants.
+# Indices of motions, or None for all motions, and indices of instants.
 Where: TypeAlias = "tuple[Indices | None, Any]"
 
 # Slopes of component j with respect to joint j alone, which have no axis for joints, and the names of the
@@ -101,21 +101,21 @@ def _operators(ufunc: np.ufunc) -> tuple[Callable[[Any, Any], Variable], ...]:
 class Variable(NDArrayOperatorsMixin):
     """A number or a vector at every instant of every motion, with its derivatives.
 
-    A variable combines with numbers, vectors (3,) and other variables, also in NumPy's elementwise functions
-    (`np.sqrt`, `np.maximum`, ...), and a vector with a matrix (r, c): `A @ variable`. `.value` is the plain
-    array.
+    Operators and NumPy's elementwise functions (`np.sqrt`, `np.maximum`, ...) combine variables with numbers,
+    vectors (3,) and other variables. `A @ variable` multiplies a vector by a matrix (r, c). The attribute
+    `value` is the plain array.
 
     Parameters
     ----------
     value : ndarray, shape (S, K), or (c, S, K)
         The value at K instants of S motions; components come first.
     slopes : dict of str to ndarray, or a function that makes it
-        The partial derivatives, by names of the quantities. The first axis is that of the value's components
-        if the value is a vector, then follow the axes of the quantity, then S and K, each of which may be 1.
-        A function that returns the slopes is called once, when they are needed. The names are:
+        The partial derivatives, by the names below. The axes of a slope are the components of the value if it
+        is a vector, then the axes of the quantity, then S and K. The axes S and K may have the length 1. A
+        function that returns the slopes is called once, when they are needed. The names are:
 
         "by_joints", "by_rates", "by_accelerations" (n): joint positions, rates and accelerations;
-        "own_joint", "own_rate", "own_acceleration" (no axis): the same, of component j by joint j alone;
+        "own_joint", "own_rate", "own_acceleration" (no axis): derivatives of component j by joint j alone;
         "by_tip", "by_turn", "by_velocity", "by_spin" (3): the end effector's position, rotation vector,
         velocity and angular velocity, inertial axes;
         "by_base", "by_base_turn", "by_base_spin" (3): the position of the base's centre of mass, the base's
@@ -220,7 +220,7 @@ class Variable(NDArrayOperatorsMixin):
         return Variable(mapping(self.value), slopes, self.where)
 
     def by_all(self) -> dict[str, FloatArray]:
-        """Return the slopes; those of component j for joint j alone get an axis for all joints."""
+        """Return the slopes with an axis for all joints, also those in `OWN`."""
         by_name = {name: slope for name, slope in self.slopes.items() if name not in OWN}
         own = {OWN[name]: slope for name, slope in self.slopes.items() if name in OWN}
         return _summed(by_name, {name: np.eye(len(self))[..., None, None] * own[name] for name in own})
@@ -232,7 +232,7 @@ class Variable(NDArrayOperatorsMixin):
         return self._linear(lambda x: x.sum(axis=0))
 
     def during(self, span: slice) -> Variable:
-        """Return the variable in a span of instants, of all motions."""
+        """Return the variable of all motions at the instants in `span`."""
 
         def slopes() -> dict[str, FloatArray]:  # arrays that are constant in time stay unchanged
             return {name: x if x.shape[-1] == 1 else x[..., span] for name, x in self.slopes.items()}
@@ -242,13 +242,13 @@ class Variable(NDArrayOperatorsMixin):
 
     def dot(self, other: Any) -> Variable:
         """Return the scalar product with a vector (3,), or with another variable."""
-        mine, its = self.value, _components(other)
+        first, second = self.value, _components(other)
 
         def slopes() -> dict[str, FloatArray]:
-            by_name = self._along(its)
-            return _summed(by_name, other._along(mine)) if isinstance(other, Variable) else by_name
+            by_name = self._along(second)
+            return _summed(by_name, other._along(first)) if isinstance(other, Variable) else by_name
 
-        return Variable(np.einsum("c...,c...->...", mine, its), slopes, self.where)
+        return Variable(np.einsum("c...,c...->...", first, second), slopes, self.where)
 
     def _along(self, directions: FloatArray) -> dict[str, FloatArray]:
         """Return the slopes of the scalar product with constant directions (c, S, K)."""
@@ -258,14 +258,14 @@ class Variable(NDArrayOperatorsMixin):
 
         return {name: along(slope) for name, slope in self.by_all().items()}
 
-    def cosine(self, other: Variable, size: FloatArray, its: FloatArray) -> Variable:
-        """Return the cosine of the angle to another vector; `size` and `its` (S, K) > 0 are both lengths."""
-        here, there = self.value / size, other.value / its
+    def cosine(self, other: Variable, size: FloatArray, other_size: FloatArray) -> Variable:
+        """Return the cosine of the angle to another vector; both sizes (S, K) > 0 are the lengths."""
+        here, there = self.value / size, other.value / other_size
         cosine = np.einsum("c...,c...->...", here, there)
 
         def slopes() -> dict[str, FloatArray]:
             mine = self._along((there - cosine * here) / size)
-            return _summed(mine, other._along((here - cosine * there) / its))
+            return _summed(mine, other._along((here - cosine * there) / other_size))
 
         return Variable(cosine, slopes, self.where)
 
@@ -325,7 +325,7 @@ def _components(x: Any) -> Any:
 
 
 def _beside(values: Any, axes: int) -> Any:
-    """Return values (c, S, K) with `axes` new axes behind the first; return others unchanged."""
+    """Insert `axes` axes behind the first axis of values (c, S, K); return other values unchanged."""
     if not axes or getattr(values, "ndim", 0) < 3:
         return values
     return values.reshape(len(values), *(1,) * axes, *values.shape[1:])
@@ -346,7 +346,7 @@ class RobotFrame(NamedTuple):
 
     @classmethod
     def of(cls, stack: ArmStack, name: str = "tip") -> RobotFrame:
-        """Return the robot's frame with a name; "tip" is the end effector.
+        """Return the robot's frame called `name`; "tip" is the end effector.
 
         An unknown name raises `FrameNotFound`.
         """
@@ -358,10 +358,9 @@ class RobotFrame(NamedTuple):
         return cls(moves, body, placement.translation.copy(), placement.rotation.copy())
 
     def of_arm(self, arm: ArmValues) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """Return position (3, ...) [m], rotation (3, 3, ...), and both velocities per joint rate (3, n, ...).
+        """Return position (3, ...) [m], rotation (3, 3, ...), and linear and angular Jacobian (3, n, ...).
 
-        All are relative to the root frame of the base, in its axes, with the base fixed. The velocities are
-        linear and angular.
+        All are relative to the root frame of the base, in the axes of this frame, with the base fixed.
         """
         shape = arm.axes.shape[2:]
         along = (..., *(None,) * len(shape))
@@ -406,12 +405,15 @@ class FrameVariable(Variable):
         return self._rotation
 
     def axis(self, axis: Any) -> Variable:
-        """Return a direction (3,) of the frame's axes as a variable (3, S, K) in inertial axes."""
+        """Return a direction (3,) that is fixed in the frame, as a variable (3, S, K) in inertial axes."""
         a = apply(self.rotation, np.asarray(axis, dtype=np.float64)[:, None, None])
-        return self._turned(a, lambda: -skew(a))  # a rotation phi changes it by phi x a
+        return self._turned(a, lambda: -skew(a))  # a small rotation phi changes a by phi x a
 
     def rotation_vector_from(self, rotation: FloatArray) -> Variable:
-        """Return the rotation vector (3, S, K), inertial axes, from an attitude (3, 3) or (3, 3, K) [rad]."""
+        """Return the rotation vector (3, S, K) from an attitude to that of the frame, inertial axes [rad].
+
+        The attitude `rotation` is (3, 3) or (3, 3, K).
+        """
         r = self._from(rotation)
 
         def slope() -> FloatArray:
@@ -424,14 +426,14 @@ class FrameVariable(Variable):
         return self._turned(r, slope)
 
     def angle_from(self, rotation: FloatArray) -> Variable:
-        """Return the angle (S, K) of the frame's rotation from an attitude (3, 3) or (3, 3, K) [rad]."""
+        """Return the angle (S, K) between an attitude (3, 3) or (3, 3, K) and that of the frame [rad]."""
         r = self._from(rotation)
         angle = np.sqrt(dot(r, r) + 1e-18)  # finite slopes at zero
         # Only the component of a rotation along its axis changes the angle.
         return Variable(angle, lambda: self._turn._along(r / angle), self.where)
 
     def during(self, span: slice) -> FrameVariable:
-        """Return the frame in a span of instants, of all motions."""
+        """Return the frame of all motions at the instants in `span`."""
         place, turn = super().during(span), self._turn.during(span)
         slopes = (lambda: place.slopes, lambda: turn.slopes)
         return FrameVariable(place.value, lambda: self.rotation[..., span], *slopes, place.where)
@@ -460,9 +462,9 @@ class FrameVariable(Variable):
         return Variable(value, slopes, self.where)
 
 
-# The slopes of a number for each joint with respect to itself; `_OWN[0]` is that of a single number.
+# The slope of each joint's quantity with respect to itself; `_OWN[0]` is the slope of a scalar.
 _OWN = np.ones((1, 1, 1))
-# The slopes with respect to velocities, each with the slope with respect to its integral.
+# The slope name of each velocity, and the slope name of the displacement that is its integral.
 _VELOCITIES = {"by_velocity": "by_tip", "by_spin": "by_turn", "by_base_spin": "by_base_turn"}
 
 
@@ -476,7 +478,7 @@ class Variables:
 
     `rollouts` has the plain arrays. `duration` is the time from the start to the deadline [s]. `step` is the
     state of a single step, None for whole motions. `extra_margin` is the additional margin that a search
-    requires of the limit whose residual is computed, in the limit's own unit.
+    requires in the residual of a limit, in the unit of the limit.
     """
 
     step: StepState | None = None
@@ -554,7 +556,7 @@ class Variables:
 
     @cached_property
     def to_goal(self) -> Variable:
-        """The displacement from the end effector, `Rollouts.delay` earlier, to the goal (3, S, K) [m]."""
+        """The displacement (3, S, K) [m] to the goal from the end effector's place `Rollouts.delay` ago."""
         to_goal: Variable = self.goal - self.tip + self.rollouts.delay * self.velocity
         return to_goal
 
@@ -614,14 +616,14 @@ class Variables:
 
     @cached_property
     def wheels(self) -> Variable:
-        """The momenta of the wheels that hold the attitude (w, S, K), w = 0 if none do [N m s]."""
+        """The momenta (w, S, K) of the wheels that hold the attitude [N m s]; w = 0 without such wheels."""
         momenta: Variable = self.wheel_total - wheel_shares(self.rollouts.wheels) @ self.arm_momentum
         measured = self.rollouts.measured_momenta
         return momenta if measured is None else self.variable(measured, lambda: momenta.slopes)
 
     @cached_property
     def wheel_torques(self) -> Variable:
-        """The motor torques of the wheels (w, S, K), friction compensated [N m]."""
+        """The motor torques of the wheels (w, S, K), which include the compensation of friction [N m]."""
         wheels = self.rollouts.wheels
         torques: Variable = -(wheel_shares(wheels) @ self.wrench[3:])
         if wheels is not None and wheels.rubs:
@@ -692,8 +694,8 @@ class StepVariables(Variables):
         stack, R = step.sms.arm_stack(step.mode), pin.Quaternion(step.q[3:7]).toRotationMatrix()
         start = pin.XYZQUATToSE3(step.base_start)
         u, com = step.rates, step.sms.base_com
-        # The velocity of the base's centre of mass, the base's angular velocity, and the twist of the end
-        # effector, per joint rate, and in the last column the drift.
+        # Velocities per joint rate, with the drift in the last column: the velocity of the base's centre of
+        # mass, the base's angular velocity, and the twist of the end effector.
         root = np.column_stack([step.reaction, step.drift])
         base, base_spin = R @ (root[:3] - skew(com) @ root[3:]), R @ root[3:]
         tip = np.column_stack([step.J_star, step.tip_drift])

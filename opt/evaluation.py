@@ -1,4 +1,4 @@
-"""The checked evaluation of parts (terms and limits) for the solvers; errors have the part's name."""
+"""The checked evaluation of parts (terms and limits) for the solvers; errors name the part."""
 
 from __future__ import annotations
 
@@ -142,7 +142,7 @@ def rows_of(limit: Any, step: StepState) -> Rows | None:
 
 
 def objective_of(term: Any, step: StepState) -> tuple[FloatArray, FloatArray] | None:
-    """Return a term's part of a step's objective; raise `PartError` for wrong shapes."""
+    """Return the objective that a term adds to a step; raise `PartError` for wrong shapes."""
     objective: tuple[FloatArray, FloatArray] | None = evaluate(term, "step_objective", step)
     n = len(step.rates)
     if objective is not None and [np.shape(array) for array in objective] != [(n, n), (n,)]:
@@ -151,7 +151,7 @@ def objective_of(term: Any, step: StepState) -> tuple[FloatArray, FloatArray] | 
 
 
 def violation_of(limit: Any, motion: Rollouts, method: str = "violation") -> Violation:
-    """Return the violation of a limit by a finished motion, or, by "violation_in_flight", by a recording."""
+    """Return the violation of a limit; the method for recordings is "violation_in_flight"."""
     violation: Violation = evaluate(limit, method, motion)
     return violation
 
@@ -175,7 +175,7 @@ def formulas(part: Any, method: str, variables: Variables) -> list[Variable]:
 def check_own_parts(parts: Sequence[Any], motion: Rollouts) -> None:
     """Raise `PartError` if the formula of a user's own part fails on a motion, or returns no variables.
 
-    Numerical failures are left to the solver, because they may concern this motion only.
+    Numerical failures are ignored, because they may occur for this motion only; the solver handles them.
     """
     own = [part for part in parts if not type(part).__module__.startswith("ffsms_pin.")]
     if not own:

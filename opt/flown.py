@@ -1,6 +1,6 @@
-"""The verdict on a flown motion by the goals and limits of its problem, with the formulas for plans.
+"""The verdict on a flown motion by the goals and limits of its problem.
 
-A recording becomes one motion whose instants are the recording's rows, so the same code checks planned and
+A recording becomes one motion whose instants are the recording's rows. The same formulas check plans and
 flown motions.
 """
 
@@ -28,7 +28,7 @@ from ffsms_pin.system.batch.stacks import apply, cross, rotations
 
 
 class LeastClearance(NamedTuple):
-    """The least distance of a motion.
+    """The least distance of the two bodies that come nearest to violating their required clearance.
 
     Attributes
     ----------
@@ -38,7 +38,7 @@ class LeastClearance(NamedTuple):
         The names of the two bodies.
     time : float
         The time of the least distance [s].
-    wanted : float
+    required : float
         The required clearance [m].
     place : tuple of three floats
         The nearest point on the first body, inertial axes [m].
@@ -47,18 +47,18 @@ class LeastClearance(NamedTuple):
     distance: float
     pair: str
     time: float
-    wanted: float
+    required: float
     place: tuple[float, float, float]
 
     @property
     def kept(self) -> bool:
         """True if the distance is at least the required clearance, up to a hundredth of a millimetre."""
-        return self.distance >= self.wanted - 1e-5
+        return self.distance >= self.required - 1e-5
 
     def __str__(self) -> str:
         where = ", ".join(f"{x:.3g}" for x in self.place)
-        wanted = f"{1e3 * self.wanted:.3g} mm are required"
-        return f"{self.pair}: {1e3 * self.distance:.1f} mm at {self.time:.4g} s near [{where}] m, {wanted}"
+        required = f"{1e3 * self.required:.3g} mm are required"
+        return f"{self.pair}: {1e3 * self.distance:.1f} mm at {self.time:.4g} s near [{where}] m, {required}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,16 +68,16 @@ class Verdict:
     Attributes
     ----------
     misses : tuple of str
-        Missed goals, overlaps, and violations of all limits other than clearances, each with its value and
-        its tolerance; empty if the motion has arrived.
+        Messages about missed goals, overlaps, and violations of all limits other than clearances; empty if
+        the motion has arrived.
     breaches : tuple of str
-        Violated clearances without an overlap, each with its value. A motion with breaches may have arrived.
+        Messages about violated clearances without an overlap. A motion with breaches may have arrived.
     path_error : ndarray, shape (K,)
         Distance from the path [m]; empty if the goal is no `opt.Path`.
     orientation_error : ndarray, shape (K,)
         Angle from the end effector to the desired attitude [rad]; zero if any attitude is admissible.
     frame_errors : dict of str to ndarray, shape (K, 2)
-        Distance [m] and angle [rad] of every other frame that has a goal, to that goal.
+        Distance [m] and angle [rad] from each `opt.FrameGoal`, by the name of the frame.
     clearance : LeastClearance or None
         The least distance within the robot and to obstacles; None if no clearance is required.
     """
@@ -91,7 +91,7 @@ class Verdict:
 
     @property
     def arrived(self) -> bool:
-        """True if every goal is met."""
+        """True if every goal is met, no bodies overlap, and every limit except clearances is satisfied."""
         return not self.misses
 
 
@@ -104,7 +104,7 @@ def recorded(
     tau: FloatArray | None = None,
     wheel_momentum: FloatArray | None = None,
 ) -> RecordedRollouts:
-    """Return a recording as one motion at its rows, with the goal of its problem.
+    """Return a recording as one motion whose instants are the rows, with the goal of the problem.
 
     Parameters
     ----------
@@ -115,9 +115,10 @@ def recorded(
     t, q, v : ndarray, shape (K,), (K, nq) and (K, 6 + n)
         Times from the start of the problem's motion [s]; Pinocchio's configurations and velocities.
     tau : ndarray, shape (K - 1, n), optional
-        Joint torques in the steps between the rows [N m]. Default: those that the motion requires.
+        Joint torques in the steps between the rows [N m]. Default: the torques that the motion requires.
     wheel_momentum : ndarray, shape (K, w), optional
-        Momenta of the wheels [N m s]. Default: those that the motion requires, if wheels hold the attitude.
+        Momenta of the wheels [N m s]. Default: the momenta that the motion requires, if wheels hold the
+        attitude.
     """
     stack = plant.arm_stack(problem.mode)
     joints = np.array([plant.layout.positions(row) for row in q]).T
@@ -183,10 +184,10 @@ def judge(
     """Judge a flown motion by the goals and limits of its problem.
 
     The goal of the end effector is checked at the last row, within `Goal.reach` and `Goal.orientation_reach`.
-    A goal with `Goal.exact` is checked at the deadline within its tolerance, velocities included. For other
-    goals, a required velocity at the deadline may deviate by these reaches per second. Every limit is checked
-    by its `Limit.violation_in_flight`. A clearance is checked between rows, too; an overlap is a miss, a
-    smaller violation a breach.
+    A goal with `Goal.exact` is checked at the deadline within its tolerance, velocities included. Required
+    velocities of other goals are checked at the deadline, within the reaches per second. Every limit is
+    checked by its `Limit.violation_in_flight`. Clearances are checked between rows, too: an overlap is a
+    miss, a smaller violation a breach.
 
     Parameters
     ----------
@@ -240,8 +241,8 @@ def limit_misses(problem: Problem, limits: Sequence[Limit], motion: RecordedRoll
 def least_clearance(problem: Problem, robot: SpaceManipulator, motion: Rollouts) -> LeastClearance | None:
     """Return the least clearance of a motion, at instants and between them.
 
-    The clearance is that between the robot's bodies and from them to obstacles on the base, in space and on a
-    client. It is None if the problem has no clearance limit, or no bodies can meet.
+    The robot's bodies are checked against each other, and against obstacles on the base, in space and on a
+    client. The result is None if the problem has no clearance limit, or if no bodies can meet.
     """
     least = None
     for limit in problem.limits:
@@ -250,16 +251,16 @@ def least_clearance(problem: Problem, robot: SpaceManipulator, motion: Rollouts)
         for stack in prepared(limit, robot).stacks:  # type: ignore[attr-defined]  # `prepared` returns a Clearance
             nearest = least_of(stack, motion, limit.clearance, math.inf)
             margin = float(stack.margins[nearest.pair]) if stack.obstacles else 0.0
-            distance, wanted = float(nearest.value) + margin, limit.clearance + margin
+            distance, required = float(nearest.value) + margin, limit.clearance + margin
             place = _nearest_point(stack, motion, nearest)
-            here = LeastClearance(distance, stack.names[nearest.pair], nearest.time, wanted, place)
-            if least is None or here.distance - here.wanted < least.distance - least.wanted:
+            here = LeastClearance(distance, stack.names[nearest.pair], nearest.time, required, place)
+            if least is None or here.distance - here.required < least.distance - least.required:
                 least = here
     return least
 
 
 def _nearest_point(stack: ClearanceStack, motion: Rollouts, nearest: Least) -> tuple[float, float, float]:
-    """Return the nearest point on the first body of a pair, at the row nearest to the least clearance."""
+    """Return the nearest point (3,) on the first body of a pair, at the row nearest in time to `nearest`."""
     k = int(np.argmin(np.abs(motion.times - nearest.time)))
     poses, entry = stack.seen(motion), (np.array([nearest.pair]), np.array([k]))
     _, placed = stack.slopes(poses, entry, stack.nearest(poses, entry))

@@ -1,4 +1,4 @@
-"""The calls that plan from a start and a target: `plan`, and `plan_many` in several processes."""
+"""Functions that plan motions from a start to a target: `plan`, and `plan_many` in several processes."""
 
 from __future__ import annotations
 
@@ -191,7 +191,7 @@ def _waypoints(via: Sequence[Any]) -> list[Waypoint]:
 
 
 def lacking(problem: Problem, method: str) -> str:
-    """Return a message of the features of a problem that a method does not support; empty without any."""
+    """Return a message that lists the features of a problem that a method does not support, or ''."""
     limits = problem.limits if method == "paper" else ()
     steps_along = method != "paper" and isinstance(problem.goal, Path)
     features = {
@@ -215,7 +215,7 @@ def plan_problem(
     options: SearchOptions | None = None,
     progress: Progress | None = None,
 ) -> Trajectory:
-    """Plan a problem by a method of `plan`; with "horizon" it is `opt.solve`.
+    """Plan a problem by a method of `plan`; the method "horizon" is `opt.solve`.
 
     The method "step" uses the terms' `Term.step_objective`, except along an `opt.Path`; other step-by-step
     methods ignore terms. An unsupported feature raises `InvalidValue`.
@@ -223,7 +223,7 @@ def plan_problem(
     one_of("method", method, METHODS)
     if unsupported := lacking(problem, method):
         raise InvalidValue("method", method, f"{unsupported}; take 'horizon'")
-    # An arm that is at its goal stays there, regardless of the cost.
+    # If the end effector is at its goal, the arm stays at rest, regardless of the cost.
     if starts_within(problem, 1e-6, 1e-6) and problem.goal.place(0.0).rests:
         note = "the end effector is at its target from the start"
         still = measure(problem, np.zeros((problem.steps + 1, problem.sms.n)), note)
@@ -256,8 +256,8 @@ def plan_many(
 ) -> list[Trajectory]:
     """Plan N motions in several processes, and return the plans in the order of the arguments.
 
-    `q0`, `target` and `duration` each have one value for all motions, or one for each motion. The other
-    arguments are those of `plan`. The plans equal those of `plan` bit for bit.
+    `q0`, `target` and `duration` each have one value for all motions, or N values. The other arguments are
+    those of `plan`. The plans equal those of `plan` bit for bit.
 
     Parameters
     ----------
@@ -281,7 +281,8 @@ def plan_many(
     UnknownOption
         If an argument is misspelt.
     TasksFailed
-        If planning fails for some motions; the error has their reasons, and the plans of the others.
+        If planning fails for some motions; the error has the reasons, and the plans of the other
+        motions.
 
     Examples
     --------
@@ -296,7 +297,9 @@ def plan_many(
     _check_options("opt.plan_many", options)
     work = partial(_plan, sms, {"dt": dt, "kappa": kappa, **options})
     plans = map_in_processes(work, list(zip(*columns, strict=True)), jobs, progress)
-    return [replace(plan) for plan in plans]  # arrays from another process are writable
+    return [
+        replace(plan) for plan in plans
+    ]  # arrays from another process are writable; `replace` freezes them
 
 
 def _plan(sms: SpaceManipulator, settings: dict[str, Any], task: tuple[Any, Any, Any]) -> Trajectory:
@@ -315,7 +318,7 @@ def _rows(name: str, value: Any) -> list[Any] | None:
     single = 0 if name == "duration" else 1
     try:
         dimensions = np.ndim(value)
-    except ValueError:  # rows of different lengths: planning checks each
+    except ValueError:  # rows have different lengths; `plan` checks each row
         return list(value)
     if dimensions == single and np.size(value):
         return None
@@ -325,9 +328,9 @@ def _rows(name: str, value: Any) -> list[Any] | None:
 
 
 class _StepBox(AlphaBox):
-    """The box on alpha of re-planned motions, by which flights are not judged.
+    """The box on alpha that re-planning adds.
 
-    It is a property of the re-planning method, not a limit that a user has set.
+    Flights are not judged by this box, because it is not a limit that the user has set.
     """
 
     def violation_in_flight(self, motion: RecordedRollouts) -> Violation:
@@ -338,8 +341,8 @@ class _StepBox(AlphaBox):
 def replannable(problem: Problem, plan: Trajectory | None = None) -> Problem:
     """Return the problem for re-planning in a closed loop.
 
-    The paper's box on alpha is added, because single steps always have it; flights are judged by it only if
-    `problem` has it. A waypoint without a time gets the time at which `plan` is nearest to it, because the
+    The paper's box on alpha is added, because single steps always have it. Flights are judged by the box only
+    if `problem` has it. A waypoint without a time gets the time at which `plan` is nearest to it, because the
     loop cannot measure which waypoints were passed.
     """
     limits = list(problem.limits)

@@ -89,7 +89,7 @@ def free_momentum(momentum: FloatArray, mode: str) -> FloatArray:
 
 
 def step_limits(limits: Sequence[Limit], mode: str = "floating") -> tuple[Limit, ...]:
-    """Return limits with those of single steps: the box on alpha, and limits of wheels that hold the base."""
+    """Add the limits of all single steps: the box on alpha, and limits of wheels that hold the attitude."""
     return _with_others(limits, AlphaBox(), *([WheelLimits()] if mode == "rotation-floating" else []))
 
 
@@ -100,14 +100,15 @@ class Problem:
     Attributes
     ----------
     sms : SpaceManipulator
+        The robot.
     q0 : array_like, shape (nq,)
         Configuration at the start, within the joint limits.
     goal : array_like, shape (3,), pinocchio.SE3, callable, or Goal
         The desired pose of the end effector at the deadline, inertial axes: a position [m], a pose, a
         function of time [s] that returns either, or a goal such as `opt.Pose`, `opt.Path` or `opt.Meet`.
     duration : float
-        Time to the deadline [s]. The paper states none; here its cases are planned with 1.5 to 3 times the
-        least time under the joint limits.
+        Time to the deadline [s]. The paper states no duration; here its cases are planned with 1.5 to 3 times
+        the least time under the joint limits.
     dt : float
         Step of the finished motion [s]; it is rounded so that the duration is a whole number of steps.
     terms : sequence of Term, optional
@@ -132,15 +133,15 @@ class Problem:
         Default: zero.
     base_start : array_like, shape (7,), optional
         Root pose (position, quaternion) relative to which base rotation and displacement are measured.
-        Default: that of q0.
+        Default: the root pose in q0.
     time_offset : float
         The time [s] that is added to times of the motion for limits and moving obstacles; set by re-planning.
     extra_margins : dict of str to float
         Additional margins of limits by their names, each in the limit's own unit; set by a search, because
         penalties are soft.
     goal_limits : sequence of Limit
-        The limits among `limits` that the goal adds (`Goal.limits`). If `dataclasses.replace` sets another
-        goal, its limits take their place.
+        The limits among `limits` that the goal adds (`Goal.limits`). If `dataclasses.replace` sets
+        another goal, the limits of the new goal replace them.
 
     Raises
     ------
@@ -173,8 +174,10 @@ class Problem:
         sms, put = self.sms, partial(object.__setattr__, self)
         put("q0", frozen(sms.checked_configuration("q0", self.q0)))
         duration, dt = positive("duration", self.duration, "s"), positive("dt", self.dt, "s")
-        if not 1.0 <= duration / dt <= 1e6:  # a million steps take some 400 MB for seven joints
-            remedy = f"must be at least one step of {dt:g} s and at most 1000000; for more use a longer dt"
+        if not 1.0 <= duration / dt <= 1e6:  # a million steps take about 400 MB for seven joints
+            remedy = (
+                f"must be at least one step of {dt:g} s and at most 1000000 steps; adapt the duration or dt"
+            )
             raise InvalidValue("duration", duration, remedy)
         put("duration", duration)
         put("dt", duration / round(duration / dt))
@@ -246,7 +249,7 @@ class Problem:
 
     @property
     def kappa(self) -> float:
-        """The sharpness of the paper's C~ for measures of motions: that of a term if one has it, else 10."""
+        """The sharpness of C~ in the measures of motions: `kappa` of the first term that has it, else 10."""
         return next((term.kappa for term in self.terms if term.kappa is not None), Coupling.kappa)
 
     @cached_property
@@ -292,7 +295,7 @@ class Problem:
         """Return the motion, at nodes and midpoints, with joint rates (N + 1, n) at nodes `dt` [s] apart."""
         rates = matrix("rates", rates, None, self.sms.n)
         if len(rates) < 2:
-            raise InvalidValue("rates", rates, "must have two rows at least")
+            raise InvalidValue("rates", rates, "must have at least two rows")
         step = self.dt if dt is None else positive("dt", dt, "s")
         motion = rolled_out(self.sms, self.stack, self.q0, rates, step, self.momentum)
         return replace(motion, **given(self, self.goal, motion.times))
@@ -304,7 +307,7 @@ class Problem:
 
     @cached_property
     def arm0(self) -> ArmValues:
-        """The arm at the start, as a stack of one."""
+        """The kinematics of the arm at the start, as a stack of one configuration."""
         return self.stack.evaluate(self.joints0[:, None])
 
     @cached_property
@@ -354,7 +357,10 @@ class Problem:
 
     @cached_property
     def mean_speed(self) -> float:
-        """The mean speed along a straight line to the target, at least 2 cm long [m/s]; a scale of speeds."""
+        """The mean speed on the straight line to the target [m/s], a scale of speeds.
+
+        The length of the line is taken as at least 2 cm.
+        """
         place = self.place.at(self.q0)  # a place on the base at its start pose
         return max(float(np.linalg.norm(place.position - self.tip0)), 0.02) / self.duration
 
@@ -367,5 +373,5 @@ def given(problem: Problem, goal: Goal, times: FloatArray) -> dict[str, Any]:
 
 
 def _with_others(limits: Sequence[Limit], *others: Limit) -> tuple[Limit, ...]:
-    """Return the limits, and those of `others` whose name none of them has."""
+    """Return the limits, and each of `others` unless a limit has its name."""
     return (*limits, *(other for other in others if other.name not in [limit.name for limit in limits]))

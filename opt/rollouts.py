@@ -38,7 +38,8 @@ def entropy_and_gradient(
 ) -> tuple[FloatArray, FloatArray]:
     """Return H_norm (...) of stacked C_bm (6, n, ...), and its gradient (6, n, ...).
 
-    `free_rows` are the rows of C_bm that are not identically zero. If there are none, the entropy is zero.
+    `free_rows` are the rows of C_bm that are not identically zero. Without such rows, and for a single joint,
+    the entropy is zero.
     """
     rows, shape = list(free_rows), coupling.shape[1:]
     if shape[0] == 1 or not rows:
@@ -56,9 +57,9 @@ def velocity_slopes(
 ) -> tuple[FloatArray, FloatArray]:
     """Return the slopes (3, n, ...) of two velocities with respect to joint positions.
 
-    They are the base's angular velocity and the velocity of the end effector, in base axes. Both follow from
-    the joint rates (n, ...) and from `angular_drift` (3, ...), the base's angular velocity from an angular
-    momentum that is constant in base axes.
+    The velocities are the base's angular velocity and the velocity of the end effector, in base axes. Both
+    follow from the joint rates (n, ...) and from `angular_drift` (3, ...). This drift is the base's angular
+    velocity due to an angular momentum that is constant in base axes.
     """
     positions, rates = np.broadcast_arrays(arm.positions, rates)
     own = () if angular_drift is None else (angular_drift,)
@@ -67,7 +68,7 @@ def velocity_slopes(
 
 
 def coupling_slopes(stack: ArmStack, arm: ArmValues, by_coupling: FloatArray) -> FloatArray:
-    """Convert slopes (..., 6, n, S, K) with respect to C_bm to slopes (..., n, S, K) for joint positions."""
+    """Convert slopes (..., 6, n, S, K) with respect to C_bm to slopes (..., n, S, K) by joint positions."""
     several = by_coupling.reshape(-1, *arm.coupling.shape)
     slopes = [kernel.coupling_slopes(stack.tree, arm.positions, slope) for slope in several]
     return np.reshape(slopes, (*by_coupling.shape[: -arm.coupling.ndim], *arm.positions.shape))
@@ -82,8 +83,8 @@ def forces(
 ) -> FloatArray:
     """Return joint torques H_q u' + C_q (n, ...) [N m, or N], and below them the base's wrench (6, ...).
 
-    u' are the accelerations. The base reacts as the mode of the stack permits, and the wrench constrains the
-    rest of its motion: a force [N], and a moment about the base's centre of mass [N m], base axes. For
+    u' are the accelerations. The wrench holds the base in the directions that the mode of the stack does not
+    leave free: a force [N], and a moment about the base's centre of mass [N m], base axes. For
     `angular_drift` see `Rollouts`.
     """
     own = np.zeros((3, *joints.shape[1:])) if angular_drift is None else angular_drift
@@ -142,7 +143,7 @@ def momentum_force_slopes(m: Rollouts) -> dict[str, FloatArray]:
 
 
 def wheel_shares(wheels: ReactionWheels | None) -> FloatArray:
-    """Return A^+ (w, 3), the allocation of a momentum or torque in root axes to wheels; w = 0 without any."""
+    """Return A^+ (w, 3), which allocates a momentum or torque in root axes to w wheels; w may be 0."""
     return np.zeros((0, 3)) if wheels is None else np.linalg.pinv(wheels.axes.T)
 
 
@@ -158,9 +159,10 @@ def held_momentum(arm: ArmValues) -> FloatArray:
 def wheel_total(
     sms: SpaceManipulator, wheels: ReactionWheels, q: FloatArray, v: FloatArray, momentum: FloatArray
 ) -> FloatArray:
-    """Return the momenta h_0 (w,) of wheels with all else at rest, from the present momenta (w,) [N m s].
+    """Return the momenta h_0 (w,) of wheels with arm and base at rest, from `momentum` (w,) [N m s].
 
-    The angular momentum of arm and rotating base in the state q (nq,), v (6 + n,) is added to the wheels.
+    `momentum` are the present momenta. The angular momentum of arm and base in the state q (nq,), v (6 + n,)
+    is added to them.
     """
     angular = pin.computeCentroidalMomentum(sms.model, sms.model.createData(), q, v).angular
     in_root_axes = pin.Quaternion(q[3:7]).toRotationMatrix().T @ angular
@@ -188,7 +190,7 @@ EXACT = Smoothing()
 class Paired(NamedTuple):
     """The paper's measures of the N steps of one motion.
 
-    They combine the configuration at a step's start with the joint rates at its end.
+    They combine the configuration at a step's start with the joint rates at the step's end.
     """
 
     cosine: FloatArray  # (N,) cos(theta_a)
@@ -196,7 +198,7 @@ class Paired(NamedTuple):
     alpha: FloatArray  # (N, n) joint rates in the basis V of the right singular vectors of C_bm [rad/s]
 
     def cost(self, kappa: float) -> FloatArray:
-        """Return the paper's summand of J (N,)."""
+        """Return the summands (N,) of the paper's cost J."""
         return np.asarray((np.logaddexp(0.0, kappa * self.cosine) / kappa - (1.0 - self.entropy)) ** 2)
 
 
@@ -260,7 +262,7 @@ class Rollouts:
 
     @cached_property
     def arm(self) -> ArmValues:
-        """The arm relative to the base."""
+        """The kinematics of the arm relative to the base."""
         return self.stack.evaluate(self.joints) if self.evaluated is None else self.evaluated
 
     def _placed(self, points: FloatArray) -> FloatArray:
@@ -298,7 +300,7 @@ class Rollouts:
 
     @cached_property
     def angular_momentum(self) -> FloatArray | None:
-        """The total angular momentum (3,) about the centre of mass, inertial axes [N m s], or None."""
+        """The total angular momentum (3,) about the centre of mass, inertial axes [N m s]; None if zero."""
         drift = self.angular_drift[:, 0, 0]
         if not drift.any():
             return None

@@ -1,4 +1,4 @@
-"""The first-order covariance of a motion's end under uncertain masses, centres of mass and inertias."""
+"""The first-order covariance of the end effector's last position under uncertain inertial parameters."""
 
 from __future__ import annotations
 

@@ -54,17 +54,18 @@ class Trajectory:
     Attributes
     ----------
     t, q, v : ndarray, shape (N + 1,), (N + 1, nq) and (N + 1, 6 + n)
-        Times of the nodes [s]; Pinocchio's configurations and velocities there.
+        Times of the nodes [s]; Pinocchio's configurations and velocities at the nodes.
     joint_positions, joint_accelerations : ndarray, shape (N + 1, n) and (N, n)
         Joint positions [rad], continuous in time also for continuous joints; accelerations [rad/s^2].
     tau : ndarray, shape (N + 1, n)
         Required joint torques [N m], or forces of prismatic joints [N], with the base reacting in its `mode`,
         without friction. Row k has the torques right after node k, where the acceleration jumps; the last row
-        has those at the end of the last step.
+        has the torques at the end of the last step.
     alpha : ndarray, shape (N, n)
-        Joint rates at the step's end in the basis V, the right singular vectors of C_bm at its start [rad/s].
+        Joint rates at a step's end, in the basis V of right singular vectors of C_bm at the step's start
+        [rad/s].
     cos_theta, entropy, cost : ndarray, shape (N,)
-        The paper's measures at the step's start, for the rates at its end; `cost` is the summand of the
+        The paper's measures at a step's start, for the rates at the step's end; `cost` is the summand of the
         paper's J.
     end_effector, target, target_rotation : ndarray, shape (N + 1, 3), (3,) and (3, 3)
         Positions of the end effector, and desired position at the deadline [m]; desired attitude, NaN if any
@@ -80,12 +81,12 @@ class Trajectory:
     note : str
         The errors and their reasons; never empty if the plan is not `reached` or not `within_tolerance`.
     shortest_duration : float
-        A sufficient duration [s], if the plan failed for lack of time and one was found; else 0. Plans of
-        `opt.shortest`, and of paths with `timing="fastest"`, have their own duration.
+        A sufficient duration [s], if the plan failed for lack of time and the search found such a duration;
+        else 0. For plans of `opt.shortest`, and of paths with `timing="fastest"`, the plan's own duration.
     contact_velocity, momentum : ndarray, shape (6,)
         Velocity [m/s] and angular velocity [rad/s] of the end effector at the deadline, relative to the
-        desired ones, zero by default; total momentum [linear; angular] about the system's centre of mass
-        [kg m/s; kg m^2/s]. Inertial axes.
+        desired velocities (zero by default); total momentum [linear; angular] about the system's centre of
+        mass [kg m/s; kg m^2/s]. Inertial axes.
     clear, within_tolerance, met : bool
         `clear` is true if all limits are satisfied, at nodes and between them. `within_tolerance` is true if
         the end is within the goal's own tolerance of position, attitude, and required velocities (`reached`
@@ -236,7 +237,7 @@ class Trajectory:
         """
         count = len(self.t)
         if isinstance(k, bool) or not isinstance(k, (int, np.integer)) or not -count <= k < count:
-            raise InvalidValue("k", k, f"must be a node of the motion, from 0 to {count - 1}, or below zero")
+            raise InvalidValue("k", k, f"must be a node of the motion, from {-count} to {count - 1}")
         pose = pin.XYZQUATToSE3(self.q[k, :7])
         pose.translation = pose.act(self.base_com)
         return pose
@@ -244,15 +245,15 @@ class Trajectory:
     def spread(self, covariance: FloatArray, sms: SpaceManipulator | None = None) -> FloatArray:
         """Return the covariance (3, 3) [m^2] of the end effector's last position for uncertain inertias.
 
-        The joints move as planned. The covariance is a first-order propagation of that of the inertial
-        parameters, which determine the base's reaction.
+        The joints move as planned. The covariance of the inertial parameters, which determine the base's
+        reaction, is propagated to first order.
 
         Parameters
         ----------
         covariance : array_like, shape (10 (1 + n), 10 (1 + n))
             The covariance of `sms.inertial_parameters`, such as `identification.Identification.covariance`.
         sms : SpaceManipulator, optional
-            The robot; default: that of the plan's problem.
+            The robot. Default: the robot of the plan's problem.
 
         Raises
         ------

@@ -344,4 +344,4 @@ def _least_clearance(
         problem = replace(problem, limits=others)
         candidates.append(least_clearance(problem, plant, recorded(problem, plant, t, q, v)))
     near = [clearance for clearance in candidates if clearance is not None]
-    return min(near, key=lambda clearance: clearance.distance - clearance.wanted, default=None)
+    return min(near, key=lambda clearance: clearance.distance - clearance.required, default=None)

@@ -38,7 +38,7 @@ def in_collision(plan: Trajectory, sms: SpaceManipulator) -> str:
     if "clearance" not in plan.broken or plan.problem is None:
         return ""
     least = least_clearance(plan.problem, sms, plan.problem.motion(plan.joint_rates, plan.dt))
-    if least is None or least.distance > min(0.0, least.wanted) - _OVERLAP:
+    if least is None or least.distance > min(0.0, least.required) - _OVERLAP:
         return ""
     return f"in the plan {least.pair} overlap by {length_text(-least.distance)} at {least.time:.3g} s"
 

@@ -248,8 +248,8 @@ class Tracking:
             frames, misses, least = (json.loads(str(arrays[name])) for name in _JSON)
             values |= {"frames": tuple(map(str, frames)), "misses": tuple(map(str, misses))}
             if least is not None:
-                distance, pair, time, wanted, place = least
-                values["least_clearance"] = LeastClearance(distance, pair, time, wanted, tuple(place))
+                distance, pair, time, required, place = least
+                values["least_clearance"] = LeastClearance(distance, pair, time, required, tuple(place))
         except (ValueError, TypeError, RecursionError):
             raise ResultError(path, f"holds no verdict in {', '.join(_JSON)}") from None
         values |= {name: str(arrays[name]) for name in _TEXTS}

@@ -1,4 +1,4 @@
-"""Curves of positions or poses, from functions or samples, by time or by a parameter."""
+"""Curves of positions or poses, given by a function or by samples."""
 
 from __future__ import annotations
 
@@ -109,7 +109,7 @@ def sampled_points(samples: Any) -> Points:
         remedy = f"must be a function, or samples: {kinds}"
         raise InvalidValue("curve", samples, remedy)
     if len(samples) < 2:
-        raise InvalidValue("curve", samples, f"must have two samples at least, of {kinds}")
+        raise InvalidValue("curve", samples, f"must have at least two samples: {kinds}")
     if isinstance(samples[0], pin.SE3) or np.shape(samples[0]) == (4, 4):
         poses = [checks.pose(f"curve[{i}]", sample) for i, sample in enumerate(samples)]
         positions = np.array([pose.translation for pose in poses]).T
@@ -119,10 +119,13 @@ def sampled_points(samples: Any) -> Points:
 
 
 def sample_times(times: Any, count: int) -> FloatArray:
-    """Check the times of `count` samples [s], which begin at zero and increase, and return them."""
+    """Check the times of `count` samples [s], and return them as an array.
+
+    The times must begin at zero and increase.
+    """
     t = checks.vector("times", times, count, "s")
     if t[0] != 0.0:
-        remedy = "must begin at zero: the curve starts with the motion, or after its approach"
+        remedy = "must begin at zero, because times are measured from the start of the path"
         raise InvalidValue("times", t[0], remedy)
     if (np.diff(t) <= 0.0).any():
         k = int(np.argmin(np.diff(t)))
@@ -165,7 +168,10 @@ _RAMP = 0.15  # share of the duration for acceleration to a constant speed, and 
 
 
 def even_shares(x: FloatArray) -> FloatArray:
-    """Return the shares of a curve (K,) at shares x (K,) of its time, for constant speed with smooth ends."""
+    """Return the covered shares (K,) of a curve's length at shares x (K,) of the duration.
+
+    The speed is constant between a smooth start and a smooth end.
+    """
 
     def begun(y: FloatArray) -> FloatArray:  # the integral of 3 z^2 - 2 z^3 in the ramp, and of 1 after it
         z = np.clip(y / _RAMP, 0.0, 1.0)
@@ -178,14 +184,14 @@ def even_shares(x: FloatArray) -> FloatArray:
 
 
 class TimeLaw(NamedTuple):
-    """The time law of a curve: its share by time, with a constant second derivative between K nodes."""
+    """The time law of a curve: the covered share of its length, quadratic in time between K nodes."""
 
     times: FloatArray  # (K,) [s]
     shares: FloatArray  # (K,) of the curve's length
     rates: FloatArray  # (K,) [1/s]
 
     def __call__(self, t: FloatArray) -> FloatArray:
-        """Return the shares at times t [s]; constant beyond the ends."""
+        """Return the shares at times t [s]; outside the time law the share is constant."""
         t = np.clip(t, 0.0, self.times[-1])
         k = np.clip(np.searchsorted(self.times, t, side="right") - 1, 0, len(self.times) - 2)
         h, span = t - self.times[k], self.times[k + 1] - self.times[k]
@@ -195,9 +201,9 @@ class TimeLaw(NamedTuple):
 
 
 def check_jumps(curve: Curve, parameters: FloatArray, unit: str) -> None:
-    """Raise `InvalidValue` if a curve jumps between parameters (K,), whose `unit` is for the message.
+    """Raise `InvalidValue` if a curve jumps between parameters (K,).
 
-    A jump is a difference that does not shrink with the interval.
+    A jump is a difference that does not shrink with the interval. The message has the parameters' `unit`.
     """
     points = curve(parameters)
     steps = np.diff(lengths(points))

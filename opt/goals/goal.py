@@ -1,4 +1,4 @@
-"""Goals of the end effector: fixed goals, moving goals, and goals derived from others; and their places.
+"""Goals of the end effector: fixed goals, moving goals, and goals derived from other goals.
 
 A place is the desired pose, or position only, of a frame of the robot at one time. Its error is a
 displacement, and a rotation if the place has an attitude.
@@ -144,13 +144,13 @@ class Place:
         about: FloatArray = np.einsum("x,y,y...->x...", axis, axis, columns)
         return columns - about
 
-    def seen(self, pose: Any, q: FloatArray) -> FrameVariable:
-        """Return a pose (pinocchio.SE3, inertial axes) as a frame in the place's axes, at q (nq,)."""
+    def in_axes(self, pose: Any, q: FloatArray) -> FrameVariable:
+        """Return a pose (pinocchio.SE3, inertial axes) as a frame in the place's axes; q is (nq,)."""
         return frame_at(pin.XYZQUATToSE3(q[:7]).actInv(pose) if self.moves_with_base else pose)
 
     def error(self, pose: Any, q: FloatArray) -> tuple[float, float]:
-        """Return distance [m] and angle [rad] from a pose (pinocchio.SE3) to the place, at q (nq,)."""
-        errors = self.pose_error(self.seen(pose, q))
+        """Return distance [m] and angle [rad] of a pose (pinocchio.SE3) from the place in configuration q."""
+        errors = self.pose_error(self.in_axes(pose, q))
         return float(errors.distance[0, 0]), float(errors.angle[0, 0])
 
     def at(self, q: FloatArray) -> Place:
@@ -175,7 +175,7 @@ class Place:
     def aim(self, sms: SpaceManipulator, q: FloatArray) -> Place:
         """Return a plain place for a step, see `plain`.
 
-        If there is a free axis, the rotation about it is that of the end effector at q (nq,).
+        The rotation about a free axis is that of the end effector in the configuration q (nq,).
         """
         here = self.at(q)
         if here.free_axis is None:
@@ -184,16 +184,16 @@ class Place:
         turn = here.pose_error(frame_at(pose)).vector[:, 0, 0]
         return replace(here, rotation=pin.exp3(turn) @ pose.rotation, free_axis=None)
 
-    def base_attitude(self, seen: FloatArray) -> FloatArray:
-        """Return the base's attitude (3, 3, ...) if the frame is at the place.
+    def base_attitude(self, relative: FloatArray) -> FloatArray:
+        """Return the base's attitude (3, 3, ...) for which the frame has the desired attitude.
 
-        `seen` (3, 3, ...) is the frame's attitude relative to the base.
+        `relative` (3, 3, ...) is the frame's attitude relative to the base.
         """
         assert self.rotation is not None
-        return np.asarray(np.einsum("xy,zy...->xz...", self.rotation, seen))
+        return np.asarray(np.einsum("xy,zy...->xz...", self.rotation, relative))
 
     def words(self) -> str:
-        """Return a description, for messages."""
+        """Describe the place, for messages."""
         where = "[" + ", ".join(f"{x:.4g}" for x in self.position) + "] m"
         attitude = "" if self.rotation is None else " in an attitude"
         free = "" if self.free_axis is None else ", free to turn about an axis"
@@ -206,7 +206,7 @@ def frame_at(pose: Any) -> FrameVariable:
 
 
 def stacked_places(places: list[Place]) -> Place:
-    """Stack places, all positions or all poses, without velocities."""
+    """Stack places, which are all positions or all poses; the stack has no velocities."""
     turns = [place.rotation for place in places if place.rotation is not None]
     return replace(
         places[0],
@@ -218,11 +218,11 @@ def stacked_places(places: list[Place]) -> Place:
 
 
 def deadzone(x: Variable, allowed: float, firm: bool = False) -> Variable:
-    """Return vectors shortened by `allowed`; shorter vectors become zero.
+    """Return vectors shortened by `allowed`; vectors shorter than `allowed` become zero.
 
-    With `firm` the slopes are those of the full vectors. The gradient of the square is the same, but then a
-    Gauss-Newton step also penalises changes perpendicular to a vector, and changes of vectors shorter than
-    `allowed`. Without `firm` such changes have no cost in a step, and most long steps fail because of them.
+    With `firm` the slopes are those of the full vectors. The gradient of the square is the same. A
+    Gauss-Newton step then also penalises changes perpendicular to a vector, and changes of vectors shorter
+    than `allowed`. Without `firm` such changes cost nothing in a step, and most long steps fail.
     """
     length = np.maximum(np.sqrt(dot(x.value, x.value)), 1e-12)  # a shorter vector has no direction
     share, unit = np.maximum(1.0 - allowed / length, 0.0), x.value / length
@@ -265,13 +265,13 @@ class Goal(ABC):
     moves : bool
         True if the place depends on time.
     exact : bool
-        True if a plan has `reached` only within the tolerance at the deadline, velocities included.
+        True if a plan outside the tolerance at the deadline has not `reached`, velocities included.
     coupled : bool
         True if the paper's cost is a term by default. This cost favours motions at an angle to the
         displacement, so it does not suit goals that are approached along a line.
     at_rest_with : Client, capture.ClientEstimate or None
-        A body with which the robot should be at rest after the capture. This determines the default momentum
-        of a problem; with another momentum the plan has a note.
+        A body with which the robot should be at rest after the capture. The body determines the default
+        momentum of a problem. With another momentum the plan has a note.
     coast : float or None
         Time after the deadline for which the joints keep their rates before they brake [s]. The plan leaves
         enough distance to the position limits for coasting and braking. None: no distance is left.
@@ -374,8 +374,8 @@ class Pose(Fixed):
         The desired velocity and angular velocity at the deadline, inertial axes [m/s; rad/s]. Default: the
         arm comes to rest.
     free_axis : array_like, shape (3,), optional
-        The axis, in the axes of the end-effector frame, about which rotation is free, for example of a
-        rotationally symmetric tool. Its length is ignored. Default: none.
+        The axis, in the axes of the end-effector frame, about which rotation is free, for example the
+        axis of a rotationally symmetric tool. Its length is ignored. Default: none.
     """
 
     pose: Any
@@ -444,14 +444,14 @@ class Moving(Goal):
 class Changed(Goal):
     """A goal that solvers derive from another goal, `goal`.
 
-    Its place at time t is that of the other goal at t + `time_offset` [s], mapped by `change`, which also
-    accepts a stack of places. Tolerance and reaches default to those of the other goal.
+    Its place at time t is the other goal's place at t + `time_offset` [s], mapped by `change`. This function
+    also accepts a stack of places. Tolerance and reaches default to those of the other goal.
     """
 
     goal: Goal
     change: Callable[[Place], Place] | None = None
     time_offset: float = 0.0
-    tolerance: float = None  # type: ignore[assignment]  # default: of the other goal
+    tolerance: float = None  # type: ignore[assignment]  # default: that of `goal`
     reach: float = None  # type: ignore[assignment]
     orientation_reach: float = None  # type: ignore[assignment]
 
@@ -482,7 +482,7 @@ class Changed(Goal):
 def as_goal(value: Any, name: str = "goal", kinds: str = GOALS) -> Goal:
     """Return the goal for a value: a position (3,), a pose, a function of time, or a goal.
 
-    Error messages use the value's `name`, and `kinds` as the description of its admissible types.
+    Error messages contain the value's `name`, and `kinds`, a description of the admissible types.
     """
     if isinstance(value, Goal):
         return value

@@ -1,4 +1,4 @@
-"""The curves line, circle, helix and rounded square for an `opt.Path`, placed in the axes of its frame."""
+"""Geometric curves for an `opt.Path`: line, circle, helix and rounded square."""
 
 from __future__ import annotations
 
@@ -27,8 +27,8 @@ class CurvePlacement:
     """The constant rotation (3, 3) of the end effector in the curve's axes. Default: the curve has positions
     only, unless `faces` is set."""
     faces: Annotated[Literal["axis", "centre"] | None, Unit("", "nothing")] = None
-    """The point to which `tool_axis` is directed along the curve: "axis", the nearest point of the z axis of
-    the curve's axes; "centre", their origin."""
+    """The point to which `tool_axis` is directed along the curve: "axis", the nearest point of the curve's z
+    axis; "centre", the origin of the curve's axes."""
     tool_axis: Any = (0.0, 0.0, 1.0)
     """The direction (3,) in the axes of the end-effector frame for `faces`."""
 
@@ -46,8 +46,8 @@ class CurvePlacement:
     def place(self, point: FloatArray, attitude: FloatArray | None = None) -> Any:
         """Return a point (3,) of the curve as a position (3,) or a pose, in the axes of the path's frame.
 
-        The argument `attitude` (3, 3) is used if neither of the fields `attitude` and `faces` is set. Without
-        any of these three the result is a position.
+        The argument `attitude` (3, 3) is used if neither the field `attitude` nor `faces` is set. Without any
+        attitude the result is a position.
         """
         if self.attitude is not None:
             attitude = self.attitude
@@ -99,7 +99,7 @@ class Line(NamedCurve):
 
 @dataclass(frozen=True, eq=False)
 class Circle(NamedCurve):
-    """A circle about the z axis of the curve's axes that begins on their x axis."""
+    """A circle about the z axis of the curve's axes; it begins on the x axis."""
 
     radius: Annotated[Positive, Unit("m")]
     """The radius."""
@@ -119,7 +119,7 @@ class Circle(NamedCurve):
 
 @dataclass(frozen=True, eq=False)
 class Helix(NamedCurve):
-    """A circle that rises along the z axis of the curve's axes, with their origin at half its height."""
+    """A helix about the z axis of the curve's axes; the origin is at half the height."""
 
     radius: Annotated[Positive, Unit("m")]
     """The radius."""
@@ -142,7 +142,7 @@ class Helix(NamedCurve):
 
 @dataclass(frozen=True, eq=False)
 class RoundedSquare(NamedCurve):
-    """A square about the z axis of the curve's axes that begins in the middle of its side at +x."""
+    """A square about the z axis of the curve's axes; it begins in the middle of the side at +x."""
 
     side: Annotated[Positive, Unit("m")]
     """The side of the square."""

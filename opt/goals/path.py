@@ -49,7 +49,7 @@ _CHECKED = 401  # number of times at which a path is checked before planning
 class PathMotion(NamedTuple):
     """The places of a path at K times, with velocities (3, K) [m/s] and angular velocities (3, K) [rad/s].
 
-    Angular velocities are None if the path has no attitudes. All are in the axes `Path.on`.
+    Angular velocities are None if the path has no attitudes. Places and velocities are in the axes `Path.on`.
     """
 
     place: Place
@@ -85,10 +85,10 @@ class Path(Goal):
     """The axes of the curve: "inertial"; "base", those of the base link's frame; or the body axes of a Client
     or a capture.ClientEstimate. In the last two cases the path moves with these axes."""
     timing: Annotated[Literal["given", "fastest"], Unit()] = "given"
-    """The time law of a geometric curve: "given", constant speed over the problem's duration, with smooth
-    ends; or "fastest", the least time within those limits of the problem that bound the speed
-    (`Limit.speed_bound`): by default joint rates, accelerations and torques; others are the base's angular
-    speed and wheels. The problem's duration is the upper bound."""
+    """The time law of a geometric curve. "given": constant speed over the problem's duration, with a smooth
+    start and end. "fastest": the least time, at most the problem's duration, within the limits that bound the
+    speed (`Limit.speed_bound`). These are joint rates, accelerations and torques by default, and the limits
+    of wheels and of the base's angular speed if the problem has them."""
     approach_time: Annotated[NotNegative, Unit("s")] = 0.0
     """The time before the path's start in which the end effector moves straight to the path and reaches the
     path's velocity. Zero: the motion begins on the path."""
@@ -209,7 +209,7 @@ class Path(Goal):
         return max(float(self.times[-1]) - (self.duration - self.approach_time), 0.0)
 
     def slower(self, scale: float) -> Path:
-        """Return the path with the time of the curve and of the approach stretched by a factor."""
+        """Return the path with curve and approach slowed down by a factor `scale` on their times."""
         path = replace(self, approach_time=scale * self.approach_time, duration=None, begin=None)
         if self.geometric:
             return path
@@ -243,7 +243,7 @@ class Path(Goal):
 
     def points(self, times: FloatArray) -> Points:
         """Return the points at times (K,) of the motion [s], the approach included."""
-        # After the deadline the path stays where it is at the deadline.
+        # After the deadline the point of the curve stays the same.
         until = np.inf if self.duration is None else self.duration
         t = np.minimum(times, until) - self.approach_time
         on_path = self._in_axes(self.along(np.maximum(t, 0.0)), np.maximum(times, self.approach_time))
@@ -267,7 +267,7 @@ class Path(Goal):
         def polynomial(first: FloatArray, values: FloatArray) -> FloatArray:
             """Return values of a quintic polynomial from rest at `first` (3,) to the state of the path.
 
-            `values` (3, 3) are those of the path at its first three instants, h apart.
+            `values` (3, 3) are the path's positions or rotation vectors at its first three instants, h apart.
             """
             end, velocity = (
                 values[:, 0],
@@ -296,8 +296,8 @@ class Path(Goal):
     def _begin_rotation(self, first: FloatArray) -> FloatArray:
         """Return the initial attitude of an approach to the path's first attitude `first` (3, 3).
 
-        If there is a free axis, it is the attitude nearest to `first` in which this axis has its present
-        direction.
+        With a free axis, the result is the attitude nearest to `first` in which this axis has the same
+        direction as at the motion's start.
         """
         if self.free_axis is None:
             return np.asarray(self.begin.rotation)
@@ -354,8 +354,8 @@ class OnPath(PoseConstraint, Limit):
     def __init__(self, goal: Path) -> None:
         self.goal = goal
         self.tolerance, self.orientation_tolerance = goal.tolerance, goal.orientation_tolerance
-        # The penalty is soft, because single steps bring the end effector back to the path afterwards. The
-        # margin is the tolerance.
+        # The penalty is soft, because single steps bring the end effector back to the path after the search.
+        # The margin equals the tolerance.
         self.scale = 5e4 * self.tolerance
         self.margin = self.tolerance / self.scale
 
@@ -364,13 +364,13 @@ class OnPath(PoseConstraint, Limit):
         return None
 
     def residual(self, m: Variables) -> list[Variable]:
-        """Return the errors, also those within the tolerances, so that only redundant motion is free."""
+        """Return the errors, also errors within the tolerances, because only redundant motion is free."""
         tolerances = (self.tolerance, self.orientation_tolerance)
         parts = zip(self.pose_error(m).parts, tolerances, strict=False)
         return [x * (self.margin / tolerance) for x, tolerance in parts]
 
     def violation(self, motion: Rollouts) -> Violation:
-        """Return the largest excess over a tolerance; that of an angle is converted to a length [m]."""
+        """Return the largest excess over a tolerance as a length [m], also that of an angle."""
         m = Variables(motion)
         error = self.pose_error(m)
         share = np.maximum(error.distance[0] / self.tolerance, error.angle[0] / self.orientation_tolerance)
@@ -411,7 +411,7 @@ class PathErrors(NamedTuple):
 
     distance: FloatArray  # (N + 1,) the largest distance within half a step of each node [m]
     angle: FloatArray  # (N + 1,) the largest angle within half a step of each node [rad]
-    excess: float  # the largest excess over a tolerance; that of an angle is converted to a length [m]
+    excess: float  # the largest excess over a tolerance as a length [m], also that of an angle
     note: str  # a message about the largest errors
 
 

@@ -25,14 +25,14 @@ if TYPE_CHECKING:
     from ffsms_pin.opt.trajectory import Trajectory
 
 AT_GRASP = 0.05  # share of the misalignment at the mouth that is allowed at the grasp
-_BINDING = 0.05  # share of the tolerance below which the limit is active
+_BINDING = 0.05  # a limit is active if its slack is below this share of the tolerance
 
 
 class PoseConstraint:
     """A constraint on the pose of a frame of the robot relative to the places of a goal.
 
-    It is the base class of waypoints, goals of other frames, corridors and paths. Times of `goal` are those
-    of limits, which differ from times of the motion by `Problem.time_offset`.
+    It is the base class of waypoints, goals of other frames, corridors and paths. `goal` is evaluated at the
+    times of the motion plus `Problem.time_offset`.
     """
 
     goal: Goal
@@ -63,15 +63,14 @@ class PoseConstraint:
 class PoseTolerance(PoseConstraint, Inequality):
     """The limit on a frame's pose error relative to a goal, at the deadline or in the last tenth of the time.
 
-    The slack is in metres; that of an angle is multiplied by `reach` / `orientation_reach`. If the error is
-    within `share` of the reaches, the residual is zero. `message` is the message for a motion that misses the
-    goal.
+    The slack is in metres; slacks of angles are multiplied by `reach` / `orientation_reach`. If the error is
+    within `share` of the reaches, the residual is zero. `message` is for a motion that misses the goal.
     """
 
     def __init__(self, goal: Goal, frame: str, when: str) -> None:
         self.goal, self.frame, self.when, self.name = goal, frame, when, f"also {frame}"
-        # The rest of the reaches, 1 - `share`, is left for the difference between the spline and the finished
-        # motion, and for the violation of a soft penalty.
+        # The share 1 - `share` of the reaches is the margin for the difference between the spline and the
+        # finished motion, and for the violation of a soft penalty.
         if when == "deadline":
             self.reach, self.orientation_reach, self.share = goal.tolerance, goal.tolerance, 0.4
             self.message = f"'{frame}' ends {{}} from its goal"
@@ -93,7 +92,10 @@ class PoseTolerance(PoseConstraint, Inequality):
         return [self.reach - (self.reach / most) * x.norm() for x, most in self.errors_with_reaches(m)]
 
     def residual(self, m: Variables) -> list[Variable]:
-        """Return the pose error beyond `share` of the reaches; vectors give squares the right curvature."""
+        """Return the pose error beyond `share` of the reaches, as vectors.
+
+        Squared vectors have the curvature of the pose error in all directions; squared lengths do not.
+        """
         scale = self._scale_and_margin(m.rollouts)[0]
         residuals: list[Variable] = []
         for x, most in self.errors_with_reaches(self.at_active_instants(m)):
@@ -118,11 +120,10 @@ def arrivals(goal: Goal, frame: str = "tip") -> list[PoseTolerance]:
 
 @dataclass(frozen=True, eq=False)
 class FrameGoal(AllOf):
-    """A goal of another frame of the robot at the deadline, in addition to that of the end effector.
+    """A goal of another frame of the robot at the deadline, in addition to the end effector's goal.
 
-    The frame must be within the goal's `tolerance` at the deadline, and within its `reach` in the last tenth
-    of the time.
-    A plan that misses the goal has not `reached`, and its `note` has the error.
+    The frame must be within the goal's `tolerance` at the deadline, and within the goal's `reach` in the last
+    tenth of the time. A plan that misses the goal has not `reached`, and the plan's `note` has the error.
 
     Attributes
     ----------
@@ -146,7 +147,7 @@ class FrameGoal(AllOf):
         set_frozen(self, goal=standing_goal(self.goal, "goal"), name=self.name or f"also {self.frame}")
 
     def for_robot(self, sms: SpaceManipulator) -> FrameGoal:
-        """Return the goal for the frame of a robot."""
+        """Return the goal with the frame of a robot, and with the margin as a share of the arm's length."""
         end, _ = arrivals(self.goal, self.frame)
         ends = [FrameEnd(RobotFrame.of(sms.arm_stack(), self.frame), self.goal.place(0.0))]
         return replace(self, margin=(1.0 - end.share) * end.reach / sms.arm_stack().length, ends=ends)
@@ -174,7 +175,7 @@ class FrameGoal(AllOf):
 class Waypoint(PoseTolerance):
     """A waypoint of the end effector, at a given time or at any time before the deadline.
 
-    Several waypoints each need a `name`. Those without a time are passed in any order.
+    Each of several waypoints needs its own `name`. Waypoints without a time are passed in any order.
 
     Raises
     ------
@@ -186,7 +187,7 @@ class Waypoint(PoseTolerance):
     """The fixed position (3,) [m] or pose, inertial axes."""
     time: Annotated[NotNegative | None, Unit("s", "any")] = None
     """The time of the waypoint from the start of the motion. Single steps ignore a waypoint without a time,
-    because they cannot determine whether it was passed."""
+    because a step cannot determine if the waypoint was passed."""
     reach: Annotated[Positive, Unit("m")] = 0.01  # half of the paper's r_th
     """The position tolerance."""
     orientation_reach: Annotated[Positive, Angle("rad")] = ORIENTATION_REACH
@@ -214,7 +215,7 @@ class Waypoint(PoseTolerance):
         )
 
     def for_robot(self, sms: SpaceManipulator) -> Waypoint:
-        """Return the waypoint with its margin as a share of the robot's arm length."""
+        """Return the waypoint with the margin as a share of the robot's arm length."""
         return replace(self, margin=(1.0 - self.share) * self.reach / sms.arm_stack().length)
 
     def timed(self, plan: Trajectory) -> Waypoint:
@@ -244,7 +245,7 @@ class Waypoint(PoseTolerance):
     def at_active_instants(self, m: Variables) -> Variables:
         """Return each motion at the waypoint's time, or at the motion's point nearest to the waypoint.
 
-        Both are interpolated between instants.
+        The motion is interpolated between instants.
         """
         times, motion = m.times, np.arange(m.count)
         if self.time is None:
@@ -307,7 +308,7 @@ class GoalErrors(NamedTuple):
 
 
 def verdict(goal: Goal, motion: Rollouts) -> GoalErrors:
-    """Return the errors of a motion relative to its goal, evaluated at nodes and midpoints."""
+    """Return the errors of a finished motion relative to its goal, evaluated at the nodes."""
     m, place, last = Variables(motion), goal.place(motion.duration), motion.last
     places = goal.places(motion.times)
     missed = places.pose_error(m.frame("tip", places.on))
@@ -365,7 +366,7 @@ def end_misses(goal: Goal, errors: FloatArray) -> str:
 
 @dataclass(frozen=True, eq=False)
 class Corridor(PoseConstraint, Inequality):
-    """A cone fixed to a grasp, inside which the end effector must be while it is near the grasp.
+    """The limit that keeps the end effector inside a cone, fixed to a grasp, while it is near the grasp.
 
     The forbidden region is a ball around the grasp, except the cone. The slack is the larger of two values:
     the depth inside the cone, and the distance outside the ball.
@@ -382,9 +383,9 @@ class Corridor(PoseConstraint, Inequality):
         Unit vector of the direction of approach, in grasp axes.
     tolerance : float
         The position tolerance at the tip of the cone [m].
-    inside: float
+    inside : float
         The time before the deadline during which whole motions must be inside the cone at any distance [s].
-        Otherwise a search might push instants out of the ball on the wrong side.
+        With a shorter time a search might push instants out of the ball on the wrong side.
     """
 
     goal: Goal
@@ -403,18 +404,18 @@ class Corridor(PoseConstraint, Inequality):
 
     def slack(self, m: Variables) -> Any:
         """Return the larger of the depth inside the cone and the distance outside the ball."""
-        cone, far = self._seen(m)
+        cone, far = self._depth_and_distance(m)
         return np.maximum(cone, far - self.length)
 
     def margin_violation(self, m: Variables) -> Any:
         """Return the violation of the margin by whole motions; the margin vanishes at the cone's tip."""
-        cone, far = self._seen(m)
+        cone, far = self._depth_and_distance(m)
         late = m.times + m.time_offset >= self.deadline - self.inside
         ball = far - np.where(late, math.inf, self.length)[None]
         absolute_margin = self.margin * m.stack.length + m.extra_margin
         return self.accuracy + absolute_margin * np.minimum(far / self.length, 1.0) - np.maximum(cone, ball)
 
-    def _seen(self, m: Variables) -> tuple[Variable, Variable]:
+    def _depth_and_distance(self, m: Variables) -> tuple[Variable, Variable]:
         """Return the depth of the end effector inside the cone, and its distance from the grasp."""
         grasp = self.reference(m)
         displacement, axis = m.frame(self.frame) - grasp, grasp.axis(self.axis)
@@ -449,13 +450,14 @@ class Alignment(Corridor):
     accuracy = 1e-3  # [m] a tenth of a degree in a corridor of 0.5 m
     refusal = "the start is in the corridor and turned: {note}; move the start, or take a shorter standoff"
 
-    def _seen(self, m: Variables) -> tuple[Variable, Variable]:
+    def _depth_and_distance(self, m: Variables) -> tuple[Variable, Variable]:
         """Return the allowed minus the present angle of the axes, and the distance from the grasp, in m."""
         grasp, tip = self.reference(m), m.frame(self.frame)
         far = (tip - grasp).norm()
-        turned = [(tip.axis(axis) - grasp.axis(axis)).norm() for axis in compared_axes(self.axis)]
+        along, across = ((tip.axis(axis) - grasp.axis(axis)).norm() for axis in compared_axes(self.axis))
         allowed = self.half_angle * (AT_GRASP * self.length + (1.0 - AT_GRASP) * far)
-        return allowed - self.length * np.maximum(*turned), far
+        turned: Variable = np.maximum(along, across)  # type: ignore[assignment]
+        return allowed - self.length * turned, far
 
     def note(self, slack: float, time: float) -> str:
         """Return the message for a motion that is turned too far in the corridor."""

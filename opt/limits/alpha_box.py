@@ -19,8 +19,9 @@ from ffsms_pin.opt.step.state import StepState
 class AlphaBox(Inequality):
     """The paper's |alpha_i| <= 1, with joint rates = V alpha.
 
-    Single steps always have this limit, as printed; whole motions have it on request. V is orthogonal, so the
-    limit bounds the joint rate in each principal direction of the coupling by 1 rad/s.
+    Single steps always have this limit, as in the paper. Whole motions have it if it is among the problem's
+    limits. V is orthogonal, so the limit bounds the joint rate in each principal direction of the coupling by
+    1 rad/s.
     """
 
     name = "alpha box"
@@ -31,8 +32,8 @@ class AlphaBox(Inequality):
     def slack(self, m: Variables) -> Any:
         """Return the slack of each |alpha_i| <= 1.
 
-        The slopes with respect to joint rates are the columns v_i of V. The slopes with respect to C = C_bm
-        follow from v_i as eigenvectors of C^T C with eigenvalues lambda_i: dv_i is the sum over j of
+        The slopes of alpha_i with respect to joint rates are the column v_i of V. The v_i are eigenvectors of
+        C^T C with eigenvalues lambda_i, where C = C_bm. The differential dv_i is the sum over j of
         v_j (v_j^T d(C^T C) v_i) / (lambda_i - lambda_j).
         """
         rates, C = m.rollouts.rates, m.rollouts.arm.coupling
@@ -58,11 +59,11 @@ class AlphaBox(Inequality):
         return 1.0 - abs(m.variable(alpha.reshape(n, *shape), slopes))
 
     def rows(self, step: StepState) -> Rows:
-        """Return the rows -1 <= V^T u <= 1, exactly as printed.
+        """Return the rows -1 <= V^T u <= 1 of the paper.
 
-        V rotates from step to step, so fast joint rates that were inside the box may now be outside. If an
-        arm that brakes as fast as its joints can is inside the box at the step's end, the rows are hard.
-        Otherwise they are relaxed as little as possible by the slack of the step (`Step.slack`).
+        V rotates from step to step, so fast joint rates that were inside the box may now be outside. If
+        the rates at the step's end are inside the box after the hardest braking, the rows are hard.
+        Otherwise the slack of the step (`Step.slack`) relaxes the rows as little as possible.
         """
         ones = np.ones(step.sms.n)
         # V is orthogonal, so all rates within the ball of radius 1 are in the box.
@@ -79,7 +80,7 @@ class AlphaBox(Inequality):
         return SpeedBound(np.zeros(len(slope)), slope, most, np.inf * most)
 
     def violation(self, motion: Rollouts) -> Violation:
-        """Return the largest excess of |alpha_i| over 1, with V of each step's start, as printed."""
+        """Return the largest excess of |alpha_i| over 1, with V at each step's start, as in the paper."""
         most = np.abs(motion.paired.alpha).max(axis=1)
         binds = motion.times[2::2][most > 1.0 - self.margin]
         largest = float(most.max(initial=0.0))

@@ -16,8 +16,8 @@ from ffsms_pin.opt.rollouts import Rollouts
 from ffsms_pin.options import Angle, Bound, Unit
 
 _UNITS = {"attitude": "rad", "attitude_rate": "rad/s", "translation": "m", "final_attitude": "rad"}
-# [rad] The least bound from which the scale of a rotation limit is computed, because the penalty of a limit
-# of a tenth of a degree would be too stiff during a search.
+# [rad] The least bound from which the scale of a rotation limit is computed. With the scale of a bound of a
+# tenth of a degree the penalty would be too stiff during a search.
 _NARROW = 0.02
 _STEP_SHARE = 0.03  # safety margin of single steps as a share of a limit, for the motion within a step
 
@@ -26,7 +26,7 @@ class _Most(Inequality):
     """An upper bound on one quantity of the base."""
 
     margin = SCALE * SHARE
-    largest_extra_margin = 0.0  # because the violation of `BaseLimits` may be that of another quantity
+    largest_extra_margin = 0.0  # because the violation of `BaseLimits` may be of another quantity
     softness = 0.1  # [rad/m] stiffer than a clearance, because the base rotates far less than the arm moves
     trusted = 0.02  # [rad/s] rate at which a base rotation is assumed to be reversible before the deadline
 
@@ -43,10 +43,10 @@ class _Most(Inequality):
         if self.name == "attitude_rate":
             return self.most - m.base_angular_velocity.norm()
         allowed: Any = self.most
-        if self.name == "final_attitude":  # active at the end; steps are bounded more as it approaches
+        if self.name == "final_attitude":  # active at the deadline; the bound of steps decreases before it
             if m.step is None:
                 allowed = np.where(m.rollouts.times >= m.duration, self.most, math.inf)[None]
-            else:  # active from ten steps before the end
+            else:  # active from ten steps before the deadline
                 allowed = self.most + self.trusted * np.maximum(m.duration - 10.0 * m.step.dt - m.time, 0.0)
         return allowed - m.base.angle_from(m.rollouts.rotation_start)
 
@@ -73,7 +73,7 @@ class BaseLimits(AllOf):
     translation: Annotated[Bound, Unit("m")] = math.inf
     """The largest distance of the base's centre of mass from its start."""
     final_attitude: Annotated[Bound, Angle("rad")] = math.inf
-    """The largest rotation of the base at the end."""
+    """The largest rotation of the base from its attitude at the start, at the deadline."""
     name = "base"
     of_paper = False
     margin = SCALE * SHARE
@@ -94,9 +94,9 @@ class BaseLimits(AllOf):
 
     @property
     def in_braking(self) -> BaseLimits | None:  # type: ignore[override]  # a class attribute in `Limit`
-        """The limit while the arm stops, because rows of a step do not bound null-space accelerations.
+        """The limit while the arm brakes, because rows of a step do not bound null-space accelerations.
 
-        It has half of the margin of rows. The limit at the end is not included.
+        Its margin is half of that of the rows. It does not include `final_attitude`.
         """
         share = 1.0 - 0.5 * _STEP_SHARE
         most = [share * bound for bound in (self.attitude, self.attitude_rate, self.translation)]
@@ -109,7 +109,7 @@ class BaseLimits(AllOf):
         return [_Most(name, most) for name, most in bounds if most < math.inf]
 
     def speed_bound(self, motion: Rollouts) -> SpeedBound | None:
-        """Return the bound from the base's angular speed; None if that is not limited."""
+        """Return the bound from the base's angular speed; None if this speed is not limited."""
         if self.attitude_rate == math.inf:
             return None
         speed = np.linalg.norm(Variables(motion).base_angular_velocity.value[:, 0], axis=0)

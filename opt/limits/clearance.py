@@ -1,4 +1,4 @@
-"""The clearance limit within the arm, to the base and to obstacles."""
+"""The limit on distances within the arm, to the base and to obstacles."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class Clearance(Limit):
     """
 
     clearance: Annotated[NotNegative, Unit("m")] = 0.01
-    """The least distance: the paper's d_safe between points of the arm, and that to base and obstacles."""
+    """The least distance between points of the arm (the paper's d_safe), to the base and to obstacles."""
     collision: Annotated[str, OneOf(MODES), Unit()] = "auto"
     """The geometry of the robot: "points", the joints' origins, the end effector and the base's box, as in
     the paper (const4 to const7); "hulls", the URDF's collision shapes as convex parts; "shapes", the exact
@@ -53,8 +53,8 @@ class Clearance(Limit):
     obstacles: Sequence[Obstacle] = ()
     """The obstacles."""
     payload: tuple[Any, Any] | None = None
-    """The grasped convex shape, and its pose (pinocchio.SE3) in the end-effector frame. The clearance applies
-    to it as to the body that carries it."""
+    """The grasped convex shape, and its pose (pinocchio.SE3) in the end-effector frame. The clearance
+    of the body that carries the shape also applies to the shape."""
     name = "clearance"
     rate, step_margin, softness = 2.0, 2e-3, 1.0
     blocks = True
@@ -157,7 +157,7 @@ class Clearance(Limit):
         return residuals
 
     def violation(self, motion: Rollouts) -> Violation:
-        """Return the largest violation at nodes and midpoints, and for shapes at all times between."""
+        """Return the largest violation at nodes and midpoints, and for shapes at all times between them."""
         near = self.margin * motion.stack.length + _BINDING
         minima = [(least_of(stack, motion, self.clearance, near), stack) for stack in self._stacks]
         if not minima:
@@ -171,26 +171,26 @@ class Clearance(Limit):
         if not broken:
             return kept
         what = "violated: {} is" if worst.found else "not proven: {} is at least"
-        asked = f"{1e3 * self.clearance:.1f} mm are required"
-        note = f"a clearance is {what.format(pair)} {distance:.1f} mm at {worst.time:.3g} s, {asked}"
+        required = f"{1e3 * self.clearance:.1f} mm are required"
+        note = f"a clearance is {what.format(pair)} {distance:.1f} mm at {worst.time:.3g} s, {required}"
         deep = -1e3 * (worst.value + stack.margins[worst.pair]) if stack.obstacles else 0.0
         overlap = f"{pair} overlap by {deep:.1f} mm" if deep > 0.0 and worst.found else ""
         amount = max(self.clearance - worst.value, abs(stack.tolerance))
         return kept._replace(amount=amount, note=note, overlap=overlap)
 
     def violation_in_flight(self, motion: RecordedRollouts) -> Violation:
-        """Return no violation, because the verdict has the least clearance of all pairs."""
+        """Return no violation, because `flown.judge` checks the least clearance of all pairs."""
         return Violation()
 
 
 def _slopes(
     stack: ClearanceStack, m: Variables, poses: Poses, entries: Entries, nearest: Nearest
 ) -> dict[str, FloatArray]:
-    """Return the slopes (..., V) of distances at V entries, pairs of bodies at instants."""
+    """Return the slopes (..., V) of distances at V entries; an entry is a pair of bodies at an instant."""
     gradients, placed = stack.slopes(poses, entries, nearest)
     slopes = {"by_joints": gradients}
     if stack.obstacles:
-        # The nearest point of the body moves with the base, that of the obstacle does not.
+        # The nearest point of the body moves with the base, the nearest point of the obstacle does not.
         R = m.rollouts.base_attitude.reshape(3, 3, -1)[..., entries[1]]
         normal = stack.passes[entries[0]] * apply(R, placed[2])
         lever = apply(R, placed[0] - m.rollouts.stack.base_com[:, None])
@@ -201,12 +201,12 @@ def _slopes(
 
 
 class _Passing:
-    """The motion of obstacles relative to the base in a step, due to the base's motion and to their own."""
+    """The motion of obstacles relative to the base in a step, due to the motions of both."""
 
     def __init__(self, stack: ClearanceStack, step: StepState, poses: Poses) -> None:
         index = stack.bodies[:, 1] - stack.sms.n
         self._passes, self._far = stack.passes, stack.sizes[:, 1]
-        # The twist of the base (6, n + 1) per joint rate; the last column is that from the momentum.
+        # The twist of the base (6, n + 1) per joint rate; the last column is the twist due to the momentum.
         self._base = np.column_stack([step.reaction, step.drift])
         self._turns, self._origins = poses.turns[:, :, index, 0], poses.origins[:, index, 0]
         self._velocity, self._rotating = np.zeros_like(self._origins), np.zeros_like(self._turns)
@@ -217,7 +217,7 @@ class _Passing:
             self._rotating = (after.turns - before.turns)[:, :, index, 0] / (2.0 * _STEP)
 
     def fastest(self, rates: FloatArray) -> FloatArray:
-        """Return bounds (m,) [m/s] on the relative speeds of points at joint rates up to `rates` (n,)."""
+        """Return upper bounds (m,) [m/s] on the speeds of obstacles in base axes, for joint rates (n,)."""
         linear, angular = (np.linalg.norm(part, axis=0) for part in (self._base[:3], self._base[3:]))
         away = np.linalg.norm(self._origins, axis=0) + self._far
         speeds = (linear + away[:, None] * angular) @ np.append(rates, 1.0)

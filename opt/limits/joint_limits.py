@@ -20,15 +20,15 @@ from ffsms_pin.system import RobotLimits
 class JointLimits(Limit):
     """The robot's joint limits (`sms.limits`), at every instant and not only at nodes.
 
-    In a step they are bounds on the joint rates. In a whole motion they are hard constraints on the control
-    points of the spline, so there is no residual.
+    In a step the limits are bounds on the joint rates. In a whole motion they are hard constraints on the
+    control points of the spline, so the residual is empty.
     """
 
     name = "joints"
     joint_bounds: RobotLimits | None = field(default=None, repr=False)
 
     def for_robot(self, sms: SpaceManipulator) -> JointLimits:
-        """Return the limit with the limits of a robot."""
+        """Return the limit with the bounds of a robot, `sms.limits`."""
         return replace(self, joint_bounds=sms.limits)
 
     def rows(self, step: StepState) -> Rows:
@@ -51,7 +51,7 @@ class JointLimits(Limit):
         left = np.minimum(both - limits.lower[:, None], limits.upper[:, None] - both).min(axis=0)
         faster = limits.velocity[:, None] - np.abs(rates)
         harder = limits.acceleration[:, None] - np.abs(accelerations)
-        rounding = 1e-12  # of sums over a thousand nodes
+        rounding = 1e-12  # rounding error of sums over a thousand nodes
         kinds = (
             ("position", left, limits.upper - limits.lower, "rad", rounding),
             ("rate", faster, limits.velocity, "rad/s", rounding),

@@ -1,6 +1,6 @@
 """Limits: rows of a step, a residual of whole motions, and the violation of a finished motion.
 
-An `Inequality` is a limit as one formula, the slack, from which rows, penalty and verdict follow.
+An `Inequality` is defined by one formula, the slack; it derives rows, residual and violation from the slack.
 """
 
 from __future__ import annotations
@@ -59,7 +59,8 @@ class Limit(ABC):
         The key in `Trajectory.binding`.
     margin : float
         The safety margin in the unit of the residual, because penalties are soft and whole motions are
-        evaluated at some instants only. A search takes a residual below half of the margin as satisfied.
+        evaluated at some instants only. In a search the limit is satisfied if its residual is below half
+        of the margin.
     ends : sequence of FrameEnd
         Desired places of frames at the deadline, for the initial guesses of a search.
     joint_bounds : RobotLimits or None
@@ -116,7 +117,7 @@ class Limit(ABC):
         """Return the violation by one finished motion, evaluated at its nodes and their midpoints."""
 
     def violation_in_flight(self, motion: RecordedRollouts) -> Violation:
-        """Return the violation by a recorded motion, at its rows. Default: that of `violation`."""
+        """Return the violation by a recorded motion, at its rows. Default: `violation`."""
         return self.violation(motion)
 
     def speed_bound(self, motion: Rollouts) -> SpeedBound | None:
@@ -140,7 +141,7 @@ def prepared(limit: Limit, sms: SpaceManipulator) -> Limit:
 
 
 # The safety margin as a share of a bound, for `Limit.margin`. With a margin of 0.04, re-planned motions under
-# a base limit of 1 degree missed their targets by up to 5 mm, with 0.08 by a hundredth of that.
+# a base limit of 1 degree missed their targets by up to 5 mm, with 0.08 by up to 0.05 mm.
 SHARE = 0.08
 # A violation as large as the bound has the same cost as a clearance violation of this number of arm lengths.
 SCALE = 0.03
@@ -154,15 +155,15 @@ class Inequality(Limit):
 
     In a step the slack decreases at most at a rate proportional to the slack. If the slack depends on the
     joint rates, for example that of a speed limit, it must be at or above zero at the step's end. In whole
-    motions the violation of the safety margin is a penalty. The violation of a finished motion is its least
-    slack, if that is negative.
+    motions the violation of the safety margin is a penalty. The violation of a finished motion is the
+    magnitude of its least slack if this slack is negative.
 
     The attributes of the class are parameters with defaults for a slack in metres; docs/own-parts.md explains
     them. All except `margin`, `rate`, `softness`, `trusted`, `when` and `unit` are in the slack's unit.
     """
 
     unit: str = "m"  # the unit of the slack, for messages
-    # the violation that has the same cost as a position error of one arm length; None: that length
+    # the violation that has the same cost as a position error of one arm length; None: one arm length
     scale: float | None = None
     margin: float = 0.01  # the safety margin of whole motions as a share of `scale`, for soft penalties
     absolute_margin: float | None = None  # the same margin in the slack's unit; None: `margin` times `scale`
@@ -180,7 +181,7 @@ class Inequality(Limit):
     def __init_subclass__(cls, **options: Any) -> None:
         super().__init_subclass__(**options)
         if "room" in vars(cls):
-            raise PartError(cls, "room", "is called slack(m): rename the method")
+            raise PartError(cls, "room", "has the new name slack(m); rename the method")
 
     @abstractmethod
     def slack(self, m: Variables) -> Any:
@@ -328,7 +329,7 @@ def _stacked(slacks: list[Variable], m: Variables) -> Variable:
 
 
 def _least_between(values: FloatArray) -> FloatArray:
-    """Return values (c, K) at nodes and midpoints, with minima of parabolas in place of those at midpoints.
+    """Return values (c, K) at nodes and midpoints, with minima of parabolas instead of values at midpoints.
 
     The parabola goes through a midpoint and its neighbours. If it has no minimum between them, the value is
     unchanged.

@@ -16,7 +16,7 @@ from ffsms_pin.opt.limits.limit import SCALE, SHARE, Inequality, SpeedBound
 from ffsms_pin.opt.rollouts import RecordedRollouts, Rollouts, forces
 from ffsms_pin.opt.step.state import StepState
 
-# The loads of motors (c, S, K), their capacities (c,), their names, and their units.
+# For each kind of motor: loads (c, S, K), capacities (c,), names of motors, and units of loads.
 Loads: TypeAlias = list[tuple[Variable, FloatArray, Sequence[str], Sequence[str]]]
 
 _ROUNDING = 1e-3  # share of a capacity by which a saturated load may exceed it in a control step
@@ -28,7 +28,7 @@ class MotorLimits(Inequality):
     margin = SCALE * SHARE
     scale = 1.0 / SCALE
     absolute_margin = SHARE
-    largest_extra_margin = 0.5 - SHARE  # with half of the capacity as the margin, plans would be too slow
+    largest_extra_margin = 0.5 - SHARE  # with a margin above half of the capacity, plans would be too slow
     eased_by_time = True
     broken: str  # message for a violation
     lacks: str  # message for a motor, with name, load, unit, time, capacity, and sufficient capacity
@@ -49,9 +49,9 @@ class MotorLimits(Inequality):
             values = np.abs(load.value[:, 0])
             values[:, ::2] = np.maximum(values[:, ::2], np.abs(before.value[:, 0]))
             used = values / most[:, None]
-            # The limit is active slightly below 0.92, where its margin begins.
+            # The margin begins at 0.92 of the capacity; the limit is active slightly below.
             binds |= (used > 0.91).any(axis=0)
-            # Loads that are equal by symmetry differ by rounding; without it the first motor is reported.
+            # Loads that are equal by symmetry differ by rounding errors; the first such motor is reported.
             i, k = np.unravel_index(int(np.argmax(used.round(9))), used.shape)
             if used[i, k] > 1.0:
                 worst = max(worst, float(used[i, k]) - 1.0)
@@ -100,8 +100,8 @@ class TorqueLimits(MotorLimits):
     def rows(self, step: StepState) -> Rows | None:
         """Return a row of unit length, in rad/s, for each joint that could exceed its limit in this step.
 
-        The torques H_q (u - u_0) / dt + C_q are linear in the joint rates u at the step's end, with u_0 those
-        at its start.
+        The torques H_q (u - u_0) / dt + C_q are linear in the joint rates u at the step's end, with the
+        rates u_0 at the step's start.
         """
         if not np.isfinite(step.sms.limits.torque).any():
             return None

@@ -27,7 +27,7 @@ class WheelLimits(MotorLimits):
 
     name = "wheels"
     broken = "the wheels would saturate"
-    lacks = "{0} would need {1:.3g} {2} at {3:.3g} s and has {4:.3g} {2}; wheels of {5:.3g} {2} would do"
+    lacks = "{0} would need {1:.3g} {2} at {3:.3g} s and has {4:.3g} {2}; wheels of {5:.3g} {2} would suffice"
 
     def loads(self, m: Variables) -> Loads:
         """Return the wheels' momenta and torques; an empty list if no wheels hold the attitude."""
@@ -45,9 +45,9 @@ class WheelLimits(MotorLimits):
         """Return a row of unit length for each wheel, in rad/s; None if no wheels hold the attitude.
 
         With A^+ D of `opt.rollouts`, the joint rates u_0 at the step's start and u at its end, the torques
-        are the present ones plus A^+ D (u_0 - u) / dt. The momenta at the step's end follow, so both limits
-        bound the same sums of joint rates, A^+ D u. If they contradict each other, the torque limit has
-        priority. Wheels with proportional sums, for example all wheels of a planar arm, share a row.
+        are the present torques plus A^+ D (u_0 - u) / dt. Both limits therefore
+        bound the same sums of joint rates, A^+ D u. If the limits contradict each other, the torque limit
+        has priority. Wheels with proportional sums, for example all wheels of a planar arm, share a row.
         """
         wheels = step.wheels
         if wheels is None:

@@ -46,7 +46,7 @@ class Correctable:
 
         def projected(place: Place) -> Place:
             """Project a place on the correctable directions; the other components are those measured."""
-            missed, times = place.pose_error(place.seen(here, q)), place.position.shape[1:]
+            missed, times = place.pose_error(place.in_axes(here, q)), place.position.shape[1:]
             shift = np.tensordot(shifts - np.eye(3), missed.displacement.value, 1).reshape(3, *times)
             vector = missed.vector.reshape(3, *times)
             moved = place.moved(shift, apply(exp3(turns @ vector), exp3(-vector)))
@@ -54,7 +54,7 @@ class Correctable:
             velocity, spin = (None if velocity is None else part @ velocity for part, velocity in velocities)
             return replace(moved, velocity=velocity, angular_velocity=spin)
 
-        vector = place.pose_error(place.seen(here, q)).vector[:, 0, 0]
+        vector = place.pose_error(place.in_axes(here, q)).vector[:, 0, 0]
         left = float(np.linalg.norm(place.position - projected(place).position))
         tilt = float(np.linalg.norm(vector - turns @ vector))
         if max(left, tilt) < 1e-6:  # [m, rad] rounding

@@ -132,7 +132,7 @@ def explain(
         slow = any(kind in ("rate", "acceleration") for kind, _ in binding)
         slow = slow or any(limit.eased_by_time and limit.name in plan.binding for limit in problem.limits)
         shortest = _sufficient(problem, goals, slow, attempt)
-    known = f"a duration of {shortest:.2f} s would do" if shortest else "no sufficient duration is known"
+    known = f"a duration of {shortest:.2f} s would suffice" if shortest else "no sufficient duration is known"
     return noted(plan, ends, plan.note, *why, known, shortest_duration=shortest)
 
 

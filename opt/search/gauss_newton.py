@@ -450,7 +450,7 @@ def corrected_goal(problem: Problem, goal: Goal, plan: Trajectory) -> Goal | Non
     if plan.reached and within:
         return None
     place, q = problem.goal.place(problem.duration), plan.q[-1]
-    missed = place.pose_error(place.seen(problem.sms.at(q).end_effector_pose, q))
+    missed = place.pose_error(place.in_axes(problem.sms.at(q).end_effector_pose, q))
     displacement, turn = missed.displacement.value[:, 0, 0], pin.exp3(missed.vector[:, 0, 0])
     last = plan.t >= ARRIVAL_SHARE * plan.duration - 1e-9
     late = max(

@@ -457,8 +457,8 @@ def explain_path(problem: Problem, nodes: PathNodes, plan: Trajectory) -> Trajec
     elif not out_of_reach:
         shortest = _sufficient_duration(problem, nodes)
         slower = "" if path.geometric else ", with the curve slowed down to it,"
-        would_do = f"a duration of {shortest:.2f} s{slower} would do"
-        reasons.append(would_do if shortest else "no sufficient duration is known")
+        sufficient = f"a duration of {shortest:.2f} s{slower} would suffice"
+        reasons.append(sufficient if shortest else "no sufficient duration is known")
     return noted(plan, plan.note, *reasons, shortest_duration=shortest)
 
 

@@ -86,7 +86,7 @@ def test_distances_count_as_exactly_as_they_are_measured() -> None:
 @pytest.mark.parametrize(
     ("room", "text"),
     [
-        (lambda m: np.sqrt(m.tip[0] - 100.0), "returns NaN or infinity"),
+        (lambda m: np.sqrt(m.tip[0] - 100.0), "returns NaN; it must be defined"),
         (lambda m: m.tip[0] / 0.0, "failed with ZeroDivisionError"),
         (lambda m: m.frame("nowhere"), "failed with FrameNotFound: no frame 'nowhere'"),
         (lambda m: m.entropy[0], "failed with InvalidValue: index must belong to a vector"),
@@ -100,7 +100,7 @@ def test_mistakes_are_named(
 
 
 def test_a_limit_with_room_is_told_to_call_it_slack() -> None:
-    with pytest.raises(PartError, match=r"Old\.room is called slack\(m\): rename the method"):
+    with pytest.raises(PartError, match=r"Old\.room has the new name slack\(m\); rename the method"):
 
         class Old(opt.Inequality):
             name = "old"

@@ -203,7 +203,7 @@ def test_too_fast(planar: Any, q0: Any) -> None:
         r"leaves the path at [\d.]+ s, \d+ % of the path's time; binding: the acceleration limit", plan.note
     )
     assert 2.0 < plan.shortest_duration < 8.0
-    assert f"{plan.shortest_duration:.2f} s would do" in plan.note
+    assert f"{plan.shortest_duration:.2f} s would suffice" in plan.note
     slower = opt.plan(planar, q0, path(plan.shortest_duration), duration=plan.shortest_duration)
     assert slower.reached, slower.note
     quicker = opt.plan(planar, q0, path(0.0), duration=0.75 * plan.shortest_duration)
@@ -313,7 +313,7 @@ HERE = np.array([0.5, 0.0, 0.0])
 @pytest.mark.parametrize(
     ("given", "words"),
     [
-        ({"curve": []}, "curve must have two samples at least"),
+        ({"curve": []}, "curve must have at least two samples"),
         ({"curve": 3.0}, "curve must be a function, or samples"),
         ({"curve": [HERE, HERE + 1.0], "times": [0.0, 0.0]}, r"times must increase, but times\[1\]"),
         ({"curve": [HERE, HERE + 1.0], "times": [1.0, 2.0]}, "times must begin at zero"),

@@ -93,7 +93,7 @@ def test_wheels_that_would_saturate_are_told_of() -> None:
     plan = planned(robot(momentum=0.001))
     assert not plan.reached
     assert "the wheels would saturate: wheel" in plan.note
-    said = re.search(r"wheels of ([0-9.]+) N m s would do", plan.note)
+    said = re.search(r"wheels of ([0-9.]+) N m s would suffice", plan.note)
     assert said is not None
     assert float(said[1]) > 0.01
     strong = planned(robot(momentum=1.1 * float(said[1])))

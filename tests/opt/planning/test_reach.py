@@ -198,7 +198,7 @@ def test_a_duration_too_short(planar: ffsms.SpaceManipulator) -> None:
     assert "binding" in short.note
     assert "limit of 'joint_" in short.note
     assert short.shortest_duration > short.duration
-    assert f"{short.shortest_duration:.2f} s would do" in short.note
+    assert f"{short.shortest_duration:.2f} s would suffice" in short.note
     # The limits hold in the failed plan too, and the duration does do.
     assert (np.abs(short.joint_rates) <= planar.limits.velocity + 1e-12).all()
     longer = opt.plan(planar, planar.configuration(START), target, short.shortest_duration)

@@ -1,4 +1,4 @@
-"""Why a plan failed: the start, the workspace, or a duration that would do."""
+"""Why a plan failed: the start, the workspace, or a duration that would suffice."""
 
 from __future__ import annotations
 
@@ -84,7 +84,7 @@ def test_the_first_longer_duration_that_does_is_named(
     assert "rate limit of 'joint_2'" in plan.note
     assert tried == [one for one in (7.5, 9.0, 12.0, 18.0) if one <= (named or 18.0)]
     assert plan.shortest_duration == named
-    known = f"a duration of {named:.2f} s would do" if named else "no sufficient duration is known"
+    known = f"a duration of {named:.2f} s would suffice" if named else "no sufficient duration is known"
     assert known in plan.note
 
 

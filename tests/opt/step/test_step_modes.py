@@ -204,7 +204,7 @@ def test_a_march_that_the_wheels_hold_back_says_so() -> None:
     assert not plan.reached
     assert plan.broken == {}
     assert "the wheels would saturate: wheel 1 would need" in plan.note
-    needed = float(plan.note.split("wheels of ")[1].split(" N m s would do")[0])
+    needed = float(plan.note.split("wheels of ")[1].split(" N m s would suffice")[0])
     assert 0.02 < needed < 0.05
     assert planned(planar(torque=np.inf, momentum=1.1 * needed), method="resolved-rate").reached
 
