@@ -93,7 +93,7 @@ def plan_numbers(sms: SpaceManipulator, made: Trajectory) -> dict[str, Any]:
 
 
 def plan_summary(plan: Trajectory) -> dict[str, Any]:
-    """Return the numbers of a plan for the summary of a run, with its settings; keys end in their unit."""
+    """Return the settings and results of a plan for the summary of a run; keys end in their unit."""
     late = plan.t >= ARRIVAL_SHARE * plan.duration - 1e-9
     goal, path = None if plan.problem is None else plan.problem.goal, {}
     if isinstance(goal, Path):
@@ -208,7 +208,7 @@ def tracked_numbers(
 def attempt_numbers(
     sms: SpaceManipulator, plan: Trajectory, tracking: Tracking, stopped: str
 ) -> dict[str, Any]:
-    """Return the final errors of a run that may have `stopped`, for the reason in this text."""
+    """Return the final errors of a run; `stopped` is the reason for a stop, empty for a complete run."""
     ended = len(tracking.t) > 0
     return {
         "stopped": stopped,
@@ -220,7 +220,7 @@ def attempt_numbers(
 
 
 def wrist_numbers(tracking: Tracking, sensor: WristSensor, pushes: Sequence[Wrench]) -> dict[str, Any]:
-    """Return the largest load of a wrist and its limits; `pushes` act on the end effector."""
+    """Return the largest loads at a wrist sensor and its limits; `pushes` disturb the end effector."""
     load = tracking.contact_wrench if tracking.contact_wrench.size else np.zeros((len(tracking.t), 6))
     for push in pushes:
         load = load + [push.value(float(t)) for t in tracking.t]

@@ -45,7 +45,7 @@ class MassUncertainty:
     def of_plant(
         cls, errors: Mapping[str, Any], drawn: Mapping[str, Any] | None = None, **chosen: float
     ) -> MassUncertainty:
-        """Return the deviations of a plant whose masses differ from the model's.
+        """Return the deviations that match a plant with other masses than the model.
 
         `errors` are fields of `simulation.InertialError`, and `drawn` keyword arguments of
         `simulation.random_plants`, None without random errors. Fields in `chosen` replace the deviations.

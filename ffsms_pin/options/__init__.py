@@ -96,7 +96,7 @@ class Integer(Kind):
 
 @dataclass(frozen=True)
 class Name(Kind):
-    """A text that is not empty; `pattern` is a regular expression that it has a match of."""
+    """A text that is not empty and contains a match of the regular expression `pattern`, if it is given."""
 
     pattern: str | None = None
 
@@ -183,18 +183,18 @@ class Table(Kind):
 
 @dataclass(frozen=True)
 class Either(Kind):
-    """A value of kind `one` if `holds(value)` is true, else of kind `other`."""
+    """A value of kind `then` if `holds(value)` is true, else of kind `otherwise`."""
 
     holds: Callable[[Any], bool]
-    one: Kind
-    other: Kind
+    then: Kind
+    otherwise: Kind
 
     def schema(self) -> Any:
         """Return the schema of the union."""
         from pydantic_core.core_schema import tagged_union_schema
 
-        kinds = {"one": self.one.schema(), "other": self.other.schema()}
-        return tagged_union_schema(kinds, lambda value: "one" if self.holds(value) else "other")
+        kinds = {"then": self.then.schema(), "otherwise": self.otherwise.schema()}
+        return tagged_union_schema(kinds, lambda value: "then" if self.holds(value) else "otherwise")
 
 
 @dataclass(frozen=True)

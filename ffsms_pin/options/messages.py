@@ -12,7 +12,7 @@ from ffsms_pin.errors import meant, short
 from ffsms_pin.options.tables import DEGREES, Keys, about, models_in, table_at
 
 LOADING = errors.ModelNotFound, errors.FrameNotFound, errors.InvalidUrdf, errors.AmbiguousEndEffector
-"""The errors of `ffsms_pin.load` that name no argument."""
+"""The errors of `ffsms_pin.load` that do not name an argument."""
 
 _IN_A_FILE = "[robot] {key} = {listed}"  # advice of the library
 _REQUIREMENTS = {"bool_type": "must be true or false", "dict_type": "must be a table"}
@@ -24,8 +24,9 @@ def message_of_check(
 ) -> str:
     """Return the message for the first error of a file in one line: table, key, requirement and value.
 
-    Misspelt keys come before missing keys, because a misspelling also makes a key missing. `content` is that
-    of the file, `model` its model, and `synonyms` are the names of tables by other names that users write.
+    Misspelt keys come before missing keys, because a misspelling also makes a key missing. `model` is the
+    model of the file, and `content` the file's content. `synonyms` has other names that users write for
+    tables, and the tables' names.
     """
     order = {"extra_forbidden": 0, "missing": 2}
     first = min(error.errors(include_url=False), key=lambda fault: order.get(fault["type"], 1))
@@ -130,9 +131,9 @@ def is_table(model: type[Keys], path: str) -> bool:
 def message_of_value(
     error: errors.InvalidValue, model: type[Keys], tables: Mapping[str, Any], paths: tuple[str, ...]
 ) -> str:
-    """Return the message of an error of the library, with the key of the file for the name of the argument.
+    """Return the message of a library error with the file's key in place of the argument's name.
 
-    `paths` are the tables that were read, as in `table_at`; the message names the first that has the key.
+    `paths` are the tables that were read, as in `table_at`. The message names the first table with the key.
     """
     message = errors.advised(str(error), _IN_A_FILE)
     wrong = message.removeprefix(error.name).rpartition(", got ")[0]
@@ -158,7 +159,7 @@ def message_of_value(
 
 
 def message_of_loading(error: Exception, tables: Mapping[str, Any], paths: tuple[str, ...]) -> str:
-    """Return the message of one of the errors `LOADING`, with the first of the tables and its key."""
+    """Return the message of a `LOADING` error with the title of the first table and the wrong key."""
     title, table = table_at(tables, paths[0]) if paths else ("", {})
     keys = ("end_effector", "frame") if isinstance(error, errors.FrameNotFound) else ("model",)
     unclear = isinstance(error, errors.AmbiguousEndEffector | errors.InvalidUrdf)

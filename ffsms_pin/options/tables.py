@@ -202,8 +202,10 @@ def tables_by(
     omit: Collection[str] = (),
     defaults: Mapping[str, str] | None = None,
     own: Any = None,
-) -> dict[str, type[Keys]]:
-    """Return a table for each value of a key, such as the laws of [control].
+) -> Any:
+    """Return the union of a table for each value of a key, such as the laws of [control].
+
+    A key of a file's table chooses the table.
 
     Parameters
     ----------
@@ -234,12 +236,6 @@ def tables_by(
         table.chooser, table.choices = chooser, tables
     if own is not None:
         tables[OWN] = _table(own.__name__, own, options_of(own), OwnKeys)
-    return tables
-
-
-def union_of(tables: Mapping[str, type[Keys]]) -> Any:
-    """Return the union of tables made by `tables_by`; a key of the file's table chooses the model."""
-    chooser = next(iter(tables.values())).chooser
     default = [name for name, table in tables.items() if not table.model_fields[chooser].is_required()]
 
     def chosen(row: Any) -> str | None:
@@ -285,7 +281,7 @@ def _options(
 
 
 def _table(name: str, source: Any, options: Mapping[str, Option], base: type[Keys] = Keys) -> Any:
-    """Return the table of options; the first line of the source's docstring is that of the table."""
+    """Return the table of options, described by the first line of the source's docstring."""
     title = (inspect.getdoc(source) or "").partition("\n")[0]
     fields: dict[str, Any] = {key: option.key for key, option in options.items()}
     return create_model(name, __base__=base, __doc__=title, **fields)

@@ -96,13 +96,11 @@ _DEVICES: Mapping[str, type] = {
 
 
 def _device(scenario: Scenario, name: str) -> Any:
-    """Return a device of the closed loop; None if its table is absent or empty."""
+    """Return a device of the closed loop; None if its table is absent or empty, False if it is off."""
     table = scenario.tables[name]
     if table is None or (not table and name not in NONE_IF_ABSENT):
         return None
-    if not table.get("on", True):
-        return False
-    return scenario.made(_DEVICES[name], name)
+    return scenario.made(_DEVICES[name], name) if table.get("on", True) else False
 
 
 def _wrenches(scenario: Scenario, plant: SpaceManipulator) -> tuple[Wrench, ...]:
@@ -379,23 +377,15 @@ def run(
         trajectory = planned(scenario, sms, q0, stage(progress, "planning"))
         ended = time.perf_counter()
         report = stage(progress, "tracking")
-        flight = flown(loop.saving(path), trajectory, law, report)
+        tracking, captured, note, learnt = flown(loop.saving(path), trajectory, law, report)
         tracked, open_loop = time.perf_counter(), None
         if scenario.replans:
             report = stage(progress, "plan once")
             open_loop = attempt(partial(loop.run, loop.plan_once(trajectory), law, report))
     timing = Timing(ended - started, tracked - ended)
-    others = flight.note, open_loop, flight.capture, flight.learnt
-    return Outcome(scenario, sms, loop.plant, law, trajectory, flight.tracking, timing, *others)
-
-
-class Flown(NamedTuple):
-    """The recording of a followed plan, and the capture, note and estimates of re-planning, if any."""
-
-    tracking: Tracking
-    capture: Captured | None
-    note: str
-    learnt: Mapping[str, Any] | None = None
+    return Outcome(
+        scenario, sms, loop.plant, law, trajectory, tracking, timing, note, open_loop, captured, learnt
+    )
 
 
 def flown(
@@ -404,25 +394,25 @@ def flown(
     law: JointLaw,
     progress: Callable[[float], None] | None = None,
     once: bool = False,
-) -> Flown:
+) -> tuple[Tracking, Captured | None, str, Mapping[str, Any] | None]:
     """Follow a plan under a law, or re-plan if the scenario does; capture the client if there is one.
 
-    With `once` the plan is not re-planned.
+    With `once` the plan is not re-planned. The results are the recording, the capture, and the note and the
+    estimates of re-planning.
     """
     if loop.scenario.meet is not None:
         flight = _fly(loop, plan, progress, once)
-        return Flown(flight.captured.approach, flight.captured, flight.note)
+        return flight.captured.approach, flight.captured, flight.note, None
     reference = loop.plan_once(plan) if once else loop.reference(plan)
     if isinstance(reference, opt.Replanning) and reference.learn is not None:
         reference.law = law
     tracking = loop.run(reference, law, progress)
     law.sms = loop.sms
     if not isinstance(reference, opt.Replanning):
-        return Flown(tracking, None, "")
-    learnt = None
-    if isinstance(reference.learn, Identifier):
-        learnt = compared(reference.learn, loop.plant)
-    return Flown(tracking, None, reference.note, learnt)
+        return tracking, None, "", None
+    learn = reference.learn
+    learnt = compared(learn, loop.plant) if isinstance(learn, Identifier) else None
+    return tracking, None, reference.note, learnt
 
 
 def _fly(

@@ -171,12 +171,12 @@ class Scenario:
         model, options = self.robot["model"], self._load_options()
         if "mount" not in self.robot:
             return load(self.robot_path(model), **options)
-        satellite, base = radians(self.robot["mount"]), self.made(SatelliteBase, "robot.mount")
-        place = {key: np.array(satellite[key]) for key in ("position", "rpy") if key in satellite}
-        default = face_placement(base)
-        turn = pin.rpy.rpyToMatrix(place["rpy"]) if "rpy" in place else default.rotation
-        arm = self.source.parent / model
-        placement = pin.SE3(turn, place.get("position", default.translation))
+        place, base = radians(self.robot["mount"]), self.made(SatelliteBase, "robot.mount")
+        placement, arm = face_placement(base), self.source.parent / model
+        if "rpy" in place:
+            placement.rotation = pin.rpy.rpyToMatrix(np.array(place["rpy"]))
+        if "position" in place:
+            placement.translation = np.array(place["position"])
         return mount(arm if arm.is_file() else model, base, placement, **options)
 
     def _load_options(self) -> dict[str, Any]:

@@ -41,8 +41,8 @@ _SENSOR = "a table {}, its sensor; may be empty"
 _ATTITUDE = "attitude, faces, or a file with attitudes"
 
 # Conditions are tables, keys or values of keys: "attitude", "attitude.dump", "attitude.law = coordinated".
-# Each row has a condition, the conditions of which at least one must then hold, and the end of the message,
-# in which {} is the first of them.
+# A row has a condition, and conditions separated by |. If the condition holds, at least one of the others
+# must hold, too. The last entry is the end of the message, in which {} stands for the first of the others.
 _NEEDS: tuple[tuple[str, str, str], ...] = (
     # Re-planning takes terms for any method of the first plan.
     ("plan.effort", "plan.method = horizon | reference.kind = re-planning", _OTHERS),

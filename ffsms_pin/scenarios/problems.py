@@ -44,6 +44,7 @@ if TYPE_CHECKING:
     from ffsms_pin.scenarios.definition import Scenario
 
 Options = TypeVar("Options", bound=opt.ReplanOptions)
+_REACHES = ("tolerance", "reach", "orientation_reach")  # tolerances of a goal
 
 
 def planning_problem(
@@ -138,7 +139,7 @@ def _target(target: Mapping[str, Any], sms: SpaceManipulator, q0: FloatArray) ->
     def vector(key: str) -> FloatArray:
         return np.asarray(axes.rotation @ np.array(values.get(key, (0.0, 0.0, 0.0))))
 
-    reaches = _only(values, "tolerance", "reach", "orientation_reach")
+    reaches = _only(values, *_REACHES)
     turned = isinstance(place, pin.SE3)
     velocity, spin = vector("velocity"), vector("spin")
     if velocity.any() or spin.any():
@@ -212,14 +213,10 @@ def _other_goals(scenario: Scenario, sms: SpaceManipulator, q0: FloatArray) -> l
             raise InvalidScenario(
                 scenario.source, f"[[also]] {i} frame = '{frame}' is the end effector: use [target]"
             )
-        with scenario.named(path := f"also.{i}"):
+        with scenario.named(f"also.{i}"):
             place = _place(values, _axes(values, sms, q0, frame))
-            goal: opt.Goal
-            if isinstance(place, pin.SE3):
-                goal = scenario.made(opt.Pose, path, pose=place)
-            else:
-                goal = scenario.made(opt.Position, path, position=place)
-            goals.append(opt.FrameGoal(frame, goal))
+            kind: Any = opt.Pose if isinstance(place, pin.SE3) else opt.Position
+            goals.append(opt.FrameGoal(frame, kind(place, **_only(values, *_REACHES))))
             goals[-1].for_robot(sms)  # raises if the robot has no such frame
     return goals
 

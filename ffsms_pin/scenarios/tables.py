@@ -19,7 +19,7 @@ from ffsms_pin.identification import Identifier
 from ffsms_pin.opt.goals.named_curves import CurvePlacement
 from ffsms_pin.opt.problem import default_terms
 from ffsms_pin.options import *
-from ffsms_pin.options.tables import FileKeys, Keys, by_name, file_of, table_of, tables_by, union_of
+from ffsms_pin.options.tables import FileKeys, Keys, by_name, file_of, table_of, tables_by
 from ffsms_pin.robot import SatelliteBase, load
 from ffsms_pin.system import RobotLimits
 
@@ -329,9 +329,7 @@ _OF_ENVELOPE = {
     "contact_torque": "[contact.envelope] torque, else inf",
 }
 
-_TERM_TABLES = tables_by("use", PartTable, PACKAGED["term"], own=OwnPart)
-_LIMIT_TABLES = tables_by("use", PartTable, PACKAGED["limit"], own=OwnPart)
-_PATHS = tables_by(
+_PATHS: Any = tables_by(
     "curve",
     PathTable,
     {**CURVES, "points": CurvePlacement},
@@ -340,32 +338,28 @@ _PATHS = tables_by(
     omit=("times",),  # a key of `PointsTable`
     defaults={"free_axis": "none; with `faces` [0, 0, 1]"},
 )
-_OBSTACLES = tables_by("shape", ObstacleTable, SHAPES, opt.Obstacle)
-_CONTACTS = tables_by("kind", ContactTable, {"rigid": None, "compliant": Grip}, Procedure)
-_REFERENCES = tables_by("kind", ReferenceTable, {"plan": None, "re-planning": Replan})
-_ATTITUDES = tables_by("law", DumpingTable, BASE_LAWS, bases={STATION_KEEPING: AttitudeTable})
 _TABLES: dict[str, Any] = {
     "robot": table_of(RobotTable, load),
     "start": table_of(StartTable),
     "target": table_of(TargetTable, opt.Pose, omit=("reach",)),  # `reach` is a key of [plan]
     "also": list[table_of(AlsoTable, opt.Pose)],  # type: ignore[misc]  # a class made at import
     "via": list[table_of(PlaceTable, opt.Waypoint, defaults={"name": '"via 1", ...'})],  # type: ignore[misc]
-    "path": union_of(_PATHS),
+    "path": _PATHS,
     "client": table_of(ClientTable, Client),
     "meet": table_of(MeetTable, opt.Meet),
-    "contact": union_of(_CONTACTS),
+    "contact": tables_by("kind", ContactTable, {"rigid": None, "compliant": Grip}, Procedure),
     "plan": table_of(PlanTable, opt.Problem, default_terms, opt.SearchOptions, opt.Clearance),
-    "term": list[union_of(_TERM_TABLES)],  # type: ignore[misc]
-    "limit": list[union_of(_LIMIT_TABLES)],  # type: ignore[misc]
-    "obstacle": list[union_of(_OBSTACLES)],  # type: ignore[misc]
+    "term": list[tables_by("use", PartTable, PACKAGED["term"], own=OwnPart)],  # type: ignore[misc]
+    "limit": list[tables_by("use", PartTable, PACKAGED["limit"], own=OwnPart)],  # type: ignore[misc]
+    "obstacle": list[tables_by("shape", ObstacleTable, SHAPES, opt.Obstacle)],  # type: ignore[misc]
     "limits": table_of(RobotLimits, defaults={**_OF_URDF, "acceleration": "1.25 /s times the rate limit"}),
-    "control": union_of(tables_by("law", ControlTable, LAWS)),
-    "reference": union_of(_REFERENCES),
+    "control": tables_by("law", ControlTable, LAWS),
+    "reference": tables_by("kind", ReferenceTable, {"plan": None, "re-planning": Replan}),
     "simulation": table_of(SimulationTable, simulation.Conditions, defaults={"momentum": "[plan] momentum"}),
     "plant": table_of(PlantTable, simulation.InertialError),
     "wheels": table_of(ReactionWheels),
     "thrusters": table_of(Thrusters),
-    "attitude": union_of(_ATTITUDES),
+    "attitude": tables_by("law", DumpingTable, BASE_LAWS, bases={STATION_KEEPING: AttitudeTable}),
     "friction": table_of(simulation.JointFriction),
     "actuator": table_of(simulation.Actuator),
     "sensors": table_of(simulation.Sensors),
