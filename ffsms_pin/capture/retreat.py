@@ -81,6 +81,7 @@ def moved_away(problem: Problem, *displacements: FloatArray) -> Planned:
             goal,
             grasp=goal.grasp * pin.SE3(np.eye(3), held.translation + displacement),
             standoff=0.0,
+            misalignment=None,
             coast=None,
         )
         for displacement in displacements

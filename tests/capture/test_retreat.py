@@ -36,7 +36,7 @@ def _problem(*obstacles: opt.Obstacle, locked: tuple[str, ...] = (), faster: flo
     free = np.array([name not in locked for name in sms.joint_names])
     rates = np.linalg.pinv(sms.at(q).J_star * free) @ there
     limits = [opt.JointLimits(), opt.Clearance(0.01, obstacles=obstacles)]
-    goal = opt.Meet(client, grasp)
+    goal = opt.Meet(client, grasp, misalignment=0.3)
     return opt.Problem(sms, q, goal, DURATION, 0.05, limits=limits, joint_rates=rates, locked=locked)
 
 
