@@ -134,7 +134,7 @@ class FileKeys:
     """A base for keys that only a file has; its subclasses are dataclasses."""
 
     def __init_subclass__(cls) -> None:
-        dataclasses.dataclass(kw_only=True)(cls)
+        dataclasses.dataclass(kw_only=True, eq=False)(cls)
 
 
 class Option(NamedTuple):

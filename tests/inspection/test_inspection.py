@@ -28,7 +28,7 @@ def test_only_what_is_wrong_is_changed(tmp_path: Path) -> None:
     mended = ffsms.load(out).geometry("visual")
     assert mended.ngeoms == 4
     assert "Das, Choi" not in out.read_text()  # a comment before the <robot> element is not kept
-    assert "A frame, not a body" in out.read_text()
+    assert "The frame at the tip of the third link" in out.read_text()
 
 
 @pytest.mark.parametrize("name", model_names())

@@ -86,7 +86,7 @@ MIRROR = pin.SE3(np.diag([1.0, 1.0, -1.0]), np.zeros(3))
         ({"duration": 0.0}, ("duration",)),
         ({"duration": np.inf}, ("duration",)),
         ({"duration": 0.01, "dt": 0.02}, ("duration", "one step")),
-        ({"duration": 1e9}, ("duration", "longer dt")),
+        ({"duration": 1e9}, ("duration", "adapt the duration or dt")),
         ({"duration": True}, ("duration",)),
         ({"dt": -0.01}, ("dt",)),
         ({"terms": [Nothing()]}, ("terms", "opt.Term")),

@@ -78,5 +78,5 @@ def test_an_arm_that_forks_is_refused(tmp_path: Any) -> None:
     links = links.replace('value="2"', 'value="20"', 1)  # a base that is a satellite
     path.write_text(f'<robot name="forked">{links}{joints}</robot>', encoding="utf-8")
     sms = ffsms.load(path, end_effector="b")
-    with pytest.raises(ValueError, match="an arm forks"):
+    with pytest.raises(ValueError, match="an arm branches"):
         BASILISK.to_basilisk(sms, sms.configuration(np.zeros(3)), np.zeros(9))

@@ -103,5 +103,5 @@ def test_the_base_pose_is_that_of_the_state(plan: opt.Trajectory) -> None:
 
 @pytest.mark.parametrize("k", [10_000, -10_000, 1.5, None])
 def test_a_node_that_is_not_there_is_refused(plan: opt.Trajectory, k: Any) -> None:
-    with pytest.raises(InvalidValue, match=r"^k must be a node of the motion, from 0 to"):
+    with pytest.raises(InvalidValue, match=r"^k must be a node of the motion, from -"):
         plan.base_pose(k)
