@@ -58,7 +58,7 @@ def _within(name: str, value: Any, array: FloatArray, largest: float = LARGEST) 
     """Check that no number of an array is larger than `largest`, and return the array."""
     # For short arrays Python's max is several times faster than NumPy's.
     if largest < math.inf and max(map(abs, array.ravel().tolist()), default=0.0) > largest:
-        raise InvalidValue(name, value, f"must lie within {-largest:g} and {largest:g}")
+        raise InvalidValue(name, value, f"must lie between {-largest:g} and {largest:g}")
     return array
 
 

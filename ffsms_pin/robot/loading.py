@@ -146,7 +146,9 @@ def load(
         return whole(settled_model(robot, options, stacklevel=3), options, shapes)
     if isinstance(robot, str) and robot in satellite_names():
         if wheels:
-            message = f"must be joints of a URDF, and '{robot}' has none; use with_actuators(wheels=...)"
+            message = (
+                f"must be left out, because '{robot}' has no wheel joints; use with_actuators(wheels=...)"
+            )
             raise InvalidValue("wheels", wheels, message)
         sms = mounted(robot[len(_PREFIX) :], SatelliteBase(), None, options)
         return sms if srdf is None else with_srdf(sms, srdf)

@@ -238,8 +238,8 @@ class Scenario:
         if used != key and sliding:
             raise InvalidScenario(
                 self.source,
-                f"[{table}] {used} is in degrees, but {', '.join(sliding)} slides: write {key} "
-                "in radians and metres",
+                f"[{table}] {used} is in degrees, but the robot has prismatic joints ({', '.join(sliding)}): "
+                f"write {key} in radians and metres",
             )
         return np.full(sms.n, array if used == key else np.deg2rad(array))
 

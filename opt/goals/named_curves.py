@@ -61,7 +61,8 @@ def _facing(along: FloatArray) -> FloatArray:
     """Return an attitude (3, 3) with its third axis along `along` (3,) and its second perpendicular to z."""
     length = float(np.linalg.norm(along))
     if length < 1e-9:
-        raise InvalidValue("faces", along, "has no direction where the curve meets the axis or centre")
+        text = "requires a curve that does not meet the axis or centre: the vector to it must not be zero"
+        raise InvalidValue("faces", along, text)
     ahead = along / length
     across = np.array([ahead[1], -ahead[0], 0.0])
     across = across / np.linalg.norm(across) if across.any() else np.array([0.0, 1.0, 0.0])

@@ -417,7 +417,7 @@ class Stepper:
             return q, rates, vector("target", target, 3, "m"), time_left, None
         goal = as_goal(target, "target")
         if goal.moves:
-            raise InvalidValue("target", target, "must be fixed in a step; pass its present pose")
+            raise InvalidValue("target", target, "must not move during a step; pass its present pose")
         place = goal.place(time_left).aim(self.sms, q)
         return q, rates, place.position, time_left, place.rotation
 

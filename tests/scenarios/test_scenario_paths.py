@@ -155,7 +155,7 @@ BAD = {
     'curve = "points"\npoints = [[0, 0, 0], [0.1, 0, 0]]\ntimes = [0.0]\n': "[path] times must have shape",
     'curve = "circle"\nradius = 0.1\nframe = "client"\n': '[path] frame = "client" needs a table [client]',
     'curve = "circle"\nradius = 0.1\nfaces = "axis"\nattitude = [0, 0, 0]\n': "keep one",
-    'curve = "line"\nend = [0.1, 0, 0]\nfaces = "axis"\n': "[path] faces has no direction",
+    'curve = "line"\nend = [0.1, 0, 0]\nfaces = "axis"\n': "[path] faces requires a curve",
     'curve = "circle"\nradius = 0.1\nfree_axis = [0, 0, 1]\n': "[path] free_axis must be left out of a path",
     'curve = "circle"\nradius = 0.1\nfaces = "axis"\nfree_axis = [0, 0, 0]\n': "free_axis must not be zero",
     'curve = "circle"\nradius = 0.1\norientation_reach_deg = 1.0\n': "orientation_reach needs attitude",

@@ -145,5 +145,5 @@ def _joints(value: ArrayLike, n: int) -> FloatArray:
         raise InvalidValue("joints", value, f"must have shape (N, {n}) [rad]")
     # The comparison is false for NaN, too.
     if not (np.abs(joints) <= LARGEST).all():
-        raise InvalidValue("joints", value, f"must be finite and lie within {-LARGEST:g} and {LARGEST:g}")
+        raise InvalidValue("joints", value, f"must be finite and lie between {-LARGEST:g} and {LARGEST:g}")
     return joints
