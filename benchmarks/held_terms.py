@@ -1,7 +1,7 @@
 """Measure the benefit of the cost terms for wheels and propellant, on Case 2 with the base held.
 
 `python benchmarks/held_terms.py`. The wheels are the small ones of `wheels.py`; twelve thrusters with
-proportional force are at the corners of a cube.
+proportional force are at the midpoints of a cube's edges.
 """
 
 from __future__ import annotations

@@ -2,9 +2,9 @@
 
 Run from the repository's root: python benchmarks/noise.py [--plants 30] [--jobs 2] [--sensors raw]
 Each plant is drawn at random: the masses of the arm's bodies +-30 %, the base's +-20 %, every centre of mass
-2 cm off in any direction. The motion is re-planned at 100 Hz, under computed torque at 500 Hz. `SENSORS` has
-the classes of the sensors. --sensors raw uses the measurements without an estimator, --sensors perfect the
-true state.
+2 cm off in any direction. The reference is updated at 100 Hz and re-planned every 0.1 s, under computed
+torque at 500 Hz. `SENSORS` has the classes of the sensors. --sensors raw uses the measurements without an
+estimator, --sensors perfect the true state.
 """
 
 from __future__ import annotations

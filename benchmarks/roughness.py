@@ -2,9 +2,9 @@
 
 Run from the repository's root: python benchmarks/roughness.py [--plants 3]
 The problems are those of benchmarks/reaching.py, the wrong plants and the sensors those of
-benchmarks/noise.py, with re-planning at 100 Hz and computed torque at 1 kHz. The table has the largest
-values over all plants: the change of a torque between two control steps, torque, joint acceleration, and
-final error. Noisy measurements are filtered for both motions.
+benchmarks/noise.py. The reference is updated at 100 Hz and re-planned every 0.1 s, and computed torque at
+1 kHz. The table has the largest values over all plants: the change of a torque between two control steps,
+torque, joint acceleration, and final error. Noisy measurements are filtered for both motions.
 """
 
 from __future__ import annotations
