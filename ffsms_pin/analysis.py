@@ -22,7 +22,7 @@ from ffsms_pin.robot.base_motion import advance
 from ffsms_pin.simulation import Tracking, Wrench, WristSensor
 from ffsms_pin.system.dynamics import frame_pose
 
-_ROUNDING = 1e-9  # relative; a limit that is met up to rounding counts as kept
+_ROUNDING = 1e-9  # relative tolerance of limits
 
 
 def position_range(trajectory: Trajectory) -> tuple[FloatArray, FloatArray]:
@@ -73,7 +73,8 @@ def plan_numbers(sms: SpaceManipulator, made: Trajectory) -> dict[str, Any]:
     The joint effort is the integral of the squared joint rates, the torque effort the integral of the squared
     torques H_q qdd + C_q.
     """
-    first, last = made.joint_rates[:-1], made.joint_rates[1:]  # linear between nodes: exact
+    # Joint rates are linear between nodes, so the integral of their squares is exact.
+    first, last = made.joint_rates[:-1], made.joint_rates[1:]
     torques = 0.0
     for k, acceleration in enumerate(made.joint_accelerations):
         H_q, C_q = reduced_dynamics(sms, made.q[k], made.v[k])
@@ -118,7 +119,7 @@ def plan_summary(plan: Trajectory) -> dict[str, Any]:
 
 
 def planned_clearance(sms: SpaceManipulator, plan: Trajectory, mode: str) -> dict[str, Any]:
-    """Return the least clearance of a plan within the robot and to obstacles.
+    """Return the least clearance of a plan, between the robot's bodies and to obstacles.
 
     `mode` is the `collision` of `opt.Clearance`.
     """
@@ -238,7 +239,7 @@ def joint_numbers(
     """
     limits = sms.limits
     lowest, highest = position_range(plan)
-    rate = np.abs(plan.joint_rates).max(axis=0)  # linear between nodes: largest at one of them
+    rate = np.abs(plan.joint_rates).max(axis=0)  # rates are linear between nodes, so a node has the largest
     acceleration = np.abs(plan.joint_accelerations).max(axis=0)
     torque = np.abs(tracking.tau).max(axis=0)
     ends = np.abs([limits.lower, limits.upper])
@@ -355,7 +356,7 @@ def end_effector_deviation(
 
 
 def joint_error_numbers(sms: SpaceManipulator, tracking: Tracking) -> dict[str, float]:
-    """Return the largest and final joint errors, those of revolute and of prismatic joints apart."""
+    """Return the largest and final joint errors, separately for revolute and for prismatic joints."""
     sliding = ~sms.layout.turns
     position, rate = np.abs(tracking.joint_error), np.abs(tracking.joint_rate_error)
     numbers = {}

@@ -87,7 +87,10 @@ def direction(name: str, value: ArrayLike) -> FloatArray:
 def matrix(
     name: str, value: ArrayLike, rows: int | None, columns: int | None, largest: float = LARGEST
 ) -> FloatArray:
-    """Copy `value` as a finite matrix (rows, columns) with magnitudes up to `largest`; None: any number."""
+    """Copy `value` as a finite matrix (rows, columns) with magnitudes up to `largest`.
+
+    A dimension that is None may have any size.
+    """
     array = _floats(name, value)
     if array.ndim != 2 or len(array) != (rows or len(array)) or array.shape[1] != (columns or array.shape[1]):
         expected = f"must have shape ({rows or 'k'}, {columns or 'n'})"

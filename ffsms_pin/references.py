@@ -24,8 +24,8 @@ class Reference(Protocol):
 
     - ``q``, an array of rows (nq,): its first row is the start of the plant if `simulate` has no `q0`.
     - ``momentum``, (6,) or None: the total momentum of the plant at the start, unless `simulate` has another.
-    - ``base_mode``, a mode of `opt.Problem`, default "floating". Unless `simulate` has a velocity, the plant
-      starts with the reference's joint rates and with the base motion that the mode holds at zero.
+    - ``base_mode``, a mode of `opt.Problem`, default "floating". Unless `simulate` has `v0` or `momentum`,
+      the base starts with zero velocity in the directions that the mode holds.
     """
 
     @property
@@ -79,19 +79,19 @@ class Observer(Protocol):
         return
 
     def observe_wrench(self, t: float, wrench: FloatArray) -> None:
-        """Process the measured wrench (6,) at the wrist, in a run with a `WristSensor`."""
+        """Process the `WristSensor`'s wrench (6,) on the end effector, in its axes [N; N m]."""
         return
 
     def joint_failed(self, joint: int, locked: bool) -> None:
-        """Process the failure of a joint (index from 0), which is then locked or, if not `locked`, limp."""
+        """Process the failure of a joint (index from 0), which is `locked` or else has no motor torque."""
         return
 
     def observe_robot(self, robot: Any) -> None:
-        """Process the controller's estimate of the robot, a `SpaceManipulator` such as with a payload."""
+        """Process the controller's new model of the robot, a `SpaceManipulator` with an estimated payload."""
         return
 
     def expect_noise(self, distance: float) -> None:
-        """Process the deviation of the measured end-effector position [m], before a run with sensors."""
+        """Process the standard deviation [m] of the measured end-effector position, before a noisy run."""
         return
 
 

@@ -47,7 +47,7 @@ class InUse(FfsmsError, RuntimeError):
 class OneThread:
     """A context manager that only one thread at a time can enter; a second thread raises `InUse`.
 
-    A copy is not entered.
+    A copy is not reserved for any thread.
 
     Parameters
     ----------

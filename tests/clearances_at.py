@@ -50,6 +50,6 @@ def least_clearance(limit: opt.Clearance, motions: opt.Rollouts) -> tuple[float,
     """The least clearance [m] of motions at their instants, and between what."""
     found = []
     for stack in limit._stacks:
-        values = stack.values(stack.seen(motions)).min(axis=1)
+        values = stack.values(stack.along(motions)).min(axis=1)
         found.append((float(values.min()), stack.names[int(np.argmin(values))]))
     return min(found)

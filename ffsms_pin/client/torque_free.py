@@ -36,8 +36,8 @@ import numpy as np
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.system.batch.stacks import exp3
 
-# Below this value float64 cannot distinguish from zero the rate of m relative to the spin rate, and k', the
-# distance from the separatrix.
+# Smaller values are rounding errors. The threshold applies to the rate of m relative to the spin rate, and to
+# k', the distance from the separatrix.
 _NONE = 4.0 * float(np.finfo(np.float64).eps)
 # Nodes in a period of the integrand 1 / (1 + Z dn). Its Fourier coefficients fall at least as fast as
 # exp(-n pi K'/K). Even for k' = 1e-15, where K = 36, only some 300 of them are above rounding.

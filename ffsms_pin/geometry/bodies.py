@@ -1,4 +1,4 @@
-"""Pairs of bodies and their distances, measured between shapes or between joints (the paper's points)."""
+"""Pairs of bodies and their distances, measured between shapes, or between joints and the base's box."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ from ffsms_pin.kernel import kernel
 
 MODES = ("auto", "points", "hulls", "shapes", "off")
 _FAR = 0.05  # [m] distances up to this value beyond the clearance are measured exactly in `_judged`
-# Shapes may be this much nearer to a guide than in the grasp pose [m], because contacts yield by millimetres
-# and plans miss the grasp by millimetres. Plans use _GUIDED_MARGIN of this distance.
+# [m] Shapes may be nearer to a piece of an obstacle than in the grasp pose by _GUIDED, because contacts
+# deform and plans miss the grasp by some millimetres. The margin of plans to a piece is _GUIDED_MARGIN.
 _GUIDED, _GUIDED_MARGIN = 0.01, 4e-3
 _THIN = 1e-6  # [m] radius of points and lines; axes with a shorter cross product are parallel
 
@@ -42,7 +42,7 @@ class Body(NamedTuple):
 
 
 class BodyStack(ClearanceStack):
-    """The distances of pairs of bodies, by convex parts of their shapes ("hulls") or the shapes ("shapes").
+    """The distances of pairs of bodies, by convex parts ("hulls") or by the shapes themselves ("shapes").
 
     With obstacles each pair is a body of the robot and an obstacle, and the obstacle's margin is subtracted
     from their distance. Without obstacles the pairs are those of the robot's own bodies.
@@ -148,8 +148,8 @@ class BodyStack(ClearanceStack):
 
         The postures are the zero posture, the middle of the joint ranges, and six random ones. A pair that is
         nearer than the clearance in all of them is near by construction and is moved to `left_out`. Convex
-        parts are slightly larger than their shapes: if the parts overlap in the first two postures but the
-        shapes do not, the pair is measured by its shapes from then on.
+        parts are slightly larger than their shapes. If the parts overlap in one of the first two postures but
+        the shapes do not, the pair is measured by its shapes from then on.
         """
         limits, rng = self.sms.limits, np.random.default_rng(0)
         low = np.where(np.isfinite(limits.lower), limits.lower, -np.pi)
@@ -182,13 +182,14 @@ class BodyStack(ClearanceStack):
 
 
 class PointStack(ClearanceStack):
-    """The distances of the paper's points d_i, the joints' origins and the end effector, and the base's box.
+    """The distances between the paper's points d_i, and from these points to the base's box.
 
-    A pair of points is used if its distance can change (the distance of adjacent joints is constant). A point
-    and the box are a pair if the point moves relative to the base (the paper's i >= 2). The paper's const5 to
-    const7 require three inequalities together. They mean that a point is outside the box, so here one of them
-    must hold, in base axes. Each row of `ends` (m, 2) has the index of a point (joints in order, the end
-    effector last) and the index of the second point, or -1 for the box.
+    The points are the joints' origins and the end effector. A pair of points is used if its distance can
+    change (the distance of adjacent joints is constant). A point and the box are a pair if the point moves
+    relative to the base (the paper's i >= 2). The paper's const5 to const7 require three inequalities
+    together. A point is outside the box if one of them holds, so one is sufficient here. The inequalities are
+    in base axes. Each row of `ends` (m, 2) has the index of a point (joints in order, the end effector last)
+    and the index of the second point, or -1 for the box.
 
     Raises
     ------
@@ -196,7 +197,8 @@ class PointStack(ClearanceStack):
         The base has no box.
     """
 
-    # Finished motions are checked twice a step; clearances in between are a few micrometres less.
+    # Finished motions are checked at nodes and midpoints. The tolerance is negative, because clearances at
+    # other instants are a few micrometres less.
     mode, tolerance = "points", -1e-5
 
     def __init__(self, sms: ShapedMechanism) -> None:
@@ -237,8 +239,8 @@ def _as_met(sms: ShapedMechanism, body: Body, obstacle: Obstacle, clearance: flo
     """Return the body with the shapes to keep clear of an obstacle, and their distance at the grasp [m].
 
     In the grasp pose some shapes of the body that carries the end effector are nearer than the clearance.
-    They are kept clear of the obstacle's pieces, the other shapes of the obstacle itself. For other bodies
-    the distance is infinite.
+    They are kept clear of the obstacle's pieces only; the other shapes are kept clear of the whole obstacle.
+    For other bodies the distance is infinite.
     """
     frame = sms.model.frames[sms.frame_id]
     if obstacle.grasp is None:
@@ -313,7 +315,7 @@ def chosen_mode(sms: ShapedMechanism) -> str:
     try:
         shapes = sms.geometry("collision").geometryObjects
     except GeometryError as error:
-        message = f"clearances are those of the paper's points, because the shapes cannot be read: {error}"
+        message = f"clearances are measured between joints, because the shapes cannot be read: {error}"
         warnings.warn(message, FfsmsWarning, stacklevel=2)
         return "points"
     return "hulls" if body_pairs(sms, [int(item.parentJoint) - 2 for item in shapes]) else "points"

@@ -196,7 +196,7 @@ class ClearanceStack(ABC):
         at, columns = np.divmod(np.arange(pairs * count), max(pairs, 1))
         return columns, at
 
-    def seen(self, motions: JointMotion) -> Poses:
+    def along(self, motions: JointMotion) -> Poses:
         """Return the poses at the S K configurations of motions, in base axes."""
         if not self.obstacles:
             return Poses.of(motions.joints)
@@ -363,14 +363,14 @@ class Least(NamedTuple):
     """The least clearance of a motion [m], its pair and time [s], and the instants `near` the limit (k,) [s].
 
     If the minimum is between instants and the clearance is neither proven nor refuted, the value is a lower
-    bound and `found` is False.
+    bound and `exact` is False.
     """
 
     value: float
     pair: int
     time: float
     near: FloatArray
-    found: bool = True
+    exact: bool = True
 
 
 def least_of(stack: ClearanceStack, motion: JointMotion, clearance: float, binding: float) -> Least:
@@ -378,7 +378,7 @@ def least_of(stack: ClearanceStack, motion: JointMotion, clearance: float, bindi
 
     Instants with a distance below `clearance + binding` [m] are reported as near the limit.
     """
-    poses = stack.seen(motion)
+    poses = stack.along(motion)
     if stack.reaches is not None:
         return _Search(stack, motion, poses, clearance - stack.tolerance, clearance + binding).least()
     values, times = stack.values(poses), motion.times

@@ -168,7 +168,8 @@ def find_mesh(name: str, urdf: Path, package_dirs: tuple[Path, ...] = ()) -> Pat
     """Return the absolute path of a mesh file that a URDF names, or None if it does not exist.
 
     A plain name is relative to the URDF's folder. A `package://` name is searched in `package_dirs`, in
-    ROS_PACKAGE_PATH, and in the folders above the URDF, also if such a folder is the package itself.
+    ROS_PACKAGE_PATH, and in the URDF's folder and the folders above it. Except in ROS_PACKAGE_PATH, a folder
+    with the package's name may also be the package itself.
     """
     name = name.replace("\\", "/").strip()
     if not name:

@@ -47,7 +47,7 @@ def settled_model(model: Any, options: LoadOptions, stacklevel: int) -> Any:
         body = model.inertias[j]
         tensor = np.array(body.inertia)
         if not np.isfinite(tensor).all() or not tensor.any():
-            continue  # the constructor of the robot raises the error
+            continue  # the constructor of the robot checks such bodies
         name = JointLayout.body_name(model, j)
         better, change = settle(model.name or "the robot", name, tensor, options.inertias)
         if change:
@@ -65,8 +65,8 @@ def append(
     """Return a satellite with the arm `arm` (pinocchio.Model) at `placement`.
 
     Links that the model fixes to its universe are fixed to the satellite. `shapes` are the visual and the
-    collision shapes of the arm; the satellite's shapes are added to both. If the arm uses the name of a joint
-    or a frame of the satellite, a `_` is appended to the satellite's name.
+    collision shapes of the arm; the satellite's shapes are added to both. Names of the satellite's
+    joint and frames get a `_` at the end if the arm uses them, too.
     """
     _check_freedoms(arm)
     taken = {*arm.names, *(frame.name for frame in arm.frames)}
@@ -205,7 +205,7 @@ class _Join:
             q[k : k + len(position)] = position
         pin.forwardKinematics(arm, data, q)
         carrier = model.frames[frame]
-        # For each joint of the arm: the joint of the model that carries it, and its pose on that joint.
+        # For each joint of the arm: the model's joint to which its frame is fixed, and the frame's pose.
         self._at = {0: (carrier.parentJoint, carrier.placement * placement)}
         self._frames = {0: frame}
         self._skipped = _SATELLITE_FRAMES if shared else 0

@@ -20,10 +20,10 @@ from ffsms_pin.options import Inertia, Positive, Sizes2, Sizes3, Unit, Vector3
 from ffsms_pin.system.urdf_elements import add_inertial, add_origin, spelt, unused
 
 _BODY_COLOUR, _PANEL_COLOUR = (0.80, 0.78, 0.72, 1.0), (0.10, 0.15, 0.40, 1.0)  # red, green, blue, opacity
-# Largest distance from the box's centre to the centre of mass, in longest edges; masts extend beyond the box.
+# Largest distance from the box's centre to the centre of mass, as a multiple of the longest edge.
 _MOST_LENGTHS = 10.0
 _PANEL_THICKNESS, _PANEL_GAP = 0.02, 0.1  # [m] solar panels in pictures
-# Elements that refer to a link or a joint: the attribute with its name, and the kind ("link" or "joint").
+# Elements with the name of a link or joint: the attribute that has this name, and the kind of the item.
 _REFERENCES = {"parent": ("link", "link"), "child": ("link", "link"), "mimic": ("joint", "joint")}
 KINDS = (pin.GeometryType.VISUAL, pin.GeometryType.COLLISION)
 

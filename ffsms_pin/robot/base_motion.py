@@ -8,8 +8,9 @@ angular velocity in base axes is
 
 where K_w (3, n) is the base's angular velocity per joint rate at zero momentum, and I is the inertia of the
 whole system about its centre of mass. Each time step is one Runge-Kutta-Munthe-Kaas step of order 4 in the
-chart R(t) = R(0) exp(u), which reduces to Simpson's rule for planar motion without momentum. If a mode holds
-the base's position or attitude, the system's mass or inertia is taken as infinite.
+chart R(t) = R(0) exp(u), with the attitude R(0) at the start of the step. For planar motion without momentum
+the step reduces to Simpson's rule. If a mode (see `dynamics.MODES`) holds the base's position, the system's
+mass is taken as infinite; if it holds the attitude, the inertia is.
 
 Reference: H. Munthe-Kaas, "High order Runge-Kutta methods on manifolds", Applied Numerical Mathematics 29
 (1999).

@@ -26,7 +26,7 @@ from ffsms_pin.system.urdf_elements import UNLIMITED, fix_joint, is_number, unus
 from ffsms_pin.system.urdf_file import UrdfFile, declaration_warnings, lenient
 from ffsms_pin.urdf import model_names, model_path
 
-_ROUNDING = 1e-4  # relative error of a wheel's inertia: files have few digits
+_ROUNDING = 1e-4  # relative tolerance of a wheel's symmetry and balance, because files have few digits
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,7 +156,7 @@ def wheel_names(value: object) -> tuple[str, ...]:
 
 
 def make_continuous(robot: ElementTree.Element, names: Collection[str]) -> list[str]:
-    """Make wheels continuous joints without position limits; return a sentence on each assumption.
+    """Turn the joints `names` into continuous joints without position limits; return sentences for warnings.
 
     Many files declare wheels as revolute joints from 0 to 0. A rate or torque limit of zero is read as no
     limit.
@@ -213,7 +213,9 @@ def _wheels(urdf: UrdfFile, model: Any, names: Sequence[str]) -> ReactionWheels:
     indices = [model.getJointId(name) for name in names]
     for name, j in zip(names, indices, strict=True):
         if model.parents[j] != 1:
-            raise UnsupportedJoint(urdf.path, f"wheel '{name}' is not on the base; its parent must be")
+            raise UnsupportedJoint(
+                urdf.path, f"wheel '{name}' is not on the base; its parent must be the base"
+            )
         if j in list(model.parents):
             raise UnsupportedJoint(urdf.path, f"wheel '{name}' carries another joint; a wheel must not")
         local = pin.getJointJacobian(model, data, j, pin.ReferenceFrame.LOCAL)[3:, model.joints[j].idx_v]
@@ -255,7 +257,7 @@ def is_mjcf(path: Path) -> bool:
 
 
 def given_shapes(model: Any, visual: Any, collision: Any) -> tuple[Any, Any] | None:
-    """Check the arguments `visual` and `collision` of a model; return both, or None without shapes.
+    """Check the arguments `visual` and `collision` of a model; return both, or None if there are no shapes.
 
     The collision shapes replace missing visual shapes. Shapes are refused if `model` is a file, because a
     file has its own shapes.

@@ -41,8 +41,8 @@ class SpaceManipulator(ShapedMechanism):
     Plans and closed loops use the wheels and thrusters; a `State` does not. The base's inertia includes the
     wheels as fixed bodies.
 
-    Use `ffsms_pin.load` for files; the constructor takes a Pinocchio model. The attributes of `Mechanism` and
-    all parameters except `acceleration` are attributes, besides those listed below.
+    Use `ffsms_pin.load` for files; the constructor takes a Pinocchio model. Besides the attributes below, the
+    robot has those of `Mechanism`, and an attribute for each parameter except `acceleration`.
 
     Parameters
     ----------
@@ -201,9 +201,9 @@ class SpaceManipulator(ShapedMechanism):
         Parameters
         ----------
         joints : array_like, shape (n,)
-            Joint positions [rad]. A warning (`FfsmsWarning`) names a joint whose position looks like degrees:
-            a position beyond half a turn and the joint's limits that is a multiple of 0.5 or beyond four
-            turns.
+            Joint positions [rad]. A warning (`FfsmsWarning`) names a joint whose position looks like degrees.
+            Such a position is beyond half a turn and beyond the joint's limits; it is also a multiple of 0.5,
+            or beyond four turns.
         base : pinocchio.SE3 or array_like, shape (4, 4), optional
             Pose of the root frame. Default: identity attitude, and the system's centre of mass at the
             inertial origin, as in the paper.
@@ -219,7 +219,10 @@ class SpaceManipulator(ShapedMechanism):
         return q
 
     def _warn_of_degrees(self, positions: FloatArray) -> None:
-        """Warn if positions (n,) of revolute joints look like degrees, at the line that calls the caller."""
+        """Warn if positions (n,) of revolute joints look like degrees.
+
+        The warning names the line that calls `configuration`.
+        """
         if max(map(abs, positions.tolist())) <= math.pi:
             return
         lower, upper = (
@@ -285,8 +288,8 @@ class SpaceManipulator(ShapedMechanism):
         momentum : array_like, shape (6,), optional
             Total momentum [linear; angular], inertial axes, about the system's centre of mass; default zero.
         mode : str
-            Mode of the base (see `opt.Problem`). If the mode holds the base's attitude or position, the
-            momentum does not move it.
+            Mode of the base (see `opt.Problem`). If the mode holds the base's attitude, the angular momentum
+            is ignored. If it holds the base's position, the whole momentum is ignored.
         """
         q = self.checked_configuration("q", q)
         rates = vector("joint_rates", joint_rates, self.n, "rad/s")

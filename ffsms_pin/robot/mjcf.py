@@ -167,7 +167,9 @@ class _Source:
             from_geoms |= compiler.inertiafromgeom == _AUTO and not body.explicitinertial
             massless = geom.mass == 0.0 or (np.isnan(geom.mass) and geom.density == 0.0)
             if from_geoms and not massless and low <= geom.group <= high and body.name != "world":
-                message = f"the mesh '{mesh.file}', from which body '{body.name}' has its mass, is missing"
+                message = (
+                    f"the mesh '{mesh.file}' is missing, and the mass of body '{body.name}' depends on it"
+                )
                 raise InvalidUrdf(self.path, f"{message}; add the file, or an <inertial> to the body")
             self._spec.delete(geom)
         self._spec.delete(mesh)
@@ -203,7 +205,7 @@ class _Robot:
         self._note_unused(roots)
 
     def _roots(self, whole: bool) -> set[int]:
-        """Return the bodies (indices) on the world that are the roots of the robot's trees."""
+        """Return the indices of the bodies on the world that are the roots of the robot's trees."""
         m = self._compiled
         tops = [b for b in range(1, m.nbody) if m.body_parentid[b] == 0]
         kinds: dict[int, set[int]] = {top: set() for top in tops}
@@ -214,9 +216,9 @@ class _Robot:
         arms = [top for top in tops if kinds[top] and top not in free]
         if whole and not robots:
             message = (
-                "the file has no free joint that carries an arm; ffsms_pin.mount puts an arm without one"
+                "the file has no free joint that carries an arm; ffsms_pin.mount puts an arm on a satellite"
             )
-            raise UnsupportedJoint(self._path, f"{message} on a satellite")
+            raise UnsupportedJoint(self._path, message)
         if not whole and not arms and robots:
             names = ", ".join(f"'{m.body(top).name}'" for top in robots)
             message = f"the free joint of {names} is left out, because the arm's first body is fixed to the"
@@ -281,9 +283,9 @@ class _Robot:
         model.lowerEffortLimit[-1], model.upperEffortLimit[-1] = _symmetric(torque)
 
     def _torque(self, j: int) -> tuple[float, float]:
-        """Return the lowest and highest torque of joint j's actuators.
+        """Return the lowest and highest torque of joint j's actuators [N m or N]; infinite without a limit.
 
-        Their armature and damping are added to those of the model's last joint.
+        The armature and damping of the actuators are added to those of the model's last joint.
         """
         m, model = self._compiled, self.model
         lows, highs = list[float](), list[float]()
@@ -393,7 +395,7 @@ class _Robot:
         acting = [name for a, name in enumerate(acting) if m.actuator_trntype[a] not in known]
         parts = {
             "springs of the joints": springs,
-            "damping of the joints that grows with their rates": curved,
+            "nonlinear damping of the joints": curved,
             "bodies of the world that are no part of the robot": others,
             "equality constraints": equalities,
             "tendons": tendons,

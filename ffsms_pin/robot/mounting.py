@@ -168,7 +168,7 @@ def mount(
     base_size : array_like, shape (3,), optional
         Edges of the box that the arm must not enter [m]. Default: the base's size.
     wheels : ReactionWheels, optional
-        The satellite's wheels, which its mass and inertia include. Default: none.
+        The satellite's wheels. The mass and inertia of `base` must include them. Default: none.
     thrusters : Thrusters, optional
         The satellite's thrusters. Default: none.
     package_dirs, inertias, visual, collision

@@ -2,9 +2,10 @@
 
 The inertia matrix M, N = [-M_b^-1 M_bm; I] and the velocity effects (the Coriolis and centrifugal force) are
 in Pinocchio's velocity coordinates: the base's velocity is that of the root frame, in its own axes. The
-reduced quantities H_q and C_q follow from N and do not depend on the coordinates of the base's velocity.
-Twists are in inertial axes, ordered [linear; angular]. The reference point of the base is the base body's
-centre of mass, the reference point of the end effector the origin of its frame.
+reduced inertia matrix H_q and the reduced Coriolis and centrifugal torque C_q follow from N. They do not
+depend on the coordinates of the base's velocity. Twists are in inertial axes, ordered [linear; angular]. The
+reference point of the base is the base body's centre of mass; that of the end effector is the origin of its
+frame.
 
 No external force acts on a floating base, so the momentum of the system is constant. With Pinocchio's inertia
 matrix M = [[M_b, M_bm], [M_bm^T, M_m]], root velocity v_b and joint rates qd, the momentum about the root is
@@ -120,7 +121,7 @@ def reduced_coriolis_matrix(robot: Mechanism, q: FloatArray, N: FloatArray, rate
 def floating_torque(robot: Mechanism, q: FloatArray, v: FloatArray, qdd: FloatArray) -> FloatArray:
     """Return the joint torques H_q qdd + C_q (n,) [N m] for joint accelerations qdd (n,) [rad/s^2].
 
-    The base reacts freely. The torques are computed recursively, without the matrices.
+    The base reacts freely. The recursive Newton-Euler algorithm replaces the Coriolis matrix.
     """
     force = pin.rnea(robot.model, scratch(robot), q, v, np.concatenate([np.zeros(6), qdd]))
     return joint_torques(inertia_matrix(robot, q), force)

@@ -1,4 +1,4 @@
-"""The treatment of inertias that no rigid body has: an error, kept as published, or repaired."""
+"""The treatment of inertias that no rigid body has, which are refused, kept as published, or repaired."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def settle(model: str | Path, body: str, tensor: FloatArray, inertias: Inertias)
 
 
 def settled(changes: Mapping[str, str], inertias: Inertias) -> str:
-    """Return the sentence of a warning from the texts of `settle`, a mapping from names of bodies."""
+    """Return the sentence of a warning; `changes` maps names of bodies to the texts of `settle`."""
     message = "principal inertias [kg m^2] set to the nearest that a rigid body can have:"
     if inertias == "keep":
         message = "inertias that break the triangle inequality, which no rigid body has, are kept as"

@@ -208,8 +208,8 @@ class RobotLimits:
 def limits_of(model: Any, layout: JointLayout, acceleration: ArrayLike | None) -> RobotLimits:
     """Return the limits of a Pinocchio model's joints.
 
-    `acceleration` is the argument of `SpaceManipulator`; by default the limits are proportional to the rate
-    limits.
+    `acceleration` is the argument of `SpaceManipulator`. By default the acceleration limits are proportional
+    to the rate limits.
     """
     unlimited, index = np.where(layout.continuous, np.inf, 0.0), layout.index
     lower, upper = model.lowerPositionLimit[index] - unlimited, model.upperPositionLimit[index] + unlimited
@@ -309,7 +309,7 @@ class Mechanism(Unchanging):
 
     @property
     def tip_joint(self) -> int:
-        """The index of the joint that carries the end effector in Pinocchio; 1 is the free-flyer."""
+        """The index in Pinocchio of the joint that carries the end effector; 1 is the free-flyer."""
         return int(self.model.frames[self.frame_id].parentJoint)
 
     @property

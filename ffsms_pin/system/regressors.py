@@ -157,7 +157,8 @@ def joint_axes(robot: Mechanism) -> list[FloatArray]:
 def torque_regressor(robot: Mechanism, q: FloatArray, v: FloatArray, acceleration: FloatArray) -> FloatArray:
     """Return the regressor (6 + n, 10 (1 + n)) of the generalised force at q, v and `acceleration` (6 + n,).
 
-    The force is in Pinocchio's velocity coordinates, without that of the rotors' inertia (`model.armature`).
+    The force is in Pinocchio's velocity coordinates, without the force of the rotors' inertia
+    (`model.armature`).
     """
     Y = pin.computeJointTorqueRegressor(robot.model, scratch(robot), at_origin(q), v, acceleration)
     return np.array(Y)

@@ -281,9 +281,10 @@ class State(Unchanging):
     def reaction_null_space(
         self, of: Literal["attitude", "twist"] = "attitude", tolerance: float = NULL_SPACE_TOLERANCE
     ) -> FloatArray:
-        """Return an orthonormal basis (n, k) of the joint rates that do not move the base at zero momentum.
+        """Return an orthonormal basis (n, k) of the joint rates that do not rotate, or do not move, the base.
 
-        The array is new; k may be 0. The arguments are those of `ffsms_pin.coupling.reaction_null_space`.
+        The total momentum is zero. The array is new; k may be 0. The arguments are those of
+        `ffsms_pin.coupling.reaction_null_space`.
         """
         return reaction_null_space(self.C_bm, of, tolerance)
 
@@ -310,7 +311,8 @@ class State(Unchanging):
     def end_effector_bias_acceleration(self) -> FloatArray:
         """The rate of the end-effector twist (6,) [m/s^2; rad/s^2] at zero joint accelerations.
 
-        No external forces act. It is the sum of J_star_dot_qd and the rate of J_b drift_twist.
+        Without external forces the bias acceleration is the sum of J_star_dot_qd and the rate of
+        J_b drift_twist.
         """
         return self._bias_accelerations[1]
 
@@ -318,8 +320,8 @@ class State(Unchanging):
     def _products(self) -> tuple[FloatArray, FloatArray]:
         rates, turning = self.v[6:], pin.skew(self.drift_twist[3:])
         accelerations = dynamics.bias_accelerations(self._robot, self._M, self.q, self._N @ rates)
-        # In base axes both matrices depend on the joints alone, so the rotation of the base due to the
-        # momentum adds the cross product of its angular velocity with each twist.
+        # In base axes both matrices depend on the joints alone. The momentum rotates the base by
+        # drift_twist[3:], so the cross product of this angular velocity with each twist is added.
         for product, twist in zip(accelerations, (self.C_bm @ rates, self.J_star @ rates), strict=True):
             product += (turning @ twist.reshape(2, 3).T).T.ravel()
         return frozen(accelerations[0]), frozen(accelerations[1])

@@ -26,9 +26,8 @@ MOVING = ("revolute", "continuous", "prismatic")  # the types of joint that have
 
 # Endings of tool frames' names, the preferred first, as in "tool0" or "hand_tcp"; "ee_link"; "left_hand".
 _ENDINGS = (r"tool\d*|tcp", r"eef?|end[_\-. ]?effector", r"hand")
-_SAYS = [
-    re.compile(rf"(.*[_\-.\s/])?({message})([_\-.]?(link|frame|site))?", re.IGNORECASE)
-    for message in _ENDINGS
+_TOOL_NAMES = [
+    re.compile(rf"(.*[_\-.\s/])?({ending})([_\-.]?(link|frame|site))?", re.IGNORECASE) for ending in _ENDINGS
 ]
 
 # Decimal numbers of the C locale, as URDF readers accept them.
@@ -93,7 +92,7 @@ def is_number(text: str) -> bool:
 def number_of(
     element: Element, key: str, default: float | None = None, largest: float = LARGEST_POSITIVE
 ) -> float:
-    """Return the number in the attribute `key` of an element; raise `Unreadable` if there is none."""
+    """Return the number in an element's attribute `key`, or `default`; raise `Unreadable` without both."""
     text = element.get(key)
     if text is not None:
         return _parse(text, key, largest)
@@ -130,11 +129,14 @@ def _parse(text: str, key: str, largest: float) -> float:
 
 
 def tool_among(frames: Sequence[str]) -> str | None:
-    """Return the only frame of one body, or the only frame with a tool's name; None if there is none."""
+    """Return the only frame of one body, or its frame with a tool's name; None if no frame can be chosen.
+
+    The most preferred ending in use decides. If several frames have this ending, no frame is chosen.
+    """
     if len(frames) == 1:
         return frames[0]
-    for says in _SAYS:
-        if tools := [name for name in frames if says.fullmatch(name)]:
+    for pattern in _TOOL_NAMES:
+        if tools := [name for name in frames if pattern.fullmatch(name)]:
             return tools[0] if len(tools) == 1 else None
     return None
 

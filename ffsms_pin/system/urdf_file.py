@@ -45,7 +45,7 @@ _PARTS = {
 }
 # Limits between four turns [rad] and this number look like degrees; larger numbers mean "no limit".
 _TURNS, _MOST_DEGREES = 25.2, 720.0
-_SHARE = 1.0 / 3.0  # of the total mass: a satellite has a larger share, the foot of an arm a smaller one
+_SHARE = 1.0 / 3.0  # the least share of a satellite in the total mass; the foot of an arm has a smaller one
 _MOST_NAMES = 6  # names listed in a sentence
 _UNITS = {"velocity": "rad/s", "effort": "N m"}
 _LIMITED = {"revolute", "prismatic"}
@@ -349,18 +349,18 @@ class UrdfFile:
 
     def _each(self, kind: str, read: Callable[[Element, str], _Read]) -> dict[str, _Read]:
         """Read all links or all joints into a mapping by name."""
-        links: dict[str, _Read] = {}
+        by_name: dict[str, _Read] = {}
         for item in self.robot.findall(kind):
             name = item.get("name")
             if not name:
                 raise InvalidUrdf(self.path, f"a {kind} has no name")
-            if name in links:
+            if name in by_name:
                 raise InvalidUrdf(self.path, f"two {kind}s are named '{name}'")
             try:
-                links[name] = read(item, name)
+                by_name[name] = read(item, name)
             except urdf.Unreadable as error:
                 raise InvalidUrdf(self.path, f"{kind} '{name}' {error}") from None
-        return links
+        return by_name
 
     def _link(self, item: Element, name: str) -> Link:
         boxes = [_box(shape) for kind in ("collision", "visual") for shape in item.findall(kind)]

@@ -103,7 +103,7 @@ class Clearance(Limit):
     # pairs alone is much faster.
 
     def _slack(self, stack: ClearanceStack, m: Variables) -> Variable:
-        poses = stack.seen(m.rollouts)
+        poses = stack.along(m.rollouts)
         every, shape = stack.every(poses), m.rollouts.joints.shape[1:]
         nearest = stack.nearest(poses, every)
 
@@ -146,7 +146,7 @@ class Clearance(Limit):
         for stack in self._stacks:
             # Bodies that are close in every posture cannot have the full margin.
             kept = np.minimum(required + self.margin * length, 0.5 * (required + stack.largest))
-            poses = stack.seen(m.rollouts)
+            poses = stack.along(m.rollouts)
             entries, nearest = stack.below(poses, kept)
             if nearest.distance.size:
                 by = _slopes(stack, m, poses, entries, nearest)
@@ -166,15 +166,15 @@ class Clearance(Limit):
         broken = [minimum for minimum in minima if self.clearance - minimum[0].value > minimum[1].tolerance]
         worst, stack = min(broken or minima, key=lambda minimum: minimum[0].value)
         pair, distance = stack.names[worst.pair], 1e3 * worst.value
-        how = "come within" if worst.found else "come no nearer than"
+        how = "come within" if worst.exact else "come no nearer than"
         kept = Violation(0.0, instants, nearest=f"{pair}, which {how} {distance:.1f} mm")
         if not broken:
             return kept
-        what = "violated: {} is" if worst.found else "not proven: {} is at least"
+        what = "violated: {} is" if worst.exact else "not proven: {} is at least"
         required = f"{1e3 * self.clearance:.1f} mm are required"
         note = f"a clearance is {what.format(pair)} {distance:.1f} mm at {worst.time:.3g} s, {required}"
         deep = -1e3 * (worst.value + stack.margins[worst.pair]) if stack.obstacles else 0.0
-        overlap = f"{pair} overlap by {deep:.1f} mm" if deep > 0.0 and worst.found else ""
+        overlap = f"{pair} overlap by {deep:.1f} mm" if deep > 0.0 and worst.exact else ""
         amount = max(self.clearance - worst.value, abs(stack.tolerance))
         return kept._replace(amount=amount, note=note, overlap=overlap)
 

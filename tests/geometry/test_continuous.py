@@ -48,7 +48,7 @@ def test_little_is_measured_along_a_motion_and_nothing_is_lost(robot: ffsms.Spac
     rates = np.tile((end - start) / 2.0, (201, 1))
     motion = rolled_out(robot, problem.stack, problem.q0, rates, 0.01, problem.momentum)
     stack, binding = BodyStack(robot, "hulls", 0.01), 0.02
-    exact = stack.values(stack.seen(motion))
+    exact = stack.values(stack.along(motion))
     least = float(exact.min())
     for clearance in (least - 0.01, least + 1e-3, least + 0.03):
         counted = Counted(robot, "hulls", 0.01)
@@ -58,7 +58,7 @@ def test_little_is_measured_along_a_motion_and_nothing_is_lost(robot: ffsms.Spac
         np.testing.assert_array_equal(found.near, motion.times[(exact < clearance + binding).any(axis=0)])
         if clearance > least:
             shapes = stack.refined(
-                stack.seen(motion), np.nonzero(exact < clearance), exact[exact < clearance]
+                stack.along(motion), np.nonzero(exact < clearance), exact[exact < clearance]
             )
             assert found.value == pytest.approx(float(shapes.min()), abs=1e-9)
 

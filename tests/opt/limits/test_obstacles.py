@@ -188,7 +188,7 @@ def test_what_is_not_proven_is_no_overlap(
     planar: ffsms.SpaceManipulator, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     still = opt.Problem(planar, planar.configuration(START), GOAL).motion(np.zeros((2, 3)))
-    least = Least(-0.05, 0, 1.0, np.empty(0), found=False)
+    least = Least(-0.05, 0, 1.0, np.empty(0), exact=False)
     monkeypatch.setattr(clearance, "least_of", lambda *_: least)
     said = opt.Clearance(0.01, "points").for_robot(planar).violation(still)
     assert said.overlap == ""
