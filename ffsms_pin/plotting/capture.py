@@ -101,7 +101,7 @@ def _write_at(ax: Axes, t: float, text: str, height: float, **aligned: Any) -> N
 
 
 def _result(sms: SpaceManipulator, capture: Captured, ax: Axes) -> None:
-    """Draw the base's angular velocity from the contact on, and its prediction before the flight.
+    """Draw the base's angular velocity after the contact, and the prediction made before the flight.
 
     If the wheels hold the base, draw their total momentum instead.
     """
@@ -137,7 +137,7 @@ def _result(sms: SpaceManipulator, capture: Captured, ax: Axes) -> None:
 
 
 def _grip(capture: Captured, ax: Axes, rows: slice) -> None:
-    """Draw the force of the client on the tool, and its predictions."""
+    """Draw the force of the client on the tool, and the predicted forces."""
     force = np.linalg.norm(capture.whole.contact_wrench[rows, :3], axis=1)
     plot_series(ax, capture.whole.t[rows], force, "force on the\ntool [N]")
     before, expected = capture.planned.load, None if capture.expected is None else capture.expected.load

@@ -17,7 +17,7 @@ from ffsms_pin.plotting.series import thinned
 from ffsms_pin.plotting.style import NEUTRAL, drawing, legend_above, line, stack
 from ffsms_pin.scenarios.comparisons import Comparison
 
-_PANELS = 5  # largest number of drawn values that get a panel
+_PANELS = 5  # largest number of random quantities that get a panel
 _BINS = 8
 _POINTS = 2000  # largest number of points of a curve
 
@@ -66,11 +66,12 @@ def _shares(ax: Axes, errors: FloatArray, **look: Any) -> None:
 
 @drawing
 def plot_campaign(table: dict[str, Any]) -> Figure:
-    """Return a figure with a panel for the final errors, and a panel for each of the first drawn numbers.
+    """Draw the final errors of a campaign, and the success rate over its first five random numbers.
 
     The first panel shows the share of all runs whose final distance to the target is below a value. The other
-    panels show the success rate over a drawn number, with 95 % intervals (Wilson), in bins with equal numbers
-    of runs. `table` is the result of `campaigns.read_table`; a campaign that compares has a line per method.
+    panels show the success rate over a random number, with 95 % intervals (Wilson), in bins with equal
+    numbers of runs. `table` is the result of `campaigns.read_table`. If the campaign compares methods, each
+    method has a line.
     """
     methods = by_method(table)
     drawn = [name for name, values in table.items() if name.startswith("draw.") and values.dtype.kind == "f"]
@@ -90,7 +91,7 @@ def plot_campaign(table: dict[str, Any]) -> Figure:
 
 
 def _success(ax: Axes, drawn: FloatArray, arrived: Any, method: str, **look: Any) -> None:
-    """Draw the success rate in bins of a drawn number; without a method, add the rate of all runs."""
+    """Draw the success rate in bins of a random number; without a method, add the rate of all runs."""
     bins = [part for part in np.array_split(np.argsort(drawn, kind="stable"), _BINS) if len(part)]
     middles = np.array([np.median(drawn[part]) for part in bins])
     rates = np.array([arrived[part].mean() for part in bins])

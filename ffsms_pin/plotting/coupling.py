@@ -1,4 +1,4 @@
-"""The cost of a plan, the coupling along it, and a map of the coupling in joint space."""
+"""Panels of the cost and coupling of a motion, and a map of the coupling in joint space."""
 
 from __future__ import annotations
 
@@ -60,9 +60,9 @@ def plot_position_error(
 ) -> Axes:
     """Plot the distance from the end effector to the target, and the tolerance.
 
-    The tolerance is the paper's r_th of const8, which applies from 0.9 T on. For a path, the distance to the
-    path is drawn, and the tolerance applies at all times. If `flown` is given, it is drawn instead of the
-    plan, together with `open_loop` as in `plot_tracked_position_error`.
+    The tolerance is the paper's r_th of const8, which applies in the last tenth of the time. For a path, the
+    distance to the path is drawn, and the tolerance applies at all times. If `flown` is given, it is drawn
+    instead of the plan, together with `open_loop` as in `plot_tracked_position_error`.
     """
     on_path = bool(np.isfinite(trajectory.path_error).all())
     planned = trajectory.path_error if on_path else trajectory.position_error
@@ -123,7 +123,7 @@ def plot_entropy(
     sms: SpaceManipulator | None = None,
     flown: Tracking | None = None,
 ) -> Axes:
-    """Plot the paper's H_norm: 0 if one direction has all the coupling, 1 if all directions have the same.
+    """Plot the paper's H_norm: 0 if one direction has all the coupling, 1 if all have equal coupling.
 
     If `flown`, a motion of `sms`, differs from the plan, it is drawn, with the plan thin and pale beside it.
     """

@@ -70,15 +70,15 @@ _MORE: Mapping[str, tuple[Panel, ...]] = {
     ),
 }
 
-_STILL = 1e-9  # [m/s, rad/s] largest velocity of a base that counts as fixed by the plan
+_STILL = 1e-9  # [m/s, rad/s] the base is fixed if its planned velocity is at most this
 # The metadata without a date, so that the same outcome gives the same file.
 _UNDATED: dict[str, dict[str, Any]] = {"pdf": {"CreationDate": None}, "svg": {"Date": None}, "png": {}}
 
 
 def _torques(outcome: Outcome, ax: Axes) -> Axes:
-    """Plot the torques, with the limits of joints that come near them.
+    """Plot the joint torques, and each limit that a torque comes near.
 
-    If no joint does, the label states the largest used share of a limit.
+    If no torque comes near its limit, the label states the largest used share of a limit.
     """
     limit = outcome.controller.torque_limit
     note, near = near_limits(outcome.tracking.tau, limit, "")
@@ -89,7 +89,7 @@ def _torques(outcome: Outcome, ax: Axes) -> Axes:
 
 @drawing
 def figure(outcome: Outcome, name: str) -> Figure:
-    """Draw one of `FIGURES`, or of the outcome's other figures (see `figure_names`)."""
+    """Draw the figure of an outcome that has a name of `figure_names`."""
     panels = {**FIGURES, **_MORE}[name]
     if not panels:
         return plot_capture(outcome) if name == "capture" else _motion(outcome)
@@ -113,7 +113,7 @@ def figure(outcome: Outcome, name: str) -> Figure:
 
 
 def figure_names(outcome: Outcome) -> list[str]:
-    """Return the names of an outcome's figures, without those of the base if the plan keeps it fixed.
+    """Return the names of an outcome's figures, without those of the base if the plan does not move the base.
 
     A capture has the figure "capture" instead of "motion".
     """

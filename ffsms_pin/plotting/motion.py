@@ -40,23 +40,26 @@ def plot_motion(
 ) -> Axes:
     """Draw the motion in a plane of inertial axes, by default the plane of its largest extent.
 
-    A spatial motion is projected onto the plane, and the labels of the axes say so. `motion_sides` returns
-    suitable directions of view.
+    A spatial motion is projected onto the plane, and the labels of the axes state the projection.
+    `motion_sides` returns suitable directions of view.
 
     Parameters
     ----------
     sms : SpaceManipulator
+        Robot of the motion.
     trajectory : Trajectory
+        Plan of the motion.
     ax : Axes, optional
+        Axes to draw on. Default: the axes of a new figure.
     instants : int or sequence of float
-        Number of postures, with the first and the last; or their times [s]. Postures are drawn from light
-        (start) to dark (end).
+        Number of postures, including the first and the last; or the times of the postures [s].
+        Postures are drawn from light (start) to dark (end).
     paths : mapping of str to ndarray of shape (k, 3), optional
         Further paths [m] by their names in the legend, such as the flown path of the end effector.
     obstacles : sequence of Obstacle
         Obstacles of the plan.
     along : {"x", "y", "z"} or ndarray of shape (2, 3), optional
-        Inertial axis of the direction of view; or the two axes of the drawing, right and up. Default: the
+        Inertial axis of the direction of view; or the directions of right and up in the drawing. Default: the
         axis along which the motion has the least extent.
     flown : Tracking, optional
         Recording whose postures are drawn instead of the plan's.

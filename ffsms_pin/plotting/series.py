@@ -44,11 +44,12 @@ def plot_series(
     limits: Sequence[FloatArray] = (),
     steps: bool = False,
 ) -> Axes:
-    """Draw values (k,) or (k, m) over t (k,) [s]; `ax` None makes a new figure.
+    """Draw values (k,) or (k, m) over t (k,) [s]; if `ax` is None, in a new figure.
 
-    `label` is that of the vertical axis, with the unit; `names` are those of the m lines. Lines that coincide
-    share an entry of the legend. Limits, each (m,), are dotted in the colour of their line; infinite limits
-    are left out. With `steps`, a value is constant until the next instant instead of interpolated.
+    The vertical axis has the `label`, which contains the unit. The m lines have the `names`. Lines that
+    coincide share an entry of the legend. Limits, each (m,), are dotted in the colour of their line;
+    infinite limits are left out. With `steps`, a value is constant until the next instant instead of
+    interpolated.
     """
     columns = np.asarray(values, dtype=np.float64)
     columns = columns.reshape(len(columns), -1) if columns.size else np.zeros((0, 1))
@@ -72,7 +73,7 @@ def plot_series(
 
 
 def _labels(columns: FloatArray, names: Sequence[str]) -> list[str | None]:
-    """Return a label for each column (k, m), None for a column that coincides with one before it."""
+    """Return a label for each column (k, m), None for a column that coincides with an earlier column."""
     labels: list[str | None] = [names[i] if i < len(names) else None for i in range(columns.shape[1])]
     with np.errstate(invalid="ignore"):  # infinite values
         tolerance = 1e-3 * np.abs(columns[np.isfinite(columns)]).max(initial=0.0)
@@ -128,8 +129,8 @@ def near_limits(
 ) -> tuple[str, tuple[FloatArray, ...]]:
     """Return the label of values (k, m), and the lower and upper limits (m,) to draw.
 
-    A limit is drawn if its line reaches the share `near` of it, because distant limits would flatten the
-    curves; all other limits are infinite. If no limit is drawn, the label states the largest share.
+    A limit is drawn if a value reaches the share `near` of the limit, because distant limits would flatten
+    the curves. All other limits are infinite. If no limit is drawn, the label states the largest share.
     """
     shares = (np.abs(values) / limit).max(axis=0, initial=0.0)
     if (shares > near).any():
@@ -170,7 +171,7 @@ def plot_bands(
 ) -> Axes:
     """Draw the median and a band of `runs` (runs, k) or (runs, k, m) over t (k,) [s].
 
-    `names` are those of the m quantities. At each instant the band contains the share `share` of the runs.
+    The m quantities have the `names`. At each instant the band contains the share `share` of the runs.
     """
     values = runs.reshape(*runs.shape[:2], -1)
     ax = style.axes_or_new(ax)
@@ -224,7 +225,7 @@ def joint_factors(sms: SpaceManipulator) -> FloatArray:
 def plot_joint_positions(
     sms: SpaceManipulator, trajectory: Trajectory, ax: Axes | None = None, flown: Tracking | None = None
 ) -> Axes:
-    """Plot joint positions [deg or m] over time, with dotted limits for joints that come near them.
+    """Plot joint positions [deg or m] over time, with dotted limits of joints that come near a limit.
 
     If `flown` differs from the plan, it is drawn, with the plan thin and pale beside it.
     """
@@ -245,9 +246,10 @@ def plot_joint_positions(
 def plot_joint_rates(
     sms: SpaceManipulator, trajectory: Trajectory, ax: Axes | None = None, flown: Tracking | None = None
 ) -> Axes:
-    """Plot joint rates [deg/s or m/s] over time, with dotted limits for joints that come near them.
+    """Plot joint rates [deg/s or m/s] over time, with dotted limits of joints that come near a limit.
 
-    If no joint does, the label states the largest used share. `flown` is drawn as in `plot_joint_positions`.
+    If no joint comes near a limit, the label states the largest used share. `flown` is drawn as in
+    `plot_joint_positions`.
     """
     factors = joint_factors(sms)
     made = [Series(motion.t, motion.v[:, 6:] * factors) for motion in _motions(trajectory, flown)]
@@ -265,9 +267,9 @@ def _plot_joints(
     units: tuple[str, str] = ("deg", "m"),
     steps: bool = False,
 ) -> Axes:
-    """Draw values (k, n) of the joints; `units` are those of revolute and of prismatic joints.
+    """Draw values (k, n) of the joints in the `units` of revolute and of prismatic joints.
 
-    If the robot has both, prismatic joints have a scaled axis on the right.
+    If the robot has joints of both kinds, prismatic joints have a scaled axis on the right.
     """
     turns, names = np.array(sms.layout.turns), list(sms.joint_names)
     if turns.all() or not turns.any():
@@ -379,7 +381,8 @@ def plot_tracked_position_error(
 ) -> Axes:
     """Plot the distance from the simulated end effector to the target.
 
-    If `tracking` was re-planned in the loop, `open_loop` is the tracking of the first plan beside it.
+    If `tracking` was re-planned in the loop, `open_loop` is the tracking of the first plan. It is drawn as a
+    second line.
     """
     label = "distance to target [m]"
     if open_loop is None:
@@ -443,7 +446,7 @@ def plot_wheel_torque(sms: SpaceManipulator, tracking: Tracking, ax: Axes | None
 def _plot_turning_wheels(
     sms: SpaceManipulator, motion: Motion, ax: Axes | None, values: FloatArray, torque: bool = False
 ) -> Axes:
-    """Draw momenta or torques (k, w), one line for all wheels of equal momentum, with dotted near limits."""
+    """Draw momenta or torques (k, w), one line for all wheels of equal momentum; see `plot_wheels`."""
     if sms.wheels is None:
         raise InvalidValue("sms", sms, "must have wheels: sms.with_actuators(wheels=...)")
     wheels, names = sms.wheels, sms.wheels.names

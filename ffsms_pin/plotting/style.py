@@ -126,7 +126,7 @@ def share_legend(figure: Figure, panels: Sequence[Axes], title: str = "") -> Non
         if name in entries:
             entries[name] = entries.pop(name)
     columns = _columns(list(entries), figure.get_figwidth() / _WIDTH)
-    # The title is that of the legend, because a title of the figure would overlap the legend.
+    # The title belongs to the legend, because a title of the figure would overlap the legend.
     place = {"loc": "outside upper right", "alignment": "right"}
     heading = {"title": title or None, "title_fontsize": 9.0}
     figure.legend(entries.values(), entries.keys(), ncols=columns, **place, **heading)
@@ -158,7 +158,7 @@ def subplots(
 
 @drawing
 def stack(rows: int, height: float = 2.1, sharex: bool = True) -> tuple[Figure, list[Axes]]:
-    """Make a figure of stacked panels, each of a height [in], that share their time axis if `sharex`."""
+    """Make a figure of stacked panels of equal height [in]; with `sharex` they share the horizontal axis."""
     figure = Figure(figsize=(_WIDTH, 0.4 + height * rows), layout="constrained")
     panels = subplots(figure, rows, sharex=sharex)
     figure.align_ylabels(panels)
@@ -166,5 +166,5 @@ def stack(rows: int, height: float = 2.1, sharex: bool = True) -> tuple[Figure, 
 
 
 def axes_or_new(ax: Axes | None) -> Axes:
-    """Return the given axes, or the axes of a new figure."""
+    """Return `ax`, or the axes of a new figure if `ax` is None."""
     return ax if ax is not None else stack(1)[1][0]

@@ -119,9 +119,9 @@ def view(
     Raises
     ------
     InvalidValue
-        A value is out of range, or the result is of another robot.
+        If a value is out of range, or if the result is of another robot.
     GeometryError
-        The robot's shapes cannot be drawn.
+        If the robot's shapes cannot be drawn.
     """
     if isinstance(result, SpaceManipulator) or isinstance(sms, Flight):
         sms, result = result, sms  # type: ignore[assignment]  # checked below
@@ -243,7 +243,7 @@ def view_capture(outcome: Outcome, **options: Any) -> View:
     Raises
     ------
     InvalidValue
-        The outcome has no capture.
+        If the outcome has no capture.
     """
     capture = outcome.capture
     if capture is None:

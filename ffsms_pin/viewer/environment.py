@@ -26,7 +26,7 @@ Show: TypeAlias = Callable[[Frames, int], None]  # moves a layer to a frame of t
 
 
 def add_path(stage: Stage, name: str, path: FloatArray, cosines: FloatArray | None) -> None:
-    """Draw a path (k, 3) as a tube, coloured by the assistance (k,) along it if given."""
+    """Draw a path (k, 3) as a tube, coloured by `cosines` (k,) of the assistance if given."""
     rows = _thinned(path)
     if rows.size < 2:
         return
@@ -41,12 +41,12 @@ def add_path(stage: Stage, name: str, path: FloatArray, cosines: FloatArray | No
 def add_trail(stage: Stage, name: str, path: FloatArray, times: FloatArray, colour: str) -> None:
     """Draw a path (k, 3) as a thin tube, which the page shows up to the current time.
 
-    `times` (k,) [s], from 0, are those of the points.
+    The points have the `times` (k,) [s] from the start of the animation.
     """
     rows = _thinned(path)
     if rows.size < 2:
         return
-    # The tube is thinner than that of the planned path, and visible through it if the paths coincide.
+    # The tube is thinner than the planned path's tube, and visible through the latter if the paths coincide.
     mesh = tube(path[rows], 0.0022 * stage.size, sides=6)
     stage.draw(name, mesh, colour, flat=True, through=True)
     stage.trails.append({"node": name, "sides": 6, "t": np.round(times[rows], 4).tolist()})
@@ -54,7 +54,7 @@ def add_trail(stage: Stage, name: str, path: FloatArray, times: FloatArray, colo
 
 def add_base_trail(stage: Stage, frames: Frames) -> None:
     """Draw the base frame at a few instants, from light to dark, and the path of its centre of mass."""
-    # The axes are longer than the box, which hides the frame's origin.
+    # The axes extend beyond the faces of the box, which hides the frame's origin.
     size = frames.sms.base_size
     length = 0.35 * stage.size if size is None else 0.85 * max(size)
     poses = [state.base_pose for state in frames.states]
@@ -166,7 +166,7 @@ def draw_events(stage: Stage, marks: Sequence[Mark], places: FloatArray) -> None
 def client_layer(
     stage: Stage, client: DrawnClient, obstacles: Sequence[Obstacle], grasp: FloatArray | None
 ) -> Show:
-    """Draw a client with its obstacles; a client without shapes is drawn as a ball.
+    """Draw a client with its obstacles; a client without shapes and obstacles is drawn as a ball.
 
     A client with a single shape gets a grapple ring at `grasp` (3,) [m], body axes.
     """

@@ -31,7 +31,7 @@ MOST = 1800  # largest number of frames: a minute at 30 frames per second
 FREE, ON_BASE = "free", "base"
 DARK, WHITE = "dark", "white"
 BACKGROUNDS = (DARK, WHITE)
-# Direction from the scene to the camera, inertial axes, by name; None depends on the motion.
+# Direction from the scene to each camera, inertial axes; None: the direction depends on the motion.
 CAMERAS: Mapping[str, tuple[float, float, float] | None] = {
     FREE: None,
     "front": (1.0, 0.0, 0.0),
@@ -154,10 +154,10 @@ def path_pose(path: Path, frames: Frames, k: int) -> Any:
 def seen_points(
     frames: Frames, client: DrawnClient | None, obstacles: Sequence[Obstacle], path: Path | None = None
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the points that must be in the picture, for a fixed camera and for one that moves with the base.
+    """Return the points (k, 3) [m] that a fixed camera, and a camera that moves with the base, must show.
 
-    The points are those of robot, target, path, client and the client's obstacles at some instants, each
-    (k, 3) [m] in inertial axes; for the moving camera, as if the base kept its first pose.
+    They belong to the robot, target, path, client and the client's obstacles at some instants, in inertial
+    axes. For the moving camera, the points are moved with the base to the base's first pose.
     """
     rows = np.unique(np.linspace(0, len(frames.t) - 1, _INSTANTS).round().astype(int))
     sms, fixed, riding = frames.sms, [frames.tips], []
@@ -180,7 +180,7 @@ def seen_points(
 
 
 def _moved(points: FloatArray, pose: Any) -> FloatArray:
-    """Return points (k, 3) in the axes in which `pose` is given."""
+    """Transform points (k, 3) by a pose (pinocchio.SE3)."""
     return np.asarray(points @ pose.rotation.T + pose.translation)
 
 

@@ -1,4 +1,4 @@
-"""The shapes of a scene besides the robot's, their colours, and their encoding for Meshcat's page."""
+"""The shapes of a scene other than the robot, with colours and the encoding for Meshcat's page."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ USAGE_STOPS = ("#56B4E9", "#F0E442", "#D55E00")
 _TYPES = {"uint8": 0x12, "uint32": 0x16, "float32": 0x17}  # MessagePack types of arrays in Meshcat's page
 _SIDES = 20
 _SHARP = 200  # largest number of triangles of a mesh with sharp edges; larger meshes are shaded smoothly
-INSIDE = 0.985  # scale of an object that may coincide with another object, because such faces flicker
+INSIDE = 0.985  # scale of an object that may coincide with another object, because coincident faces flicker
 
 
 def rgb(colour: str) -> FloatArray:
@@ -62,7 +62,7 @@ def blend(stops: tuple[str, ...], places: FloatArray | float) -> FloatArray:
 
 
 class Mesh(NamedTuple):
-    """A mesh: vertices (k, 3) [m], triangles (m, 3), and each vertex's place along the shape, 0 to 1."""
+    """A mesh: vertices (k, 3) [m], triangles (m, 3), and each vertex's coordinate along the shape, 0 to 1."""
 
     vertices: FloatArray
     faces: np.ndarray[tuple[int, int], np.dtype[np.int64]]
@@ -120,7 +120,7 @@ def turn_arrow(radius: float) -> Mesh:
 
 
 def cone() -> Mesh:
-    """Make the side of a cone with its tip at the origin, height 1 along z and radius 1."""
+    """Make the lateral surface of a cone with its tip at the origin, height 1 along z and radius 1."""
     angles = np.linspace(0.0, 2.0 * np.pi, 48, endpoint=False)
     rim = np.column_stack([np.cos(angles), np.sin(angles), np.ones(48)])
     faces = np.array([[0, 1 + j, 1 + (j + 1) % 48] for j in range(48)])

@@ -48,9 +48,7 @@ def coupling_layer(stage: Stage, frames: Frames) -> Show:
 
     def arrow(name: str, place: FloatArray, vector: FloatArray) -> None:
         length = float(np.linalg.norm(vector))
-        width = min(
-            1.0, length / (0.3 * longest)
-        )  # short arrows are thinner, otherwise they would be all head
+        width = min(1.0, length / (0.3 * longest))  # short arrows are thinner, to show their shaft
         stage.place(name, place, meshes.along_z(vector), (width, width, length))
 
     def show(frames: Frames, k: int) -> None:
@@ -82,7 +80,7 @@ def coupling_layer(stage: Stage, frames: Frames) -> Show:
 def _agreeing(V: FloatArray, rates: FloatArray, last: FloatArray | None) -> FloatArray:
     """Return signs (n,) that align the columns of V with the joint rates, or at rest with `last`."""
     alpha = V.T @ rates
-    if last is not None:  # slower rates [rad/s] are rounding errors
+    if last is not None:  # rates below 1e-6 rad/s are rounding errors
         alpha = np.where(np.abs(alpha) < 1e-6, np.einsum("ij,ij->j", V, last), alpha)
     return np.where(alpha < 0.0, -1.0, 1.0)
 
@@ -154,7 +152,7 @@ def clearance_layer(stage: Stage, sms: SpaceManipulator) -> Show:
 
 
 def limit_usage(sms: SpaceManipulator, q: FloatArray, v: FloatArray) -> FloatArray:
-    """Return for each joint (n,) the used share of position range or rate limit, the larger one, 0 to 1."""
+    """Return the larger of the used shares (n,), 0 to 1, of each joint's position range and rate limit."""
     limits = sms.limits
     with np.errstate(invalid="ignore"):  # a continuous joint has infinite limits
         middle, half = 0.5 * (limits.lower + limits.upper), 0.5 * (limits.upper - limits.lower)

@@ -177,8 +177,8 @@ def readings(
 ) -> list[dict[str, Any]]:
     """Return the readings beside the time bar: labels, units, digits, and values per frame.
 
-    `aim` names the target in the label of the distance to it, which ends at the time `latched` [s]. The
-    distance from `path` needs the path's timing, which a path with the fastest timing gets by planning.
+    `aim` is the name of the target in the label of the distance. Assistance and distance end at the time
+    `latched` [s]. The distance from `path` requires a time law; planning sets it for the fastest timing.
     """
     before = np.full(len(frames.t), True) if latched is None else frames.t < latched - 1e-9
     rows: list[tuple[str, str, int, FloatArray, str]] = [("entropy", "", 3, frames.entropy, "")]
@@ -207,7 +207,7 @@ def readings(
 def page(title: str, commands: Sequence[bytes], facts: dict[str, Any]) -> str:
     """Return the text of the HTML file, with Meshcat's packed commands and the data for `page.js`."""
     framed = b"".join(struct.pack("<I", len(command)) + command for command in commands)
-    # Without a time stamp the same scene gives the same text. Level 9 takes three times as long for 1 % less.
+    # Without a time stamp the same scene gives the same text. Level 9 takes three times as long for 1 %.
     packed = base64.b64encode(gzip.compress(framed, 6, mtime=0)).decode("ascii")
     data = json.dumps(facts, allow_nan=False).replace("<", "\\u003c")  # "</script>" would end the element
     text = (files("ffsms_pin.viewer") / "page.html").read_text("utf-8")

@@ -32,7 +32,7 @@ _DIRECTIONS = np.vstack([np.eye(3), -np.eye(3), _CUBE])
 
 
 def robot_layer(stage: Stage, sms: SpaceManipulator, name: str, ghost: str | None = None) -> environment.Show:
-    """Draw the robot below the node `name`; with `ghost`, a colour "#RRGGBB", only its arm's outlines."""
+    """Draw the robot below the node `name`; with a colour `ghost`, only the outlines of the arm."""
     shapes, data = visual_shapes(sms), sms.model.createData()
     places, items = pin.GeometryData(shapes), shapes.geometryObjects
     names = [f"{name}/visuals/{item.name}" for item in items]
@@ -63,9 +63,9 @@ def robot_layer(stage: Stage, sms: SpaceManipulator, name: str, ghost: str | Non
 
 
 def panel_layer(stage: Stage, sms: SpaceManipulator) -> environment.Show:
-    """Draw solar cells on the faces without arms of a base that is drawn as a box.
+    """Draw solar cells on a base that is drawn as a box.
 
-    The cells lie flat on the faces, so no arm can intersect them.
+    Faces with an arm, and the face opposite the first arm, have no cells.
     """
     items = [item for item in visual_shapes(sms).geometryObjects if item.parentJoint == _ROOT]
     boxes = [item for item in items if isinstance(item.geometry, coal.Box)]
@@ -126,7 +126,7 @@ def _corners(item: Any) -> FloatArray:
     """Return points (k, 3) of a shape in its own axes without its scale, which `place` applies."""
     if not isinstance(item.geometry, coal.BVHModelBase):
         return outline(item.geometry)
-    # The points of a mesh from a file have its scale.
+    # The points of a mesh from a file are already scaled.
     scale = item.meshScale if File(item.meshPath).is_file() else np.ones(3)
     return np.array(item.geometry.vertices(), dtype=np.float64) / scale
 
@@ -154,7 +154,7 @@ def moving_layers(
 ) -> list[environment.Show]:
     """Draw the robot and its environment, and return the functions that move them to a frame.
 
-    Obstacles on a client are drawn with the client. From the time `latched` [s] on the target is hidden.
+    Obstacles on a client are drawn with the client. The target is hidden after the time `latched` [s].
     """
     sms, around_it = frames.sms, [obstacle for obstacle in obstacles if client is None or not obstacle.moves]
     shows: list[environment.Show] = [

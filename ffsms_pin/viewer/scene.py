@@ -55,7 +55,7 @@ class Stage:
     """A scene whose camera turns about a centre (3,) [m].
 
     `size` is the approximate size of the robot [m], which sets the size of arrows and markers. While
-    `key_frames` has a time, motions of nodes are recorded there.
+    `key_frames` has a time, it records the motions of nodes.
     """
 
     def __init__(self, centre: FloatArray, size: float) -> None:
