@@ -19,7 +19,8 @@ from ffsms_pin.opt.replan.learning import Learner
 from ffsms_pin.options import Bodies, Positive, Texts, Unit
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.simulation import Sensors
-from ffsms_pin.system.regressors import PER_BODY, body_regressor, momentum_regressors
+from ffsms_pin.system.momentum_filter import MomentumFilter
+from ffsms_pin.system.regressors import momentum_regressors
 
 _PERIOD = 32  # number of samples with the same weights and noise bias, which change slowly with the posture
 _REWEIGHTED = 64  # number of samples before the first update of the weights, doubled after each update
@@ -40,8 +41,8 @@ class Identifier(Learner):
     """A recursive estimator of inertial parameters from measured configurations and velocities.
 
     Without external forces the total momentum about a fixed point is constant, and it is linear in the
-    inertial parameters. Each sample adds six equations to sums of fixed size (an information filter), in
-    which the constant momentum is unknown, too. Wheels may turn if their momentum is given. The property
+    inertial parameters. Each sample adds six equations to sums of fixed size (`MomentumFilter`), in which the
+    constant momentum is unknown, too. Wheels may turn if their momentum is given. The property
     `found` has the estimate.
 
     Parameters
@@ -77,8 +78,6 @@ class Identifier(Learner):
         The model about which the equations are linearised: `sms` with the priors of the unknown bodies.
     bodies : list of UnknownBody
         The unknown bodies and their priors.
-    samples : int
-        The number of samples.
     """
 
     unfiltered = True
@@ -106,34 +105,36 @@ class Identifier(Learner):
             own = pin.Inertia.FromDynamicParameters(body.believed)
             inertias[body.index] = inertias[body.index] + own if body.added else own
         self.robot = robot.with_inertias(inertias)
-        self._model, self._data = self.robot.model, self.robot.model.createData()
-        self._free = np.concatenate([body.free for body in self.bodies])
-        self._scales = np.concatenate([body.deviation for body in self.bodies])[self._free]
-        self._scaling = np.concatenate([body.deviation for body in self.bodies])
-        self._beyond_base = any(body.index for body in self.bodies)
-        self._columns = np.flatnonzero(self._free)
-        self._local = np.zeros((6, PER_BODY))
-        size = len(self._columns) + 7
-        self._Z = np.zeros((6, size))
-        self._Z[:, -7:-1] = -np.eye(6)
-        self._sums, self._bias, self._bias_now = (np.zeros((size, size)) for _ in range(3))
+        free = np.concatenate([body.free for body in self.bodies])
+        deviations = np.concatenate([body.deviation for body in self.bodies])
+        believed = np.concatenate([body.believed for body in self.bodies])
+        self._free, self._scales = free, deviations[free]
+        self._prior = believed[free] / self._scales  # the prior parameters in units of their deviations
+        self._filter = MomentumFilter(
+            self.robot, [body.index for body in self.bodies], np.diag(deviations)[:, free]
+        )
+        k = len(self._scales)
+        self._bias, self._bias_now = np.zeros((k + 7, k + 7)), np.zeros((k + 7, k + 7))
         self._weight, self._reweighted = np.eye(6), float(_REWEIGHTED)
-        self._weighting = np.zeros(size - 7), np.eye(size - 7)
+        self._weighting = np.zeros(k), np.eye(k)
         self._pose_noise: FloatArray | None = None
         self._origin: FloatArray | None = None
         self._late: deque[tuple[float, FloatArray, FloatArray, FloatArray | None]] = deque()
         self._time = -np.inf
-        self._other = np.zeros((size - 6, size - 6))
+        self._other = np.zeros((k + 1, k + 1))
         self._other_count = 0
         self._used: FloatArray | None = None
         self._near: FloatArray | None = None
-        self._offset: FloatArray | None = None
         self._unseen: bool | None = None  # True if the samples have no linear velocity of the base
-        self.samples = self._count = self._freed = 0
 
     def __repr__(self) -> str:
         names = ", ".join(body.name for body in self.bodies)
         return f"Identifier({self.sms.model.name}: {names}; {self.samples} samples)"
+
+    @property
+    def samples(self) -> int:
+        """The number of samples."""
+        return self._filter.samples
 
     def update(self, t: float, q: ArrayLike, v: ArrayLike, wheel_momentum: ArrayLike | None = None) -> None:
         """Add one sample.
@@ -184,37 +185,11 @@ class Identifier(Learner):
         self._add(q, v, spins, unseen)
 
     def _add(self, q: FloatArray, v: FloatArray, spins: FloatArray | None, unseen: bool) -> None:
-        model, data, Z, Y = self._model, self._data, self._Z, self._local
-        pin.ccrba(model, data, q, v)
         if unseen:  # relative to the centre of mass, the linear momentum is zero
-            q[:3] -= data.com[0]
-            v[:3] = _linear_velocity(data.Ag) @ v[3:]
-            pin.ccrba(model, data, q, v)
-        A = data.Ag.copy()
-        x, y, z = data.com[0].tolist()
-        p = A[:3]
-        A[3] += y * p[2] - z * p[1]
-        A[4] += z * p[0] - x * p[2]
-        A[5] += x * p[1] - y * p[0]
-        Z[:, -1] = A.dot(v)
-        if spins is not None:  # momentum of the wheels, base axes
-            Z[3:, -1] += pin.XYZQUATToSE3(q[:7]).rotation @ spins
-        if self._beyond_base:
-            pin.forwardKinematics(model, data, q, v)
-        wide = np.empty((6, len(self._scaling)))
-        for k, body in enumerate(self.bodies):
-            moving = data.v[body.index + 1].vector if body.index else v[:6]
-            vx, vy, vz, wx, wy, wz = moving.tolist()
-            Y[:3, 0] = vx, vy, vz
-            Y[0, 2:4], Y[1, 1], Y[1, 3], Y[2, 1:3] = (-wz, wy), wz, -wx, (-wy, wx)
-            Y[3, 2:8] = vz, -vy, wx, wy, 0.0, wz
-            Y[4, 1:9] = -vz, 0.0, vx, 0.0, wx, wy, 0.0, wz
-            Y[5, 1:3], Y[5, 7:] = (vy, -vx), (wx, wy, wz)
-            wide[:, PER_BODY * k : PER_BODY * (k + 1)] = data.oMi[body.index + 1].actionInverse.T.dot(Y)
-        wide *= self._scaling
-        Z[:, :-7] = wide[:, self._columns]
-        if self._offset is not None:
-            Z[:, -1] -= Z[:, :-7] @ self._offset
+            A, com = self._filter.momentum_map(q)
+            q[:3] -= com
+            v[:3] = _linear_velocity(A) @ v[3:]
+        Z, A = self._filter.equations(q, v, spins)
         if self._pose_noise is None:
             self._pose_noise = self.noise.of_pose(Z[:, -1])
         if self.samples % _PERIOD == 0:
@@ -222,11 +197,8 @@ class Identifier(Learner):
                 self._reweighted *= 2.0
                 self._weighting = self._parameters()
             self._weigh(q, A, unseen)
-        weight = self._weight
         self._bias += self._bias_now
-        self._sums += Z.T.dot(weight.dot(Z))
-        self.samples += 1
-        self._count += 3 if unseen else 6
+        self._filter.add(Z, self._weight)
 
     def weigh_by(self, other: Identifier) -> None:
         """Compute the weights of all samples from the estimate of another identifier of the same bodies.
@@ -243,9 +215,8 @@ class Identifier(Learner):
     def linearise_about(self, estimate: Identification) -> None:
         """Compute unmeasured linear velocities of the base from an estimate instead of the prior."""
         self.robot = estimate.sms
-        self._model, self._data = self.robot.model, self.robot.model.createData()
-        change = [estimate[body.name].parameters - body.believed for body in self.bodies]
-        self._offset = np.concatenate(change)[self._columns] / self._scales
+        change = np.concatenate([estimate[body.name].parameters - body.believed for body in self.bodies])
+        self._filter.linearise_about(self.robot, change[self._free] / self._scales)
 
     def _weigh(self, q: FloatArray, A: FloatArray, unseen: bool = False) -> None:
         """Compute the weight of a sample, and the expected contribution of its noise to the information.
@@ -253,17 +224,7 @@ class Identifier(Learner):
         Velocities multiply the unknown parameters, so their noise adds to the squares of the regression and
         would make estimates too small. `A` (6, 6 + n) maps velocities to momentum at the prior parameters.
         """
-        model, data = self._model, self._data
-        pin.computeJointJacobians(model, data, q)
-        wide = np.empty((len(self._scaling), 6, self.robot.nv))
-        for k, body in enumerate(self.bodies):
-            j = body.index + 1
-            J = pin.getJointJacobian(model, data, j, pin.ReferenceFrame.LOCAL)
-            Y = np.tensordot(data.oMi[j].actionInverse.T, body_regressor(J[:3], J[3:]), 1)
-            wide[PER_BODY * k : PER_BODY * (k + 1)] = Y.swapaxes(0, 1)
-        rows = np.zeros((self._sums.shape[0], 6, self.robot.nv))
-        rows[:-7] = (wide * self._scaling[:, None, None])[self._columns]
-        rows[-1] = A
+        rows = self._filter.slopes(q, A)
         if unseen:
             rows[:, :, 3:] += rows[:, :, :3] @ _linear_velocity(A)
             rows[:, :, :3] = 0.0
@@ -303,20 +264,12 @@ class Identifier(Learner):
         about = q[0, :3]
         first = q[0].copy()
         first[:3] = 0.0
-        A = self._momentum_map(first)
+        A, _ = self._filter.momentum_map(first)
         self._pose_noise = self.noise.of_pose(A @ v[0])
         self._weigh(first, A)
         self._pose_noise = None
-        bodies = [body.index for body in self.bodies]
-        Y = momentum_regressors(self.robot, q, v, about, bodies)[:, :, self._columns] * self._scales
+        Y = momentum_regressors(self.robot, q, v, about, self._filter.bodies) @ self._filter.basis
         return np.asarray(np.linalg.cholesky(self._weight).T), Y
-
-    def _momentum_map(self, q: FloatArray) -> FloatArray:
-        """Return the momentum about the origin per unit velocity (6, 6 + n)."""
-        pin.ccrba(self._model, self._data, q, np.zeros(self.robot.nv))
-        A = self._data.Ag.copy()
-        A[3:] += pin.skew(self._data.com[0]) @ A[:3]
-        return np.asarray(A)
 
     def _spins(self, wheel_momentum: ArrayLike) -> FloatArray:
         """Return the sum (3,) of the wheels' spin momenta, in the base's axes."""
@@ -330,15 +283,8 @@ class Identifier(Learner):
 
         Call this method after an external force, such as that of thrusters; the information so far is kept.
         """
-        if self.at_rest:
-            self.at_rest = False
-            self._sums[-7:-1] = self._sums[:, -7:-1] = 0.0
-        else:
-            kept = [*range(len(self._columns)), len(self._columns) + 6]
-            constants, G = self._constants, self._without_momentum(self._sums)
-            self._sums[:] = 0.0
-            self._sums[np.ix_(kept, kept)] = G
-            self._freed += constants
+        self._filter.pushed(self.at_rest)
+        self.at_rest = False
         self._pose_noise = None
 
     def add_equations(self, rows: FloatArray, sides: FloatArray) -> None:
@@ -346,38 +292,14 @@ class Identifier(Learner):
 
         The residuals of these equations scale their noise, separately from the noise of the momentum.
         """
-        Z = np.column_stack([(rows * self._scaling)[:, self._columns], -sides])
+        Z = np.column_stack([rows @ self._filter.basis, -sides])
         self._other += Z.T @ Z
         self._other_count += len(Z)
 
-    @staticmethod
-    def _without_momentum(sums: FloatArray) -> FloatArray:
-        """Return the sums (k + 1, k + 1) after elimination of the constant momenta."""
-        k = len(sums) - 7
-        rest = [*range(k), k + 6]
-        constant = k + np.flatnonzero(np.diag(sums)[k : k + 6])
-        across = sums[np.ix_(constant, rest)]
-        return np.asarray(
-            sums[np.ix_(rest, rest)] - across.T @ np.linalg.solve(sums[np.ix_(constant, constant)], across)
-        )
-
-    @property
-    def _constants(self) -> int:
-        """The number of components of the total momentum in the equations."""
-        return int(np.count_nonzero(np.diag(self._sums)[-7:-1]))
-
-    def _equations(self) -> tuple[FloatArray, FloatArray, float, int]:
-        """Return G, g and c of the misfit x^T G x + 2 g^T x + c, and the number of equations."""
-        k = len(self._columns)
-        rest = [*range(k), k + 6]
-        at_rest = self.at_rest or not self.samples
-        sums = self._sums[np.ix_(rest, rest)] if at_rest else self._without_momentum(self._sums)
-        count = self._count - self._freed - (0 if self.at_rest else self._constants)
-        return sums[:-1, :-1], sums[:-1, -1], float(sums[-1, -1]), max(count, 0)
-
     def solution(self) -> Solution:
         """Return the estimate in units of the prior deviations, without a check of consistency."""
-        G, g, c, count = self._equations()
+        sums, count = self._filter.without_momentum(self.at_rest), self._filter.count(self.at_rest)
+        G, g, c = sums[:-1, :-1], sums[:-1, -1], float(sums[-1, -1])
         k, other = len(G), self._other
         bias = self._bias[:k, :k]
         A, N = _significant(G - bias, bias, self.samples)
@@ -401,7 +323,7 @@ class Identifier(Learner):
         inverse = back @ back.T
         noisy = inverse @ A.T @ N
         covariance = inverse + noisy @ (bias / scale) @ noisy.T
-        whole = x + np.concatenate([body.believed for body in self.bodies])[self._columns] / self._scales
+        whole = x + self._prior
         moved, beyond_noise = float(whole @ G @ whole), max(misfit - _NOISE * count, 0.0)
         unexplained = math.sqrt(beyond_noise / moved) if moved > 0.0 else 0.0
         total = count + self._other_count
@@ -415,8 +337,7 @@ class Identifier(Learner):
         """
         if not self.samples:
             return 1.0
-        k = len(self._columns)
-        G = self._sums[:k, :k]
+        G = self._filter.sums[:-7, :-7]
         before = float(np.trace(G))
         if not before > 0.0:
             return 1.0
@@ -436,10 +357,9 @@ class Identifier(Learner):
         """
         if self.samples < _FEWEST or self.uncertainty() > _CERTAIN:
             return last
-        k, x = len(self._columns), self.solution().x
-        G = self._sums[:k, :k]
-        change = x - (np.zeros(k) if self._used is None else self._used)
-        whole = x + np.concatenate([body.believed for body in self.bodies])[self._columns] / self._scales
+        x, G = self.solution().x, self._filter.sums[:-7, :-7]
+        change = x if self._used is None else x - self._used
+        whole = x + self._prior
         if float(change @ G @ change) < _CHANGED**2 * float(whole @ G @ whole):
             return last
         self._used = x

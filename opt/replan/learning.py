@@ -12,6 +12,8 @@ from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.problem import Problem
 from ffsms_pin.robot import SpaceManipulator
+from ffsms_pin.system.momentum_filter import MomentumFilter
+from ffsms_pin.system.regressors import PER_BODY
 
 # Modes with a constant total momentum; in the second mode it includes that of the wheels.
 _CONSERVING = ("floating", "rotation-floating")
@@ -69,12 +71,13 @@ class ModelledLaw(Protocol):
 class ScaleFactors(Learner):
     """The default `Learner`: factors (n + 1,) on the arm's masses and inertias, and on the base's inertia.
 
-    The total momentum of a floating system is constant and linear in the factors, so each sample adds six
-    equations, which do not depend on the torques. If wheels hold the attitude, only the linear momentum is
-    constant, and there are three equations. Thrusters change the momentum, so in their modes the model is
-    unchanged. The scale is unobservable from momentum, so the base's mass is fixed. A prior keeps
-    unobservable factors at 1. With `noisy` sensors the constant momentum is estimated, too, because the first
-    sample is as noisy as any other.
+    The factors are the unknowns of a `MomentumFilter`, which `identification.Identifier` uses with the ten
+    parameters of each unknown body. If wheels hold the attitude, only the linear momentum is constant, and a
+    sample has three equations. Thrusters change the momentum, so in their modes the model is unchanged. The
+    scale is unobservable from momentum, so the base's mass is fixed. A prior keeps unobservable factors at 1.
+
+    The momentum is that of the first sample. With `noisy` sensors the constant momentum is estimated, too,
+    because the first sample is as noisy as any other.
 
     If factors from exact measurements are out of bounds, errors other than those of masses are present, and
     all factors are 1. Factors from noisy measurements may be out of bounds if the excitation is low. Then the
@@ -82,42 +85,32 @@ class ScaleFactors(Learner):
     """
 
     def __init__(self, sms: SpaceManipulator, mode: str = "floating") -> None:
-        self._sms, self._data = sms, sms.model.createData()
-        # The constant components of the [linear; angular] momentum.
-        self._kept = dict(zip(_CONSERVING, (6, 3), strict=True)).get(mode, 0)
-        self.factors: FloatArray = np.ones(sms.n + 1)
-        self.known = sms
-        base = sms.model.inertias[1]
-        mass, lever = float(base.mass), np.array(base.lever)
-        self._point = pin.Inertia(mass, lever, np.zeros((3, 3)))
-        self._turning = pin.Inertia(0.0, lever, np.array(base.inertia))
-        size, noise = float(np.trace(base.inertia)) / 3.0, 1e-3  # [m/s, rad/s] of the base, per sample
-        self._scale = 1.0 / (noise * np.repeat([mass, size], 3))[: self._kept, None]
+        # The number of constant components of the [linear; angular] momentum.
+        kept = dict(zip(_CONSERVING, (6, 3), strict=True)).get(mode, 0)
+        base, noise = sms.model.inertias[1], 1e-3  # [m/s, rad/s] of the base, per sample
+        self._scale = 1.0 / (noise * np.repeat([float(base.mass), float(np.trace(base.inertia)) / 3.0], 3))
+        self._scale[kept:] = 0.0
         self.noisy = False
-        self._first: FloatArray | None
-        self._last: FloatArray | None
-        self._forget()
-
-    def _forget(self) -> None:
-        """Initialise the sums of the least squares A x = -c + (momentum error of the first sample)."""
-        count = len(self.factors)
-        self._G, self._g = np.eye(count) / _PRIOR**2, np.zeros(count)
-        self._begin_momentum()
+        self.observe_robot(sms)
 
     def observe_robot(self, robot: SpaceManipulator) -> None:
         """Restart with the factors of the controller's estimate."""
         self._sms = self.known = robot
-        self.factors = np.ones(robot.n + 1)
+        self.factors: FloatArray = np.ones(robot.n + 1)
         self._forget()
 
+    def _forget(self) -> None:
+        """Restart the estimation without changing the factors in use."""
+        self._filter = MomentumFilter(self._sms, range(self._sms.n + 1), _scale_basis(self._sms))
+        self._begin_momentum()
+
     def _begin_momentum(self) -> None:
-        """Initialise the sums of one constant momentum."""
-        self._sum_A, self._sum_c = np.zeros((self._kept, len(self.factors))), np.zeros(self._kept)
-        self._samples, self._first, self._last = 0, None, None
+        self._first: FloatArray | None = None
+        self._last: FloatArray | None = None
 
     def pushed(self) -> None:
         """Keep the estimate after a push, and estimate another momentum from the next sample on."""
-        self._G, self._g = self._sums()
+        self._filter.pushed(at_rest=not self.noisy)
         self._begin_momentum()
 
     def update(
@@ -128,42 +121,37 @@ class ScaleFactors(Learner):
         The time and the wheels are ignored, because only the linear momentum is used if they hold the
         attitude.
         """
-        if not self._kept:
+        if not self._scale.any():
             return False
-        parts, jumped = self._momenta(q, v), False
+        Z, jumped = self._filter.equations(q, v)[0].copy(), False
         if self._last is not None:  # more than thirty times the noise: a body was captured
-            step = (parts - self._last) * self._scale
-            jumped = bool(np.abs(step @ np.concatenate([[1.0], self.factors])).max() > 30.0)
+            step = (Z - self._last) @ np.concatenate([(self.factors - 1.0) / _PRIOR, np.zeros(6), [1.0]])
+            jumped = bool(np.abs(self._scale * step).max() > 30.0)
         if jumped:
             self._forget()
+        weight = np.diag(self._scale**2)
         if self._first is None:
-            self._first = parts
-        self._last = parts
-        change = (parts - self._first) * self._scale
-        # The sum of factor times part is constant; with factor = 1 + x: A x = -(sum of all changes).
-        A, c = change[:, 1:], change.sum(axis=1)
-        self._G += A.T @ A
-        self._g -= A.T @ c
-        self._sum_A, self._sum_c, self._samples = self._sum_A + A, self._sum_c + c, self._samples + 1
+            self._first = Z.copy()
+            self._first[:, -7:-1] = 0.0  # the unknown constant is the change of the momentum since then
+            weight *= 2.0  # the prior of that change is zero, with the noise of one sample
+        self._last = Z
+        self._filter.add(Z - self._first, weight)
         return jumped
 
     def expect_noise(self) -> None:
         """Estimate the constant momentum, too, and keep the factors within their bounds."""
         self.noisy = True
 
-    def _momenta(self, q: FloatArray, v: FloatArray) -> FloatArray:
-        """Return the constant rows of the momenta of base mass, arm bodies and base inertia."""
-        model, data = self._sms.model, self._data
-        pin.forwardKinematics(model, data, q, v)
-        place, twist = data.oMi[1], data.v[1]
-        arm = [data.oMi[i].act(model.inertias[i] * data.v[i]) for i in range(2, self._sms.n + 2)]
-        parts = [place.act(self._point * twist), *arm, place.act(self._turning * twist)]
-        return np.stack([part.vector for part in parts], axis=1)[: self._kept]
+    def _sums(self) -> tuple[FloatArray, FloatArray]:
+        """Return the information G (n + 1, n + 1) without the prior, and G x, in units of the prior."""
+        sums = self._filter.without_momentum(at_rest=not self.noisy)
+        return sums[:-1, :-1], -sums[:-1, -1]
 
     def solve(self) -> FloatArray:
         """Return the factors (n + 1,) estimated from the measurements so far."""
         G, g = self._sums()
-        factors = np.asarray(1.0 + np.linalg.solve(G, g), dtype=np.float64)
+        G = G + np.eye(len(g))
+        factors = np.asarray(1.0 + _PRIOR * np.linalg.solve(G, g), dtype=np.float64)
         if (factors >= _LEAST).all() and (factors <= _MOST).all():
             return factors
         if not self.noisy:
@@ -171,24 +159,17 @@ class ScaleFactors(Learner):
         from scipy.optimize import lsq_linear  # slow to load, and few runs need it
 
         L = np.linalg.cholesky(G)
-        bounds = _LEAST - 1.0, _MOST - 1.0
-        return np.asarray(1.0 + lsq_linear(L.T, np.linalg.solve(L, g), bounds).x)
-
-    def _sums(self) -> tuple[FloatArray, FloatArray]:
-        if not self.noisy:
-            return self._G, self._g
-        # The best constant for factors x is the mean of c + A x, with a prior of one sample's noise.
-        shares = self._sum_A.T / (self._samples + 1)
-        return self._G - shares @ self._sum_A, self._g + shares @ self._sum_c
+        bounds = (_LEAST - 1.0) / _PRIOR, (_MOST - 1.0) / _PRIOR
+        return np.asarray(1.0 + _PRIOR * lsq_linear(L.T, np.linalg.solve(L, g), bounds).x)
 
     @property
     def shown(self) -> tuple[FloatArray, FloatArray]:
-        """The information matrix G (n + 1, n + 1) of the estimate of x, without the prior, and G x (n + 1,).
+        """The information matrix G (n + 1, n + 1) of the estimate of r, without the prior, and G r (n + 1,).
 
-        x is the vector of the factors minus one.
+        r is the vector of the factors minus one.
         """
         G, g = self._sums()
-        return G - np.eye(len(g)) / _PRIOR**2, g
+        return G / _PRIOR**2, g / _PRIOR
 
     def learnt(self, last: SpaceManipulator) -> SpaceManipulator:
         """Return the robot with the estimated factors; the same object if no factor has changed much."""
@@ -199,12 +180,19 @@ class ScaleFactors(Learner):
     def robot(self) -> SpaceManipulator:
         """Return the robot with the estimated factors, and store them in `factors`."""
         self.factors = self.solve()
-        *arm, base = self.factors.tolist()
-        shares = zip(list(self._sms.model.inertias)[1:], [1.0, *arm], [base, *arm], strict=True)
-        bodies = [
-            pin.Inertia(mass * body.mass, body.lever, turn * body.inertia) for body, mass, turn in shares
-        ]
-        return self._sms.with_inertias(bodies)
+        change = self._filter.basis @ ((self.factors - 1.0) / _PRIOR)
+        bodies = (self._sms.inertial_parameters + change).reshape(-1, PER_BODY)
+        return self._sms.with_inertias([pin.Inertia.FromDynamicParameters(body) for body in bodies])
+
+
+def _scale_basis(sms: SpaceManipulator) -> FloatArray:
+    """Return the change of all bodies' parameters (10 (n + 1), n + 1) per prior deviation of each factor."""
+    _, *arm = sms.inertial_parameters.reshape(-1, PER_BODY)
+    turning = pin.Inertia(0.0, np.zeros(3), np.array(sms.model.inertias[1].inertia)).toDynamicParameters()
+    basis = np.zeros((sms.n + 1, sms.n + 1, PER_BODY))
+    for factor, parameters in enumerate([*arm, turning]):
+        basis[factor, (factor + 1) % (sms.n + 1)] = _PRIOR * parameters
+    return basis.reshape(sms.n + 1, -1).T
 
 
 def learner_of(problem: Problem, learn: Learner | None) -> Learner:

@@ -60,8 +60,8 @@ class Replanning(Observer):
         The weights of single steps.
     learn : Learner, optional
         An `identification.Identifier`, whose estimate is used for plans when it is accurate enough. Default:
-        factors on the masses of the arm's bodies and on the base's inertia, estimated from the momentum
-        (`ScaleFactors`).
+        `ScaleFactors`, the same filter on the momentum with other unknowns: factors on the masses of the
+        arm's bodies and on the base's inertia.
     law : ModelledLaw, optional
         The control law of the run, whose model (`law.sms`) is updated to the learnt robot. If None, a law
         keeps its model.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pinocchio as pin
 import pytest
 
 import ffsms_pin as ffsms
@@ -64,6 +65,18 @@ def test_a_robot_at_rest_shows_nothing(planar: ffsms.SpaceManipulator) -> None:
     np.testing.assert_array_equal(still.factors, 1.0)
 
 
+def test_factors_refer_to_the_observed_robot(planar: ffsms.SpaceManipulator) -> None:
+    """The base and the arm of the controller's estimate are exact, so no factor changes."""
+    plant = perturb(planar, arm_mass=[1.2, 0.9, 1.1], base_mass=0.9, base_inertia=1.3)
+    accelerations = 0.4 * np.sin(np.linspace(0.0, 12.0, 200)[:, None] * np.array([0.7, 1.1, 1.6]))
+    q, rates = roll_out(plant, plant.configuration(np.ones(3)), np.zeros(3), accelerations, 0.02, np.zeros(6))
+    estimate = ScaleFactors(planar)
+    estimate.observe_robot(plant)
+    for a, u in zip(q, rates, strict=True):
+        estimate.update(0.0, a, plant.velocity(a, u))
+    np.testing.assert_allclose(estimate.solve(), 1.0, atol=1e-6)
+
+
 def test_a_captured_body_is_noticed(planar: ffsms.SpaceManipulator) -> None:
     q = planar.configuration(np.ones(3))
     estimate, rates = ScaleFactors(planar), np.array([0.2, -0.1, 0.3])
@@ -88,9 +101,16 @@ def test_noisy_estimates_stay_within_their_bounds(planar: ffsms.SpaceManipulator
 
     # Any motion along the bounds, or into them, explains less.
     def unexplained(at: np.ndarray) -> float:
-        parts = np.array([estimate._momenta(a, plant.velocity(a, u)) for a, u in zip(q, rates, strict=True)])
-        total = parts @ np.concatenate([[1.0], at])
-        scaled = (total - total.mean(axis=0)) * estimate._scale[:, 0]
+        base, *arm = list(planar.model.inertias)[1:]
+        bodies = [pin.Inertia(base.mass, base.lever, at[-1] * base.inertia)]
+        for factor, body in zip(at[:-1], arm, strict=True):
+            bodies.append(pin.Inertia(factor * body.mass, body.lever, factor * body.inertia))
+        model, total = planar.with_inertias(bodies).model, []
+        data = model.createData()
+        for a, u in zip(q, rates, strict=True):
+            about_com = pin.computeCentroidalMomentum(model, data, a, plant.velocity(a, u))
+            total.append(pin.SE3(np.eye(3), data.com[0]).act(about_com).vector)
+        scaled = (np.array(total) - np.mean(total, axis=0)) * estimate._scale
         return float((scaled**2).sum() + (((at - 1.0) / 0.2) ** 2).sum())
 
     least = unexplained(factors)
