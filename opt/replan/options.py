@@ -7,11 +7,11 @@ from typing import Annotated, Any, ClassVar
 
 import numpy as np
 
-from ffsms_pin.checks import FloatArray, at_least_zero
+from ffsms_pin.checks import FloatArray, at_least_zero, share
 from ffsms_pin.opt.costs import Term
 from ffsms_pin.opt.derivatives import Variables
 from ffsms_pin.opt.search.spline import Grid
-from ffsms_pin.options import Angle, NotNegative, PerJointPositive, Positive, Unit
+from ffsms_pin.options import Angle, NotNegative, PerJointPositive, Positive, Share, Unit
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,6 +41,10 @@ class ReplanOptions:
     with a limit on the jerk, five times that."""
     jerk: Annotated[PerJointPositive | None, Angle("rad/s³ or m/s³", "none")] = None
     """The limit on the jerk of the command, for each joint; the joint limits have priority."""
+    rate_reserve: Annotated[Share | None, Unit("", "0.05 for a client, else 0")] = None
+    """The share of the joint rate limits that re-plans leave for corrections by steps and by the control law.
+    Default: 0.05 for an `opt.Meet`, because corrections after changes of the client's estimate exceed planned
+    rates by up to 0.05 of the limits; otherwise zero, so that a fastest plan can be followed."""
     # The grid of the spline that changes a plan. More intervals near the deadline would allow late, fast
     # changes.
     grid: ClassVar[Grid] = Grid(16, 2, 3)
@@ -49,6 +53,8 @@ class ReplanOptions:
         for name in ("period", "arrived_miss", "search_again", "settle"):
             at_least_zero(name, getattr(self, name))
         at_least_zero("dead_band", self.band(None), "m")
+        if self.rate_reserve is not None:
+            share("rate_reserve", self.rate_reserve)
 
     def band(self, noise: float | None) -> float:
         """Return the dead band [m] for sensors with `noise` [m]; None: perfect sensors."""

@@ -30,7 +30,7 @@ _RETURN = 2.0  # [1/s] gain of redundant motion towards the plan
 
 def check_options(options: ReplanOptions, weights: StepWeights | None) -> None:
     """Raise `InvalidValue` for options of re-planning that steps along a path do not support."""
-    for name in ("search_again", "dead_band", "settle"):
+    for name in ("search_again", "dead_band", "settle", "rate_reserve"):
         if (value := getattr(options, name)) != getattr(ReplanOptions, name):
             remedy = "is not for an opt.Path, which is followed by resolved rates at all times; leave it out"
             raise InvalidValue(name, value, remedy)

@@ -218,6 +218,9 @@ class RestPlanner:
         self.learner, self.noisy = learner_of(problem, learn), False
         self._needs_wheels = learn is not None and problem.wheels is not None
         self.robot = problem.sms
+        reserve = options.rate_reserve
+        self._rate_share = 1.0 - ((0.05 if problem.goal.exact else 0.0) if reserve is None else reserve)
+        self._slower: tuple[SpaceManipulator, SpaceManipulator] | None = None
         self._base_start: FloatArray | None = None
         self._next_search = 0.0
         self.wheel_total: FloatArray | None = None
@@ -259,6 +262,16 @@ class RestPlanner:
         """Update the robot if an estimated mass has changed."""
         self.robot = self.learner.learnt(self.robot)
 
+    def _with_reserve(self) -> SpaceManipulator:
+        """Return the robot with the share of its rate limits that plans use."""
+        if self._rate_share == 1.0:
+            return self.robot
+        if self._slower is None or self._slower[0] is not self.robot:
+            limits = self.robot.limits
+            slower = self.robot.with_limits(replace(limits, velocity=self._rate_share * limits.velocity))
+            self._slower = self.robot, slower
+        return self._slower[1]
+
     @one_blas_thread()
     def plan(
         self,
@@ -274,7 +287,7 @@ class RestPlanner:
         self.renew_robot()
         locked = [name for name, failed in zip(whole.sms.joint_names, self.failed, strict=True) if failed]
         known = self._base_start, locked, goal, self.wheel_total
-        rest = rest_of(whole, self.robot, now, q, joints, rates, *known)
+        rest = rest_of(whole, self._with_reserve(), now, q, joints, rates, *known)
         if self.momentum is not whole.momentum:
             rest = replace(rest, momentum=self.momentum)
         if last is None:

@@ -133,7 +133,9 @@ def test_fastest_path_needs_its_plan(planar: Any, q0: Any) -> None:
     assert run.position_error.max() < WITHIN
 
 
-@pytest.mark.parametrize(("option", "value"), [("search_again", 2.0), ("dead_band", 1e-4), ("settle", 0.2)])
+@pytest.mark.parametrize(
+    ("option", "value"), [("search_again", 2.0), ("dead_band", 1e-4), ("settle", 0.2), ("rate_reserve", 0.1)]
+)
 def test_options_that_no_path_has(planar: Any, q0: Any, option: str, value: float) -> None:
     """Each is refused by its name, as weights of single steps are."""
     problem = opt.Problem(planar, q0, path(planar.at(q0).end_effector_pose.translation), DURATION)
