@@ -1,8 +1,7 @@
 """The quadratic program (QP) of a descent step: a quadratic model of the merit under linear limits.
 
 If the unconstrained minimum satisfies the limits, a Cholesky factorisation solves the QP, otherwise DAQP.
-This dual active-set solver ends at the exact solution for its active rows, so it is deterministic. It is fast
-for a few dozen unknowns.
+DAQP is a dual active-set solver. It is deterministic, and fast for a few dozen unknowns.
 
 Reference: D. Arnstroem, A. Bemporad, D. Axehill, "A dual active-set solver for embedded quadratic programming
 using recursive LDL^T updates", IEEE Transactions on Automatic Control 67 (2022).
@@ -24,16 +23,16 @@ from ffsms_pin.opt.search.inverse_kinematics import at_rest, braking, within_wor
 from ffsms_pin.opt.search.spline import Map, RateSpline
 from ffsms_pin.system import RobotLimits
 
-# The solver's tolerance. The margin of every row is 10 times the tolerance. Rows within 100 times the
-# tolerance are active.
+# The tolerance of DAQP. Bounds have a margin of 10 times the tolerance. Rows within 100 times the
+# tolerance of a bound are active at the start.
 _TOLERANCE = 1e-7
-_LEAST_STOP = 0.5  # [s] least braking time of joints after a contact
+_LEAST_STOP = 0.5  # [s] least value of the longest braking time, for joints that could stop faster
 
 
 class _Rows(NamedTuple):
-    """The rows lower <= matrix p_j <= upper for the control points p_j (M,) of every joint j.
+    """The rows lower <= matrix p_j <= upper of one kind, for the control points p_j (M,) of every joint j.
 
-    `matrix` is (k, M), the bounds are (k, n).
+    `matrix` is (k, M), and the bounds are (k, n).
     """
 
     kind: str
@@ -43,12 +42,12 @@ class _Rows(NamedTuple):
 
 
 class ControlQP:
-    """The QP of a step x, after which the control points p + x satisfy lower <= rows (p + x) <= upper.
+    """The QP for a step x from control points p, with the limits lower <= rows (p + x) <= upper.
 
-    The control points (M n,) are flattened with the joints last. `matrix` (k, M) has the rows of one joint,
-    which are the same for all joints, and `kinds` (k,) their kinds: "rate", "acceleration", "position",
-    "rest" (at the end) or "stop" (after the end). The first `moving` rows are those of the first three kinds.
-    The control points of an arm that brakes from the start are always feasible.
+    The control points (M n,) are flattened with the joints as the last axis. `matrix` (k, M) has the rows of
+    one joint, which are the same for all joints. `kinds` (k,) has the kind of each row: "rate",
+    "acceleration", "position", "rest" (at the end) or "stop" (after the end). The first `moving` rows of the
+    QP have the first three kinds. Control points of an arm that brakes from the start are always feasible.
     """
 
     def __init__(self, problem: Problem, spline: RateSpline) -> None:
@@ -63,20 +62,20 @@ class ControlQP:
         lower = np.vstack([kind.lower for kind in kinds]).ravel() + 10.0 * _TOLERANCE
         upper = np.vstack([kind.upper for kind in kinds]).ravel() - 10.0 * _TOLERANCE
         self.moving = n * sum(kind not in ("rest", "stop") for kind in self.kinds)
-        # A start at or beyond its limit must remain feasible.
+        # The bounds are widened, so that braking is feasible if the start is at a limit or beyond it.
         at = self._along(np.zeros((size, n)) if spline.changes else braking(problem, spline))
         self.lower = np.minimum(np.maximum(lower, -UNBOUNDED), at)
         self.upper = np.maximum(np.minimum(upper, UNBOUNDED), at)
 
     def within(self, p: FloatArray) -> FloatArray:
-        """Scale control points down until they satisfy all limits but those of rest and stopping."""
+        """Scale control points down until they satisfy the rows of all kinds except "rest" and "stop"."""
         at = self._along(p)[: self.moving]
         return p * self.share(at, self.lower[: self.moving], self.upper[: self.moving])
 
     def solve(self, hessian: FloatArray, gradient: FloatArray, p: FloatArray) -> FloatArray:
-        """Minimise 1/2 x^T hessian x + gradient^T x over steps x from p; return x in the shape of p (M, n).
+        """Minimise 1/2 x^T hessian x + gradient^T x over feasible steps x from p; return x (M, n).
 
-        Locked joints do not move.
+        Locked joints do not move. If DAQP fails, the step is the unconstrained minimum scaled to the limits.
         """
         free = self._free
         step = np.zeros(p.size)
@@ -103,9 +102,9 @@ class ControlQP:
     ) -> FloatArray | None:
         """Return the best step x with low <= rows x <= high; None if DAQP fails.
 
-        With `factor`, the U of hessian = U^T U, DAQP minimises |z|^2 for z = U (x - unbounded). At first its
-        rows are those that are active or violated by the unconstrained minimum. Rows that the solution
-        violates are added, until there are none.
+        `factor` is U with hessian = U^T U. DAQP minimises |z|^2 for z = U (x - unbounded). Its first rows are
+        the active rows and the rows that the unconstrained minimum violates. Rows that the solution violates
+        are added until the solution satisfies all rows.
         """
         touched = 100.0 * _TOLERANCE
         new = np.flatnonzero((move > high) | (move < low) | (high < touched) | (low > -touched))
@@ -125,21 +124,21 @@ class ControlQP:
                 *bounds,
                 held[rows],
                 primal_tol=_TOLERANCE,
-                iter_limit=5 * len(factor),  # three times suffice if there is a solution
+                iter_limit=5 * len(factor),  # 3 len(factor) suffice if there is a solution
             )
             if status != 1 or not np.isfinite(z).all():
                 return None
             step[self._free] = unbounded + kernel.solve_upper(factor, scale * z)
             held[rows] = np.where(info["lam"] > 0.0, 1, np.where(info["lam"] < 0.0, 3, 0))
-            outside_share = self._along(step.reshape(self.matrix.shape[1], -1))
-            outside = (outside_share > high + _TOLERANCE) | (outside_share < low - _TOLERANCE)
+            at = self._along(step.reshape(self.matrix.shape[1], -1))
+            outside = (at > high + _TOLERANCE) | (at < low - _TOLERANCE)
             outside[rows] = False
             new = np.flatnonzero(outside)
             if not new.size:
                 return step
 
     def active(self, p: FloatArray) -> list[tuple[str, int]]:
-        """Return kind and joint of the limits active at control points p (M, n), the most frequent first."""
+        """Return (kind, joint) of the limits active at control points p (M, n), the most frequent first."""
         at, lower, upper = self._along(p), self.lower, self.upper
         touched = (at > upper - 1e-4 * np.abs(upper)) | (at < lower + 1e-4 * np.abs(lower))
         places = np.argwhere(touched[: self.moving].reshape(-1, p.shape[1]))
@@ -149,15 +148,15 @@ class ControlQP:
     @staticmethod
     def share(move: FloatArray, low: FloatArray, high: FloatArray) -> float:
         """Return the largest share of a move, at most 1, that stays between `low` and `high`."""
-        outside_share = (move > np.maximum(high, 0.0)) | (move < np.minimum(low, 0.0))
+        outside = (move > np.maximum(high, 0.0)) | (move < np.minimum(low, 0.0))
         bound = np.where(move > 0.0, high, low)
-        return max(0.0, float((bound[outside_share] / move[outside_share]).min(initial=1.0)))
+        return max(0.0, float((bound[outside] / move[outside]).min(initial=1.0)))
 
 
 def _slowing(bounds: RobotLimits) -> float:
-    """Return the braking distance of joints divided by their rate [s], half of the longest braking time.
+    """Return the ratio of braking distance to joint rate [s], which is half of the longest braking time.
 
-    Rates decrease fastest half-way, with 1.5 times the mean deceleration.
+    The peak of the deceleration is 1.5 times its mean.
     """
     longest = 1.5 * bounds.velocity / bounds.acceleration
     return 0.5 * float(longest[np.isfinite(longest)].max(initial=_LEAST_STOP))
@@ -169,11 +168,11 @@ def _solved(factor: FloatArray, right: FloatArray) -> FloatArray:
 
 
 def _rows(problem: Problem, spline: RateSpline) -> list[_Rows]:
-    """Return the rows of joint bounds, and rows for rest at the end or for stopping after the end."""
+    """Return the rows of the joint limits, and the rows for joints at rest at the end or stopped after it."""
     rates0, rows = problem.joint_rates, list[_Rows]()
 
     def add(kind: str, scale: float, points: Map, lower: FloatArray, upper: FloatArray) -> None:
-        """Append rows, multiplied by `scale` so that rows of all kinds have a similar size."""
+        """Append rows, multiplied by `scale` to give rows of all kinds a similar size."""
         offset = points.given(rates0)  # the contribution of the initial state
         least, most = offset if offset.ndim == 3 else (offset, offset)
         rows.append(_Rows(kind, scale * points.free, scale * (lower - least), scale * (upper - most)))
@@ -194,7 +193,7 @@ def _rows(problem: Problem, spline: RateSpline) -> list[_Rows]:
         at_end = Map(spline.rates.free[-1:], spline.rates.fixed[-1:])
         add("rest", 1.0, at_end, -at_rest(problem), at_rest(problem))
     elif problem.goal.coast is not None and (spline.changes or within_workspace(problem)):
-        # A goal out of the workspace is not met, so there is no contact after which joints would brake.
+        # If the goal is outside the workspace, there is no contact, and joints need not brake after it.
         for bounds in filter(None, (limit.joint_bounds for limit in problem.limits)):
             on = problem.goal.coast + _slowing(bounds)
             ends = [

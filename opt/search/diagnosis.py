@@ -1,4 +1,4 @@
-"""The diagnosis of a failed plan: start, workspace, duration, or limits that block it."""
+"""The diagnosis of a failed plan: its causes, and a duration that would be sufficient."""
 
 from __future__ import annotations
 
@@ -30,25 +30,28 @@ from ffsms_pin.opt.search.spline import FINE
 from ffsms_pin.opt.trajectory import Trajectory, measure
 
 Kinds: TypeAlias = list[tuple[str, int]]  # kinds of joint limits, with indices of joints
-Attempt: TypeAlias = Callable[[Problem, FloatArray], bool]  # see `explain`
+Attempt: TypeAlias = Callable[[Problem, FloatArray], bool]  # a check of another duration, see `explain`
 _LONGER = (1.25, 1.5, 2.0, 3.0)  # factors on the failed duration
 
 
 def with_limit_notes(
     problem: Problem, plan: Trajectory, again: Callable[[Problem], Trajectory]
 ) -> Trajectory:
-    """Return a failed plan with notes of its active limits; `again` plans another problem."""
+    """Return a failed plan with notes of its active limits.
+
+    `again(problem)` returns the plan of a quick search for another problem.
+    """
     motion, notes = problem.motion(plan.joint_rates), [plan.note]
     for limit in (limit for limit in problem.limits if limit.name in plan.binding):
         nearest = violation_of(limit, motion).nearest
         if nearest:
             notes.append(f"blocked by {nearest}")
         elif limit.eased_by_time and limit.name not in plan.broken:
-            # No limit is violated, so a motion without the limit shows the shortage.
+            # The plan satisfies the limit, so only a motion without the limit shows why the limit is active.
             others = [_Nothing(other.name) if other is limit else other for other in problem.limits]
             free = again(replace(problem, limits=others))
             note = violation_of(limit, problem.motion(free.joint_rates)).note if free.reached else ""
-            if note:  # the note of the motion without the limit
+            if note:
                 notes.append(f"without the limit '{limit.name}' a motion arrives, but {note}")
     return noted(plan, *notes)
 
@@ -70,9 +73,9 @@ class _Nothing(Limit):
 
 
 def refused(problem: Problem) -> Trajectory | None:
-    """Return a plan at rest if no motion from the start satisfies the limits; else None.
+    """Return a plan at rest if no motion from the start can satisfy the limits, otherwise None.
 
-    `InvalidValue` is raised if the start overlaps an obstacle, or if the target is inside an obstacle.
+    Raise `InvalidValue` if the start overlaps an obstacle, or if the target is inside an obstacle.
     """
     still = np.zeros((problem.steps + 1, problem.sms.n))
     begin = problem.motion(still[:2])
@@ -105,20 +108,21 @@ def explain(
 ) -> Trajectory:
     """Return a failed plan with a note of its error, the active limits, and a sufficient duration.
 
-    `goals` are the joint goals of the search, `binding` the active joint limits (kind and joint).
-    `attempt(problem, joints)` returns whether a problem with another duration is solved by straight moves to
-    joint goals near `joints` (K, n), or by a quick search if K is 0.
+    `goals` are the joint goals of the search, and `binding` has (kind, joint) of the active joint limits.
+    `attempt(problem, joints)` is called with problems of other durations. It returns whether straight moves
+    to joint goals near `joints` (K, n) solve the problem, or a quick search if K is 0.
     """
     why = reasons(problem, plan, binding, goals)
     if arrives_while_tumbling(problem, plan):
-        # Active limits during the motion are no reason, and more time does not reduce the rotation rate.
+        # Limits that are active during the motion are not the reason, and a longer duration does not reduce
+        # the robot's rotation rate.
         return noted(plan, plan.note, _cannot_stay(problem, plan))
     if plan.reached:  # the plan only misses the tolerance, so no other duration is tried
         return noted(plan, plan.note, *why)
     at = "({:.4f}, {:.4f}, {:.4f})".format(*plan.end_effector[-1])
     ends = f"ends {plan.position_error[-1]:.4f} m from the target, at {at}, the nearest position found"
     if (turned := plan.orientation_error[-1]) > 0.0:
-        ends += f", turned {turned:.4f} rad from the desired attitude"
+        ends += f", rotated by {turned:.4f} rad from the desired attitude"
     if not within_workspace(problem):
         return noted(plan, ends, plan.note, *why)
     if problem.goal.exact:
@@ -158,16 +162,16 @@ def reasons(problem: Problem, plan: Trajectory, binding: Kinds, goals: JointGoal
     far = not error <= 0.05 * problem.stack.length
     if goals is not None and len(goals.joints) and not len(goals.near(problem)) and far:
         return ["binding: probably the workspace, because no posture that was tried is near the goal"]
-    return ["no limit is active; no motion was found that ends nearer"]
+    return ["no limit is active; no motion was found that ends nearer to the goal"]
 
 
 def arrives_while_tumbling(problem: Problem, plan: Trajectory) -> bool:
-    """Return whether a tumbling robot is at the goal at the deadline, but not in all of the last tenth."""
+    """Return whether a tumbling robot is at the goal at the deadline, but not during the whole last tenth."""
     return problem.tumbles and plan.within_tolerance and not (plan.reached or plan.broken)
 
 
 def _cannot_stay(problem: Problem, plan: Trajectory) -> str:
-    """Describe the joint rates that a tumbling robot needs to stay at the goal in the last tenth."""
+    """Describe the joint rates with which a tumbling robot would stay at the goal during the last tenth."""
     from scipy.optimize import linprog  # slow to load
 
     sms, largest, drift = problem.sms, 0.0, 0.0
@@ -178,7 +182,8 @@ def _cannot_stay(problem: Problem, plan: Trajectory) -> str:
         J = state.J_star[rows] * problem.free
         resting = state.end_effector_twist[rows] - J @ plan.v[k, 6:]
         drift = max(drift, float(np.linalg.norm(resting[:3])))
-        # The least share x of the rate limits with which the joints hold the end effector: J u = -resting.
+        # The least share x of the rate limits for which joint rates u hold the end effector: J u = -resting,
+        # where `resting` is the end effector's twist with the joints at rest.
         n, limit = sms.n, np.minimum(sms.limits.velocity, 1e6)
         bounds = np.block([[np.eye(n), -limit[:, None]], [-np.eye(n), -limit[:, None]]])
         columns = np.hstack([J, np.zeros((len(J), 1))])
@@ -186,20 +191,20 @@ def _cannot_stay(problem: Problem, plan: Trajectory) -> str:
             np.append(np.zeros(n), 1.0), bounds, np.zeros(2 * n), columns, -resting, [(None, None)] * (n + 1)
         )
         largest = max(largest, float(solution.fun)) if solution.status == 0 else np.inf
-    needed = "no joint rates hold it there"
+    needed = "no joint rates hold the end effector"
     if np.isfinite(largest):
-        needed = f"to hold it there takes {largest:.2g} times the joints' rate limits"
+        needed = f"holding the end effector takes {largest:.2g} times the joints' rate limits"
     return (
-        "it is at the target at the deadline, and no motion was found that stays there: the robot turns, "
-        f"which carries a resting end effector off by {drift:.2g} m/s, and in the postures of this plan "
-        f"{needed}"
+        "the end effector is at the target at the deadline, but no motion was found that stays at it; "
+        f"with joints at rest the rotating robot carries the end effector off by {drift:.2g} m/s; in the "
+        f"postures of this plan, {needed}"
     )
 
 
 def moving_end_note(problem: Problem, plan: Trajectory) -> str:
-    """Describe joint rates that hold the end effector at the deadline on a rotating base.
+    """Describe the joint rates that hold the end effector at the deadline while the base rotates.
 
-    The description is empty if the joints are at rest.
+    The text is empty if the joints are at rest.
     """
     rates = np.abs(plan.joint_rates[-1])
     holds = problem.tumbles and problem.place.rests and plan.reached
@@ -208,12 +213,12 @@ def moving_end_note(problem: Problem, plan: Trajectory) -> str:
     share = float((rates / problem.sms.limits.velocity).max())
     return (
         f"the joints still move at the deadline, with up to {share:.0%} of their rate limits, to hold the "
-        "end effector at the target while the base turns"
+        "end effector at the target while the base rotates"
     )
 
 
 def joint_limits_used(problem: Problem, plan: Trajectory, nodes: slice = slice(None)) -> Kinds:
-    """Return kind and joint of the joint limits that a plan reaches at `nodes`, sorted by active time."""
+    """Return (kind, joint) of the joint limits that a plan reaches at `nodes`, the longest active first."""
     uses: list[tuple[int, str, int]] = []
     for bounds in (limit.joint_bounds for limit in problem.limits if limit.joint_bounds is not None):
         joints, whole = plan.joint_positions[nodes], bounds.upper - bounds.lower
@@ -228,16 +233,16 @@ def joint_limits_used(problem: Problem, plan: Trajectory, nodes: slice = slice(N
 
 
 def noted(plan: Trajectory, *notes: str, **changes: Any) -> Trajectory:
-    """Return a plan with its note replaced by the nonempty `notes`, and other changes."""
+    """Return a plan with other fields; its note is the nonempty `notes`, joined by semicolons."""
     return replace(plan, note="; ".join(filter(None, notes)), **changes)
 
 
 def _sufficient(problem: Problem, goals: JointGoals, more_time_helps: bool, attempt: Attempt) -> float:
-    """Return the first sufficient duration [s] among a few multiples of the problem's; 0 if there is none.
+    """Return the first sufficient duration [s] among multiples of the problem's duration; 0 if all fail.
 
-    Without momentum a joint path ends at the same place at any speed. So more time helps only if a limit that
-    depends on speed is active (`more_time_helps`), or if a feasible straight move to the goal needs more
-    time. `opt.shortest` computes the least duration.
+    Without momentum the end pose of a joint path does not depend on the speed. So more time helps only if a
+    limit that depends on the speed is active (`more_time_helps`), or if a feasible straight move to the goal
+    takes more time. `opt.shortest` computes the least duration.
     """
     if problem.goal.moves:
         return 0.0  # a moving goal depends on the deadline
@@ -248,7 +253,7 @@ def _sufficient(problem: Problem, goals: JointGoals, more_time_helps: bool, atte
         return 0.0
     longer = [factor * problem.duration for factor in _LONGER]
     if not len(there):
-        longer = longer[-1:]  # a quick search takes much computing time, so only one is tried
+        longer = longer[-1:]  # a quick search takes long, so only the longest duration is tried
     elif least > longer[-1]:
         longer = [1.1 * least]
     tried = (duration for duration in longer if duration >= least)
@@ -256,10 +261,10 @@ def _sufficient(problem: Problem, goals: JointGoals, more_time_helps: bool, atte
 
 
 def too_short(problem: Problem, goals: JointGoals) -> float:
-    """Return a duration [s] below which a search does not succeed; 0 if none is known."""
+    """Return a duration [s] below which a search is not expected to succeed; 0 if it is unknown."""
     if problem.momentum is not None or problem.joint_rates.any() or problem.goal.moves:
         return 0.0
-    # No known plan is faster than the fastest straight move by more than this factor.
+    # In all known plans the motion takes at least 1 / 1.5 of the time of the fastest straight move.
     return min(straight_time(problem, goals.near(problem)).tolist(), default=0.0) / 1.5
 
 
@@ -269,7 +274,7 @@ def keep_limits(model: Model, goals: FloatArray) -> NDArray[np.bool_]:
         return np.zeros(0, dtype=bool)
     problem, spline = model.problem, model.spline
     p = moves_to(problem, spline, goals)
-    # Moves that end before their goals for lack of time are scaled to full length, except joints at rest.
+    # Moves that are shortened because of the duration are scaled to full length, except for joints at rest.
     displacements = goals - problem.joints0
     done = spline.position_points.of(p, problem.joint_rates)[:, -1]
     p *= np.divide(displacements, done, out=np.ones_like(displacements), where=np.abs(done) > 1e-6)[:, None]
@@ -277,7 +282,7 @@ def keep_limits(model: Model, goals: FloatArray) -> NDArray[np.bool_]:
 
 
 def _time_within_reach(problem: Problem) -> str:
-    """Describe the interval of time nearest to the deadline in which a moving goal is within reach."""
+    """Describe the time interval, nearest to the deadline, in which a moving goal is within reach."""
     t, inside = _within_reach(problem)
     if not inside.any():
         return f"the goal is not within reach at any time in the next {t[-1]:.0f} s"
@@ -285,12 +290,12 @@ def _time_within_reach(problem: Problem) -> str:
     outside = np.flatnonzero(~inside)
     first = t[int(outside[outside < k].max(initial=-1)) + 1]
     last = t[int(outside[outside > k].min(initial=len(t))) - 1]
-    best = f"the best time to try is a deadline near {0.5 * (first + last):.1f} s"
-    return f"the goal is within reach from {first:.1f} s to {last:.1f} s: {best}"
+    remedy = f"set a deadline near {0.5 * (first + last):.1f} s"
+    return f"the goal is within reach from {first:.1f} s to {last:.1f} s; {remedy}"
 
 
 def _too_fast(problem: Problem, goals: JointGoals) -> str:
-    """Return a message if moving with the goal at the deadline requires joint rates above their limits."""
+    """Return a message if matching the goal's twist at the deadline takes joint rates above their limits."""
     place, near = problem.place, goals.near(problem)
     if place.velocity is None or place.angular_velocity is None or not len(near):
         return ""
@@ -301,7 +306,7 @@ def _too_fast(problem: Problem, goals: JointGoals) -> str:
     share = float(np.abs(rates / problem.sms.limits.velocity).max(axis=1).min())
     if share <= 1.0:
         return ""
-    return f"too fast: to move with the goal at the deadline takes {share:.1f} times the joints' rate limits"
+    return f"too fast: moving with the goal at the deadline takes {share:.1f} times the joints' rate limits"
 
 
 def _within_reach(problem: Problem) -> tuple[FloatArray, NDArray[np.bool_]]:

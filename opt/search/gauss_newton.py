@@ -1,8 +1,8 @@
 """The Levenberg-Marquardt method for several motions in parallel, within the joint limits.
 
-The residuals are those of terms, goal and limits, with their slopes with respect to the control points of a
-spline. By successive halving many motions get a few iterations, and the best of them more iterations on a
-finer spline.
+The residuals are those of terms, goal and limits. Their slopes are with respect to the control points of a
+spline. By successive halving, many motions get a few iterations, and the best motions get more iterations on
+a finer spline.
 
 References: J. Nocedal, S. J. Wright, "Numerical Optimization", 2nd ed., 2006, ch. 10; K. Jamieson, A.
 Talwalkar, "Non-stochastic best arm identification and hyperparameter optimization", 2016.
@@ -35,12 +35,12 @@ from ffsms_pin.system.batch.stacks import dot
 class Weights(NamedTuple):
     """The weights of goal and limits, and the smoothing of the paper's cost.
 
-    They are for a motion of 8 s of an arm one metre long, and are scaled by duration and arm length. `end` is
-    the weight of the goal's errors at the deadline [1/m^2]; errors beyond the reach in the last tenth have a
-    tenth of this weight. `limits` is the weight of the limits' residuals, integrated over time [1/s].
-    `tie_break` multiplies the weights of terms with `Term.smooths`. For `fade_speed` and `fade_distance`, in
-    arm lengths, see `Smoothing`. With `firm` steps keep the end fixed while they reduce the cost
-    (`deadzone`); without `firm` most long steps fail.
+    The values are for a motion of 8 s of an arm one metre long, and are scaled by duration and arm length.
+    `end` is the weight of the goal's errors at the deadline [1/m^2]; errors beyond the reach in the last
+    tenth have a tenth of this weight. `limits` is the weight of the limits' residuals, integrated over time
+    [1/s]. `tie_break` multiplies the weights of terms with `Term.smooths`. For `fade_speed` and
+    `fade_distance`, in arm lengths, see `Smoothing`. If `firm` is true, steps that reduce the cost keep the
+    final pose nearly fixed (see `deadzone`).
     """
 
     end: float
@@ -57,7 +57,10 @@ class Weights(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Model:
-    """A problem on a spline, with the QP of descent steps; `goal` may be that of `corrected_goal`."""
+    """A problem on a spline, with the QP of descent steps.
+
+    `goal` is the goal of the problem, or the corrected goal of `corrected_goal`.
+    """
 
     problem: Problem
     goal: Goal
@@ -73,12 +76,12 @@ class Model:
 
     @cached_property
     def damping(self) -> FloatArray:
-        """The Hessian (Mn, Mn) of unit damping of rates, or of accelerations if the spline is a change."""
+        """The Hessian (Mn, Mn) of damping: of rates, or of accelerations if `spline.changes`."""
         n, squares = self.problem.sms.n, np.eye(self.spline.size)
         if self.spline.changes:
             # For M control points over the time T, |p|^2 is M / T times the integral of the squared rates.
-            # For rates in the form of an arc, the integral of the squared accelerations is 10 / T^2 times
-            # that integral.
+            # For parabolic rates, zero at both ends, the integral of the squared accelerations is 10 / T^2
+            # times the integral of the squared rates.
             squares = (
                 0.1 * self.spline.size * self.problem.duration * self.spline.squared_acceleration[1:, 1:]
             )
@@ -93,13 +96,13 @@ class Model:
 class Candidates(NamedTuple):
     """A stack of S candidate motions of one model; every array has S rows.
 
-    `p` (S, M, n) are the control points, and `damping` (S,) the factors on `Model.damping`. `merit` (S,) is
-    the weighted sum of squares of all residuals, `objective` (S,) that of the terms without smoothing.
+    `p` (S, M, n) are the control points, and `damping` (S,) are factors on `Model.damping`. `merit` (S,) is
+    the weighted sum of squares of all residuals, and `objective` (S,) the sum of the terms without smoothing.
     `gradient` (S, Mn) and `hessian` (S, Mn, Mn) are half of the merit's gradient and of its Gauss-Newton
-    Hessian, or zero if they were not computed. `end_share` and `late_share` (S,) are the largest errors at
-    the deadline and in the last tenth, divided by tolerance and reach. `limit_share` and `blocked_share` (S,)
-    are the largest residuals divided by the limit's margin, of all limits and of those with `Limit.blocks`. A
-    finished single candidate has a `plan`.
+    Hessian, or zero if they were not computed. `end_share` (S,) is the largest error at the deadline divided
+    by the tolerance, and `late_share` (S,) the largest error in the last tenth divided by the reach.
+    `limit_share` (S,) is the largest residual of a limit divided by the limit's margin, and `blocked_share`
+    (S,) the same for limits with `Limit.blocks`. A single finished candidate has a `plan`.
     """
 
     model: Model
@@ -136,7 +139,7 @@ class Candidates(NamedTuple):
 
 
 class Arrival(NamedTuple):
-    """The residuals of S motions at their goal; a radian, a m/s or a rad/s is weighted like a metre."""
+    """The residuals of S motions at their goal; 1 rad, 1 m/s and 1 rad/s are weighted like 1 m."""
 
     end: list[Variable]  # at the deadline
     tail: list[Variable]  # in the last tenth of the time
@@ -145,7 +148,10 @@ class Arrival(NamedTuple):
 
 
 def arrival(goal: Goal, motions: Rollouts, firm: bool = False) -> Arrival:
-    """Return residuals of the pose error at the goal beyond its tolerance; for `firm` see `Weights`."""
+    """Return the residuals of motions at a goal; for `firm` see `Weights`.
+
+    Pose errors within the tolerance, or within the reach before the deadline, have the residual zero.
+    """
     (end, tail), m = arrivals(goal), Variables(motions)
     late, last = slice(int(motions.last_tenth[0]), None), slice(motions.last, None)
     places, place = goal.places(motions.times[late]), goal.place(motions.duration)
@@ -157,9 +163,9 @@ def arrival(goal: Goal, motions: Rollouts, firm: bool = False) -> Arrival:
         moving.append((m.velocity.during(last) - place.velocity, goal.tolerance))
     if place.angular_velocity is not None:
         moving.append((m.angular_velocity.during(last) - place.angular_velocity, goal.tolerance))
-    firm = firm and not goal.exact  # in a narrow corridor the approach matters more than the end
+    firm = firm and not goal.exact  # for a client, the narrow approach matters more than the final pose
     ends = [deadzone(x, end.share * most, firm) for x, most in at_end] + [x for x, _ in moving]
-    (displacement, reach), *turns = near  # before the deadline the residual is a distance, not a vector
+    (displacement, reach), *turns = near  # before the deadline the residual is the length of the displacement
     tails: list[Any] = [np.maximum(displacement.norm() - tail.share * reach, 0.0)]
     tails += [deadzone(x, tail.share * most) for x, most in turns]
     end_residuals, tail_residuals = ([x.at_once() for x in residuals] for residuals in (ends, tails))
@@ -167,7 +173,7 @@ def arrival(goal: Goal, motions: Rollouts, firm: bool = False) -> Arrival:
 
 
 def _share(errors: list[tuple[Variable, float]]) -> FloatArray:
-    """Return the largest ratio (S,) of the length of an error to its tolerance."""
+    """Return the largest ratio (S,) of error length to tolerance, over all errors and instants."""
     return reduce(np.maximum, [np.sqrt(dot(x.value, x.value)).max(axis=1) / most for x, most in errors])
 
 
@@ -178,13 +184,14 @@ def motions_of(
     smoothing: Smoothing = EXACT,
     goal: Goal | None = None,
 ) -> Rollouts:
-    """Roll out control points p (S, M, n) at the spline's instants; `goal` replaces that of the problem.
+    """Roll out control points p (S, M, n) at the spline's instants; `goal` replaces the problem's goal.
 
-    dR/dt = R [omega]x, with omega the sum of spin @ u and the contribution of the total momentum, is
-    integrated by collocation at the spline's Gauss points.
+    The base's attitude R satisfies dR/dt = R [omega]x, where omega is the sum of spin @ u, for the joint
+    rates u, and of the contribution of the total momentum. R is integrated by collocation at the Gauss points
+    of the spline.
     """
     stack, rates0 = problem.stack, problem.joint_rates
-    # The first axis is that of the joints, also in memory.
+    # The joints are the first axis, also in memory.
     joints, rates, accelerations = (
         p.transpose(2, 0, 1) @ mapping.free.T + mapping.given(rates0).T[:, None]
         for mapping in (spline.travel, spline.rates, spline.accelerations)
@@ -229,8 +236,8 @@ def linearise(
 ) -> Candidates:
     """Linearise the residuals of motions with control points p (S, M, n).
 
-    `damping` is (S,) or one value; the default is for stages after the first. Derivatives are computed only
-    for motions with a merit below `below`, (S,) or one value.
+    `damping` is (S,) or scalar; its default is for all stages except the first. Derivatives are computed only
+    for motions whose merit is less than `below`, (S,) or scalar.
     """
     problem, goal, count = model.problem, model.goal, len(p)
     length = problem.stack.length
@@ -272,7 +279,7 @@ def linearise(
 
 
 def _largest(residual: Variable, margin: float) -> tuple[Indices, FloatArray]:
-    """Return indices of motions, and their largest residuals as shares of the margin."""
+    """Return indices of motions, and the largest residuals of these motions divided by the margin."""
     motion, _ = residual.where or (None, None)
     value = np.abs(residual.value).reshape(-1, *residual.shape[-2:]).max(axis=0) / max(margin, 1e-12)
     return (np.arange(len(value)), value.max(axis=1)) if motion is None else (motion, value[0])
@@ -297,7 +304,7 @@ def gradients_and_hessians(
 ) -> tuple[FloatArray, FloatArray]:
     """Return gradients (S, Mn) and Hessians (S, Mn, Mn) of half the weighted sum of squares.
 
-    They are zero for motions whose index is not in `chosen`. In the axis Mn joints vary fastest.
+    Both are zero for motions whose index is not in `chosen`. Along the axis Mn the joints vary fastest.
     """
     count, size = motions.count, spline.size * motions.stack.n
     gradient, hessian = np.zeros((count, size)), np.zeros((count, size, size))
@@ -320,12 +327,15 @@ def gradients_and_hessians(
     return gradient, hessian
 
 
-_SHORTER = 0.3  # share of a step that is tried if the full step fails
+_SHORTER = 0.3  # length of the second trial step as a share of the full step, if the full step fails
 _SATISFIED = 0.5  # residual, as a share of a limit's margin, up to which a limit counts as satisfied
 
 
 def descend(motions: Candidates, weights: Weights, iterations: int) -> Candidates:
-    """Iterate all motions in parallel, in place, and return them; a motion that stalls is not continued."""
+    """Apply iterations of Levenberg-Marquardt to all motions in parallel, in place, and return the motions.
+
+    A motion whose merit stalls gets no further iterations.
+    """
     model, live, now = motions.model, np.arange(len(motions.p)), motions
     for left in reversed(range(iterations)):
         damped = now.hessian + now.damping[:, None, None] * model.damping
@@ -333,10 +343,10 @@ def descend(motions: Candidates, weights: Weights, iterations: int) -> Candidate
         steps = np.stack([model.qp.solve(H, g, p) for H, g, p in solved])
         flat = steps.reshape(now.gradient.shape)
         expected = -np.einsum("si,si->s", flat, 2.0 * now.gradient + (now.hessian @ flat[..., None])[..., 0])
-        # The last iteration needs no derivatives, because the weights change or the descent ends.
+        # The last iteration computes no derivatives, because the caller linearises again or is finished.
         new = linearise(model, now.p + steps, weights, below=now.merit if left else -np.inf)
-        # A shorter step often succeeds if the model lacks curvature, for example because a limit becomes
-        # active.
+        # The quadratic model may lack curvature, for example if a limit becomes active. Then a shorter step
+        # often succeeds.
         poor = np.flatnonzero(new.merit >= now.merit)
         if poor.size:
             p, below = now.p[poor] + _SHORTER * steps[poor], now.merit[poor] if left else -np.inf
@@ -345,7 +355,8 @@ def descend(motions: Candidates, weights: Weights, iterations: int) -> Candidate
         better = gain > 0.0
         ratio = gain / np.maximum(expected, 1e-15)
         factor = np.where(~better, 6.0, np.where(ratio > 0.7, 0.2, np.where(ratio > 0.3, 0.5, 2.0)))
-        # Motions with a gain of less than a thousandth, or with a failed step at a damping above 1e3, stop.
+        # A motion is finished if its merit decreases by less than a thousandth, or if its step fails at a
+        # damping above 1e3.
         little = gain < 1e-3 * (new.merit + 1e-4 * model.time)
         new.put(~better, now.take(~better))
         now = new._replace(damping=np.maximum(now.damping * factor, 1e-6))
@@ -363,15 +374,15 @@ def _weights(end: float, fade_speed: float, fade_distance: float, tie_break: flo
     return Weights(end, max(1e3, 0.1 * end), tie_break, fade_speed, fade_distance)
 
 
-# The weight of the end increases tenfold from stage to stage, because a stiff end from the beginning would
-# keep motions in the wrong homotopy class. The smoothing decreases.
+# The weight of the goal increases tenfold from stage to stage, because a large weight in the first stage
+# would keep motions in the wrong homotopy class. The smoothing decreases.
 LAST_WEIGHTS = _weights(1e5, 0.0, 0.0, 1.0)._replace(firm=True)
-# Iterations and weights of the stages of `refine`, the first on the coarse spline, the others on the fine.
+# Iterations and weights of the stages of `refine`: the first on the coarse spline, two on the fine spline.
 _LATER = (2, _weights(1e3, 0.03, 0.01)), (2, _weights(1e4, 0.03, 0.002)), (4, LAST_WEIGHTS)
 
 
 def coarse_stage(model: Model, p: FloatArray) -> Candidates:
-    """Iterate a few times from control points (S, M, n), and a few more times with the best motions."""
+    """Apply a few iterations to control points (S, M, n), and a few more to the six best motions."""
     first, then = _weights(1e2, 0.3, 0.03), _weights(1e2, 0.1, 0.03)
     motions = distinct_best(linearise(model, p, first, 0.3), len(p))
     motions = distinct_best(descend(motions, first, 3), 6)
@@ -379,10 +390,10 @@ def coarse_stage(model: Model, p: FloatArray) -> Candidates:
 
 
 def refine(pool: Candidates, fine: Model, keep: tuple[int, int, int], repeats: int = 1) -> Candidates:
-    """Refine a pool of early motions to a few on the fine spline, the best first.
+    """Select and refine motions of a pool in three stages; return the last ones, the best first.
 
-    `keep` has the numbers of motions that are kept in the three stages: on the coarse spline, on the fine
-    spline, and to convergence. `repeats` multiplies the iterations of each stage.
+    The first stage uses the coarse spline, the second and third the fine spline. `keep` has the number of
+    motions in each stage. `repeats` multiplies the iterations of each stage.
     """
     model, motions = pool.model, pool
     for k, (most, (iterations, weights)) in enumerate(zip(keep, _LATER, strict=True)):
@@ -394,11 +405,11 @@ def refine(pool: Candidates, fine: Model, keep: tuple[int, int, int], repeats: i
 
 
 def distinct_best(motions: Candidates, keep: int) -> Candidates:
-    """Return the `keep` best motions, without those within 0.05 rad or m of a better one in all joints.
+    """Return the `keep` best motions that differ from each other by more than 0.05 rad or m in some joint.
 
-    Motions are ranked by the sum of the smoothed merit, 0.3 times the exact objective, and the square of the
-    largest clearance violation beyond one margin, in margins. The last is included because a short motion
-    through a body has a small merit, and a descent does not recover from the collision.
+    Motions are ranked by the sum of the smoothed merit, 0.3 times the exact objective, and a penalty. The
+    penalty is the square of the largest clearance violation beyond one margin, in margins. Without the
+    penalty a short motion through a body has a good rank, but a descent cannot resolve the collision.
     """
     chosen: list[int] = []
     travels = motions.model.spline.travel.free @ motions.p
@@ -441,10 +452,10 @@ def arrival_error(goal: Goal, plan: Trajectory) -> float:
 
 
 def corrected_goal(problem: Problem, goal: Goal, plan: Trajectory) -> Goal | None:
-    """Return the next goal of a descent, if the descent to `goal` led to this plan; None if the plan arrives.
+    """Return the goal for the next descent, if a descent to `goal` gave `plan`; None if the plan arrives.
 
-    The goal is displaced by the error of the finished motion. Its reach is reduced if the motion ends at the
-    problem's goal but is too far from it in the last tenth.
+    The returned goal is displaced by the error of the plan. Its reach is smaller if the plan ends at the
+    problem's goal, but is too far from this goal during the last tenth.
     """
     within = arrival_error(problem.goal, plan) <= problem.goal.tolerance
     if plan.reached and within:
@@ -457,7 +468,7 @@ def corrected_goal(problem: Problem, goal: Goal, plan: Trajectory) -> Goal | Non
         float(plan.position_error[last].max()) / problem.goal.reach,
         float(plan.orientation_error[last].max()) / problem.goal.orientation_reach,
     )
-    # The factor on the reaches in the last tenth of the time.
+    # The factor on the reaches, which apply in the last tenth of the time.
     nearer = 0.95 / late if late > 1.0 and within else 1.0
     reaches = {"reach": nearer * goal.reach, "orientation_reach": nearer * goal.orientation_reach}
     return Changed(goal, lambda place: place.moved(displacement, turn), **reaches)

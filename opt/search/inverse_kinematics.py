@@ -1,7 +1,7 @@
 """Inverse kinematics with a reacting base: joint goals whose straight joint-space moves end at the target.
 
-The straight move to such a joint goal is an initial guess that arrives. Joint goals from postures spread over
-the joints' range, and near the start, lead to motions of different homotopy classes.
+The straight move to such a joint goal is an initial guess that arrives. Joint goals are computed from many
+postures, near the start and in the whole joint range, to find motions of different homotopy classes.
 """
 
 from __future__ import annotations
@@ -23,12 +23,13 @@ from ffsms_pin.system import RobotLimits
 from ffsms_pin.system.batch.arm import ArmValues
 from ffsms_pin.system.batch.stacks import apply, cross, dot, exp3, log3, products
 
-# [rad/s] Joint rates at the last node: small enough for rest, large enough for a direction of motion.
+# [rad/s] Largest joint rates at the last node of a motion that ends at rest. They are not zero, because the
+# paper's cost includes the direction of motion at this node.
 AT_REST = 8e-4
 
 
 def at_rest(problem: Problem) -> FloatArray:
-    """Return the rates (n,) up to which the joints count as at rest at the deadline."""
+    """Return the largest joint rates (n,) of an arm at rest at the deadline."""
     return np.minimum(AT_REST, 2e-3 * problem.sms.limits.velocity)  # the second bound is for slow arms
 
 
@@ -60,7 +61,7 @@ class JointGoals(NamedTuple):
 class _GoalFromStart(NamedTuple):
     """The desired place of a frame at the end of a joint-space move.
 
-    It is relative to the base, or to the base's initial axes at the system's final centre of mass.
+    The place is in the axes of the base, or in the base's initial axes at the system's final centre of mass.
     """
 
     place: Place
@@ -69,9 +70,9 @@ class _GoalFromStart(NamedTuple):
     def pose_error(
         self, arm: ArmValues, R: FloatArray, path_turning: FloatArray | None = None
     ) -> tuple[FloatArray, FloatArray]:
-        """Return pose errors (3 to 6, K) at the ends of moves, and their slopes (3 to 6, n, K).
+        """Return pose errors (3 to 6, K) at the ends of moves, and slopes for joint goals (3 to 6, n, K).
 
-        The slopes are with respect to joint goals. For the arguments see the results of `straight_ends`.
+        The arguments are the results of `straight_ends`.
         """
         position, rotation, linear, angular = self.frame.of_arm(arm)
         if not self.place.moves_with_base:
@@ -87,7 +88,7 @@ class _GoalFromStart(NamedTuple):
 
 
 def _goals_from_start(problem: Problem) -> list[_GoalFromStart]:
-    """Return the places of the problem's goal and of `Limit.ends`, see `_GoalFromStart`."""
+    """Return the desired places of the problem's goal and of `Limit.ends`."""
     turn = problem.rotation0
     origin = problem.com0 + problem.duration * problem.drift
     ends = [FrameEnd(RobotFrame.of(problem.stack), problem.place)]
@@ -101,17 +102,17 @@ def _goals_from_start(problem: Problem) -> list[_GoalFromStart]:
 def joint_goals(problem: Problem, joints: FloatArray) -> JointGoals:
     """Compute joint goals whose straight moves end near the goal, by Newton's method from postures (K, n).
 
-    The iteration ends early if half of the moves end at the goal. Its slopes are those of J* at the end of
-    the move. If the base rotates far, they include the change of the base's rotation along the move
-    (`straight_ends`). With an angular momentum the moves are rolled out in time (`_tumbling_straight_ends`).
+    The iteration ends early if half of the moves end at the goal. The slopes of Newton's method are those of
+    J* at the end of the move. If the base rotates far, the slopes include the change of the base's rotation
+    along the move (`straight_ends`). With angular momentum the moves are rolled out in time.
     """
     arm, places, start, iterations = problem.stack, _goals_from_start(problem), problem.joints0, 20
     low, high = joint_range(problem)
     inset = np.where(problem.free, 0.0025 * (high - low), 0.0)
-    large = 0.5  # [rad or m] the largest step of a joint, and a base rotation that requires exact slopes
+    large = 0.5  # [rad or m] the largest step of a joint; also the base rotation above which slopes are exact
     goals = np.where(problem.free, joints, start)
-    # With a limit on the attitude, moves with little base rotation are preferred. In re-planning they are
-    # not, because the base has rotated before.
+    # With a limit on the base's attitude, moves with little base rotation are preferred. In re-planning they
+    # are not preferred, because the base has already rotated.
     steady = problem.base_start is None and any(limit.holds_attitude for limit in problem.limits)
     exact = False
     path_turning: FloatArray | None
@@ -131,8 +132,8 @@ def joint_goals(problem: Problem, joints: FloatArray) -> JointGoals:
         if k == iterations - 1 or (k >= 5 and np.median(distance) < 1e-3 * arm.length):
             break
         J = columns.transpose(2, 0, 1) * problem.free
-        # Within a tenth of the arm's length of the target the damping is reduced, so that moves to nearly
-        # singular postures converge fast, too.
+        # Close to the target (a tenth of the arm's length) the damping is reduced. Moves to nearly singular
+        # postures then converge fast, too.
         near = np.clip(np.sqrt(dot(error, error)) / (0.1 * arm.length), 1e-4, 1.0)
         step = least_squares(J, error.T, _DAMPING * (arm.length * near)[:, None, None] ** 2)
         step *= np.minimum(1.0, large / np.maximum(np.abs(step).max(axis=1), 1e-9))[:, None]
@@ -141,7 +142,7 @@ def joint_goals(problem: Problem, joints: FloatArray) -> JointGoals:
 
 
 def least_squares(J: FloatArray, values: FloatArray, damping: float | FloatArray) -> FloatArray:
-    """Return the least joint displacements u (K, n) with J u near `values`, (m,) or (K, m)."""
+    """Return the damped least-squares solutions u (K, n) of J u = values, with values (m,) or (K, m)."""
     rows, Jt = J.shape[1], np.swapaxes(J, 1, 2)
     values = np.broadcast_to(values[..., None], (len(J), rows, 1))
     return np.asarray((Jt @ np.linalg.solve(J @ Jt + damping * np.eye(rows), values))[..., 0])
@@ -152,13 +153,13 @@ def straight_ends(
 ) -> tuple[ArmValues, FloatArray, FloatArray | None]:
     """Return the ends of straight moves to joint goals (K, n) without momentum.
 
-    They are the arm and the base's rotation from the start (3, 3, K). With `exact` the third result (3, n, K)
-    is the slope of that rotation with respect to the joint goals, minus the base's angular velocity per joint
-    rate at the end. The difference is not zero, because another goal changes the whole move. All are in the
-    base's axes at the start.
+    The results are the arm at the end, the base's rotation from the start (3, 3, K), and a correction of
+    slopes (3, n, K), which is None without `exact`. The correction is the slope of the base's rotation with
+    respect to the joint goals, minus the base's angular velocity per joint rate at the end. It is not zero,
+    because another joint goal changes the whole move. Axes are those of the base at the start.
     """
     stack, start = problem.stack, problem.joints0
-    # A few instants are sufficient for a small base rotation with an error of 1e-4 rad.
+    # With four instants the error of a small base rotation is 1e-4 rad.
     s, weights = gauss(12 if exact else 4)
     displacement = (goals - start).T[..., None]
     values = stack.evaluate(start[:, None, None] + displacement * np.append(s, 1.0))
@@ -175,7 +176,7 @@ def straight_ends(
 
 
 def _tumbling_straight_ends(problem: Problem, goals: FloatArray) -> tuple[ArmValues, FloatArray, FloatArray]:
-    """Return the exact results of `straight_ends` for a robot with angular momentum.
+    """Return the results of `straight_ends(exact=True)` for a robot with angular momentum.
 
     The moves have the time law of `straight_moves`.
     """
@@ -212,8 +213,8 @@ def halton(first: int, count: int, dimensions: int) -> FloatArray:
 def spread_postures(problem: Problem, first: int, count: int, radius: float = np.inf) -> FloatArray:
     """Return joint positions (count, n), evenly spread within a radius of the start [rad or m].
 
-    `first` is the number of postures drawn before. Joints that move no frame with a goal, for example those
-    of a second arm, keep their positions.
+    `first` is the number of postures in earlier calls. Joints that move no frame with a goal, for example the
+    joints of a second arm, keep their positions.
     """
     low, high = joint_range(problem)
     start = problem.joints0
@@ -225,7 +226,7 @@ def spread_postures(problem: Problem, first: int, count: int, radius: float = np
 
 
 def joint_range(problem: Problem) -> tuple[FloatArray, FloatArray]:
-    """Return the range of joint goals: the position limits, or pi to each side of the start without them."""
+    """Return the range of joint goals: the position limits, without limits pi on each side of the start."""
     limits, start = problem.sms.limits, problem.joints0
     low = np.where(np.isfinite(limits.lower), limits.lower, start - np.pi)
     high = np.where(np.isfinite(limits.upper), limits.upper, start + np.pi)
@@ -240,12 +241,12 @@ def straight_time(problem: Problem, goals: FloatArray) -> FloatArray:
 def least_time(limits: RobotLimits, displacement: FloatArray, begin: Any = 0.0, end: Any = 0.0) -> FloatArray:
     """Return the least time [s] for joint displacements (..., n) under limits of rates and accelerations.
 
-    `begin` and `end` are the joint rates at both ends. Each joint is a double integrator with a bang-bang
-    law: it accelerates to a peak rate, keeps it if that is the rate limit, and decelerates.
+    `begin` and `end` are the joint rates at both ends. Each joint is a double integrator: it accelerates to a
+    peak rate, keeps this rate if it is the rate limit, and decelerates.
     """
     a = np.minimum(limits.acceleration, 1e12)
-    # The displacement while the rate changes directly from `begin` to `end`. The sign of the remaining
-    # displacement is the direction of the motion.
+    # `ramp` is the displacement while the rate changes directly from `begin` to `end`. The sign of the
+    # remaining displacement is the direction of the motion.
     ramp = 0.5 * (begin + end) * np.abs(end - begin) / a
     sense = np.where(displacement >= ramp, 1.0, -1.0)
     displacement, begin, end = sense * displacement, sense * begin, sense * end
@@ -257,19 +258,19 @@ def least_time(limits: RobotLimits, displacement: FloatArray, begin: Any = 0.0, 
 
 
 def straight_profile(spline: RateSpline) -> FloatArray:
-    """Return the control points (M,) of a joint's move by 1 from rest to rest with least acceleration."""
+    """Return control points (M,) of a joint's move by 1 from rest to rest with least squared acceleration."""
     end = spline.position_points.free[-1]
     system = np.block([[spline.squared_acceleration, end[:, None]], [end[None], np.zeros((1, 1))]])
     return np.asarray(np.linalg.solve(system, np.append(np.zeros(spline.size), 1.0))[:-1])
 
 
 def straight_moves(problem: Problem, spline: RateSpline, goals: FloatArray) -> FloatArray:
-    """Return control points (K, M, n) of straight moves of least acceleration to joint goals (K, n).
+    """Return control points (K, M, n) of straight moves of `straight_profile` to joint goals (K, n).
 
     If the duration is too short for a joint, it moves as far as its rate and acceleration limits allow.
     """
     profile, limits = straight_profile(spline), problem.sms.limits
-    # A moving arm first brakes, and then covers the remaining displacement.
+    # The motion of a moving arm is the sum of braking and of a move by the remaining displacement.
     brake = braking(problem, spline)
     stopped = spline.position_points.of(brake, problem.joint_rates)[-1]
     displacement = goals - problem.joints0 - stopped
@@ -289,7 +290,7 @@ def moves_to(problem: Problem, spline: RateSpline, goals: FloatArray) -> FloatAr
 
     end, arm = problem.place, problem.stack.evaluate(goals.T)
     velocity, spin = np.split(end.twist, 2)
-    # The base's attitude if the end effector is at the goal.
+    # `base` is the base's attitude for which the end effector is at the goal.
     joints, base = goals, end.base_attitude(arm.tip_rotation)
     J = pose_error_at(problem, end, problem.duration, joints, base)[1]
     damping = _DAMPING * problem.stack.length**2
@@ -315,8 +316,8 @@ def pose_error_at(
 ) -> tuple[FloatArray, FloatArray]:
     """Return the pose errors (K, 6) of postures (K, n) relative to a place, and their slopes (K, 6, n).
 
-    The slopes are with respect to joint positions, with a reacting base. The bases have the attitudes `base`
-    (3, 3, K). The system's centre of mass is that at time `t` [s].
+    The slopes are with respect to joint positions, with a reacting base. `base` (3, 3, K) are the base's
+    attitudes. The system's centre of mass is where it is at time `t` [s].
     """
     centre = problem.com0 + t * problem.drift
     desired = _GoalFromStart(place.transformed(-centre, np.eye(3)), RobotFrame.of(problem.stack))
@@ -329,13 +330,13 @@ def _back(
 ) -> tuple[FloatArray, FloatArray]:
     """Return postures (K, n) with the end effector at a place at t [s], and base attitudes (3, 3, K).
 
-    Newton's method moves from the given postures, with a reacting base.
+    Newton's method starts from the postures `joints`, with a reacting base.
     """
     low, high = problem.sms.limits.lower, problem.sms.limits.upper
     damping, stuck = _DAMPING * problem.stack.length**2, np.zeros(joints.shape, dtype=bool)
     for _ in range(6):
         missed, J = pose_error_at(problem, place, t, joints, base)
-        # Rotation has a small weight, because an arm stretched out at the goal may have to rotate to retreat.
+        # Rotation has a small weight, because a stretched arm may have to rotate its end effector to retreat.
         weights = np.repeat([1.0, 0.1 * problem.stack.length], [3, missed.shape[1] - 3])
         step = least_squares(weights[:, None] * J * ~stuck[:, None], weights * missed, damping)
         step *= np.minimum(1.0, 0.2 / np.maximum(np.abs(step).max(axis=1), 1e-9))[:, None]
@@ -352,7 +353,7 @@ _reach_ranges: WeakKeyDictionary[Problem, tuple[float, float]] = WeakKeyDictiona
 
 
 def within_workspace(problem: Problem) -> bool:
-    """Return whether the target's distance is within the reachable range, see `workspace_distances`."""
+    """Return whether the distance of the target is in the reachable range (`workspace_distances`)."""
     distance, least, most = workspace_distances(problem)
     return bool(least - problem.goal.tolerance <= distance <= most + problem.goal.tolerance)
 
@@ -360,7 +361,7 @@ def within_workspace(problem: Problem) -> bool:
 def workspace_distances(problem: Problem) -> tuple[float, float, float]:
     """Return the target's distance from the centre of mass at the deadline, and the reachable range [m].
 
-    For a goal on the base, whose distance is unknown, the middle of the range is returned.
+    The distance of a goal on the base is unknown; it is set to the middle of the range.
     """
     place, (least, most) = problem.place, reach_range(problem)
     displacement = place.position - problem.com0 - problem.duration * problem.drift
@@ -368,9 +369,9 @@ def workspace_distances(problem: Problem) -> tuple[float, float, float]:
 
 
 def reach_range(problem: Problem) -> tuple[float, float]:
-    """Return the least and greatest distance [m] of the end effector from the centre of mass.
+    """Return the least and greatest distance [m] of the end effector from the system's centre of mass.
 
-    The range is that of all postures in `joint_range`. It is computed once for each problem.
+    The distances are those of all postures in `joint_range`. They are computed once for each problem.
     """
     reach = _reach_ranges.get(problem)
     if reach is None:

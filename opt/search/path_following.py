@@ -1,9 +1,9 @@
-"""Motions along a path: a rollout by resolved rates, then a descent of redundant motion.
+"""Motions along a path: a rollout by resolved rates, then an optimisation of the redundant motion.
 
-A rollout follows the path node by node, with a reacting base. The end effector has the velocity of the path
-plus a feedback of the error. Redundant motion follows a preferred motion. A descent of the whole motion
-(`gauss_newton`) computes a preferred motion from terms and limits. Because its spline follows the path only
-approximately, another rollout then corrects the end effector.
+A rollout follows the path node by node, with a reacting base. The desired velocity of the end effector is the
+velocity of the path plus a feedback of the error. The redundant motion is close to a preferred motion. The
+preferred motion results from a descent of the terms and limits of the whole motion (`gauss_newton`). The
+descent follows the path only approximately, so another rollout then corrects the end effector.
 
 Reference: Y. Umetani, K. Yoshida, "Resolved motion rate control of space manipulators with generalized
 Jacobian matrix", IEEE Transactions on Robotics and Automation 5 (1989).
@@ -43,8 +43,8 @@ if TYPE_CHECKING:
     from ffsms_pin.opt.search.search import SearchOptions
 
 _GAIN = 5.0  # [1/s] feedback gain of errors
-_LEVER = 0.3  # [m] lever by which angular velocities are multiplied to compare them with velocities
-_DAMPING = 1e-7  # weight of squared joint rates relative to squared velocities, near a singular posture
+_LEVER = 0.3  # [m] lever arm by which angular velocities are multiplied to compare them with velocities
+_DAMPING = 1e-7  # weight of squared joint rates relative to squared velocities, for singular postures
 _RETURN = 2.0  # [1/s] gain by which redundant motion returns to the preferred motion
 
 
@@ -79,14 +79,14 @@ class PathNodes(NamedTuple):
 
 
 def feedback_gain(dt: float, gain: float = _GAIN) -> float:
-    """Return the gain of path errors [1/s], bounded so that long steps of dt [s] do not overshoot."""
+    """Return the feedback gain of path errors [1/s], at most 0.3 / dt [s] to avoid overshoot."""
     return min(gain, 0.3 / dt)
 
 
 class Task(NamedTuple):
     """A desired end-effector velocity at one instant: J u = velocity for the joint rates u.
 
-    Angular rows are multiplied by a lever of 0.3 m.
+    Angular rows are multiplied by a lever arm of 0.3 m.
     """
 
     J: FloatArray  # (m, n)
@@ -132,9 +132,9 @@ def _alignment(now: FloatArray, axis: FloatArray) -> FloatArray:
 def resolved(
     task: Task, prefer: FloatArray, bounds: tuple[FloatArray, FloatArray], weight: FloatArray | None = None
 ) -> FloatArray:
-    """Return joint rates (n,) for a task within bounds; redundant motion is nearest to the rates `prefer`.
+    """Return joint rates (n,) for a task within bounds, nearest to the rates `prefer`.
 
-    `weight` (n, n) is the metric of this distance; default: the identity.
+    `weight` (n, n) is the metric of the distance to `prefer`; default: the identity.
     """
     J, least, greatest = task.J, *bounds
     W = np.eye(len(prefer)) if weight is None else weight
@@ -175,7 +175,7 @@ def rollout_along(
     """Return joint rates (N + 1, n) at the nodes along a path, within the joint limits if `bounded`.
 
     The rates at the first node are `begin` (n,), by default those of the problem. Without a preference the
-    rates are the least along the path, except that joints near their position limits return from them.
+    rates have the least norm, except that joints near a position limit move away from the limit.
     """
     sms, dt, steps, n = problem.sms, problem.dt, problem.steps, problem.sms.n
     bounded = bounded and any(limit.joint_bounds is not None for limit in problem.limits)
@@ -209,7 +209,7 @@ def _locked_weight(problem: Problem) -> FloatArray | None:
 
 
 class _Middle(NamedTuple):
-    """The preferred joint rates, which lead from the ends of the joints' ranges towards the middle."""
+    """A preference for joint rates towards the middle of the joints' ranges."""
 
     middle: FloatArray  # (n,)
     half: FloatArray  # (n,) half of the range; infinite without limits
@@ -222,26 +222,26 @@ class _Middle(NamedTuple):
         return cls(middle, np.where(ends, 0.5 * (upper - lower), np.inf))
 
     def rates(self, joints: FloatArray) -> FloatArray:
-        """Return the preferred rates (n,), which lead joints back within 70 % of their half ranges."""
+        """Return rates (n,) towards the middle for joints beyond 70 % of their half ranges, else zero."""
         off = joints - self.middle
         over = np.maximum(np.abs(off) - 0.7 * self.half, 0.0)
         return np.asarray(-np.sign(off) * over)
 
 
 _GRID = Grid(16, 3, 3)  # grid of the spline that changes redundant motion
-_STEPS, _STEP = 500, 0.05  # the number of steps in a descent is at least 500, and each is at most 0.05 s
+_STEPS, _STEP = 500, 0.05  # least number of time steps in a descent, and their largest length [s]
 _ROUNDS = 3  # rounds of a descent and a rollout
 _ITERATIONS = 4  # iterations of a descent
 
 
 class Followed(NamedTuple):
-    """A rollout along a path, and its finished motion."""
+    """The joint rates (N + 1, n) of a rollout along a path, and its plan."""
 
     rates: FloatArray
     plan: Trajectory
 
     def worth(self) -> tuple[bool, float]:
-        """Return the sort key of the motion: True and the sum of violations, or False and the cost."""
+        """Return the sort key of the plan: (True, sum of violations), or (False, cost) without violations."""
         broken = sum(self.plan.broken.values())
         return (True, broken) if broken > 0.0 else (False, sum(self.plan.shares.values()))
 
@@ -294,15 +294,16 @@ def rest_note(path: Path) -> str:
     """Return a message if the motion ends before the last sample of its path."""
     if path.rest <= 1e-9:
         return ""
-    return f"the motion ends {path.rest:.3g} s before the last sample of the path: the rest is not followed"
+    return f"the motion ends {path.rest:.3g} s before the last sample of the path, which is not reached"
 
 
 def redundant_motion(
     problem: Problem, options: SearchOptions | None, progress: Callable[[float], None] | None
 ) -> Preference | None:
-    """Return a joint motion with a better merit than the rollout of least rates; None if none is found.
+    """Return a preferred motion for a rollout of smaller merit; None if no such motion is found.
 
-    A long motion has larger time steps in the descent, because a rollout in the problem's steps follows.
+    The merit is compared with that of a rollout without preference. For long motions the time steps of the
+    descent are larger than those of the problem.
     """
     begun, limit = time.perf_counter(), math.inf
     if options is not None and options.time_limit is not None:
@@ -340,8 +341,8 @@ def follow_fastest(
 ) -> Trajectory:
     """Plan the motion of least time along a geometric path, within the duration of the problem.
 
-    The joint path does not depend on the speed, so it is computed by a rollout at constant speed. Then
-    `fastest_law` computes the time of each point, under the speed bounds of the limits.
+    The joint path does not depend on the speed, so a rollout at constant speed computes it. Then
+    `fastest_law` computes the time of each point of the path under the speed bounds of the limits.
     """
     path = problem.goal
     assert isinstance(path, Path)
@@ -372,7 +373,7 @@ def follow_fastest(
 
 
 def _joint_path(problem: Problem, path: Path) -> Rollouts | None:
-    """Return the motion along a path in 1 s, at nodes; None if it is infeasible without limits on rates."""
+    """Return the motion along a path in 1 s without rate limits; None if it leaves the path."""
     start = problem
     if path.approach_time > 0.0:  # the joint path begins in the final posture of the approach
         rest = np.zeros(2)
@@ -396,14 +397,14 @@ def _joint_path(problem: Problem, path: Path) -> Rollouts | None:
 
 
 def is_redundant(problem: Problem, nodes: PathNodes) -> bool:
-    """Return whether the free joints are redundant for a path at its start."""
+    """Return whether the joints that are not locked are redundant for a path at its start."""
     task = path_task(problem, nodes, 0, problem.q0, problem.joints0, _GAIN)
     sizes = np.linalg.svd(task.J[:, problem.free], compute_uv=False)
     return int(problem.free.sum()) > int((sizes > 1e-6 * sizes.max(initial=0.0)).sum())
 
 
 def check_begin(problem: Problem, path: Path) -> None:
-    """Raise `InvalidValue` if a motion neither begins on its path nor has time for an approach."""
+    """Raise `InvalidValue` if a path without an approach does not begin at the end effector."""
     place = path.place(0.0)
     pose = problem.sms.at(problem.q0).end_effector_pose
     distance, angle = place.error(pose, problem.q0)
@@ -411,14 +412,14 @@ def check_begin(problem: Problem, path: Path) -> None:
         return
     by = f"{length_text(distance)}" + (f" and {np.degrees(angle):.3g} deg" if path.turned else "")
     remedy = (
-        f"must leave time to move to the path, which begins {by} from the end effector; "
+        f"must leave time [s] to move to the path, which begins {by} from the end effector; "
         f"set opt.Path(..., approach_time={max(2.0, np.ceil(10.0 * distance)):g}), or another start"
     )
-    raise InvalidValue("approach_time", path.approach_time, f"{remedy} [s]")
+    raise InvalidValue("approach_time", path.approach_time, remedy)
 
 
 def improved(problem: Problem, rates: FloatArray) -> Preference | None:
-    """Return a joint motion near rates (N + 1, n) with a better merit; None if none is found."""
+    """Return a joint motion near rates (N + 1, n) with a smaller merit; None if no such motion is found."""
     whole = rate_spline(problem.steps, problem.dt, _GRID, free_end=True)
     spline = whole.around(problem.dt, rates)
     model = Model(problem, problem.goal, spline, ControlQP(problem, spline))
@@ -438,7 +439,7 @@ def preference(problem: Problem, rates: FloatArray) -> Preference:
 
 
 def explain_path(problem: Problem, nodes: PathNodes, plan: Trajectory) -> Trajectory:
-    """Return a failed plan along a path with a note of the reasons, and a sufficient duration if known."""
+    """Return a failed plan along a path with a note of its causes, and a sufficient duration if known."""
     path = problem.goal
     assert isinstance(path, Path)
     reasons, shortest = list[str](), 0.0
@@ -456,14 +457,14 @@ def explain_path(problem: Problem, nodes: PathNodes, plan: Trajectory) -> Trajec
         )
     elif not out_of_reach:
         shortest = _sufficient_duration(problem, nodes)
-        slower = "" if path.geometric else ", with the curve slowed down to it,"
+        slower = "" if path.geometric else ", if the curve is slowed down to this duration,"
         sufficient = f"a duration of {shortest:.2f} s{slower} would suffice"
         reasons.append(sufficient if shortest else "no sufficient duration is known")
     return noted(plan, plan.note, *reasons, shortest_duration=shortest)
 
 
 def _out_of_reach(problem: Problem, nodes: PathNodes) -> str:
-    """Return a message for the first point of a path that is out of the workspace; empty without any."""
+    """Return a message for the first point of a path outside the workspace; empty if no point is outside."""
     if nodes.on_base:
         return ""
     least, most = reach_range(problem)
@@ -481,7 +482,7 @@ def _out_of_reach(problem: Problem, nodes: PathNodes) -> str:
 
 
 def _share_of_path(problem: Problem, t: float) -> str:
-    """Describe the share of the path's time that has passed at a time of the motion [s]."""
+    """Describe the time `t` of the motion [s] as a share of the path's time."""
     approach = problem.goal.approach_time
     if t < approach:
         return "during the approach"
@@ -489,14 +490,14 @@ def _share_of_path(problem: Problem, t: float) -> str:
 
 
 def _used(problem: Problem, plan: Trajectory) -> FloatArray:
-    """Return the errors of a plan around each node (N + 1,), as shares of the path tolerances."""
+    """Return the errors of a plan near each node (N + 1,), divided by the path's tolerances."""
     path = problem.goal
     used = np.fmax(plan.path_error / path.tolerance, plan.path_angle_error / path.orientation_tolerance)
     return np.asarray(used)
 
 
 def _binding(problem: Problem, plan: Trajectory) -> str:
-    """Return a message of the point at which a plan leaves its path, and of joint limits active there."""
+    """Describe the point at which a plan leaves its path, and the joint limits active at this point."""
     k = int(np.argmax(_used(problem, plan) > 1.0))
     t = plan.t[k]
     where = f"at {t:.3g} s, {_share_of_path(problem, t)}"
@@ -505,7 +506,9 @@ def _binding(problem: Problem, plan: Trajectory) -> str:
     used = joint_limits_used(problem, plan, slice(first, k + 1))
     binding = [f"the {kind} limit of '{names[i]}'" for kind, i in used]
     if not binding:
-        return f"the end effector leaves the path {where}: no joint limit binds, the posture may be singular"
+        return (
+            f"the end effector leaves the path {where}: no joint limit is active, the posture may be singular"
+        )
     return f"the end effector leaves the path {where}; binding: {', '.join(binding[:3])}"
 
 
@@ -515,16 +518,16 @@ def _begin_speed(problem: Problem, nodes: PathNodes) -> float:
     return float(np.linalg.norm((task.velocity - task.J @ problem.joint_rates)[:3]))
 
 
-_SLOWEST = 20.0  # largest factor on a duration; a larger one indicates a singular posture near the path
+_SLOWEST = 20.0  # largest factor on a duration; a larger factor indicates a singular posture near the path
 _TRIALS = 3  # number of trials to shorten a sufficient duration
-_SPARE = 1.02  # additional factor on the least duration that follows from scaling rates and accelerations
+_SPARE = 1.02  # safety factor on the result of `slowing`
 
 
 def _sufficient_duration(problem: Problem, nodes: PathNodes) -> float:
-    """Return a duration [s] in which the path is followed within all limits; zero if none is known.
+    """Return a duration [s] in which the path is followed within all limits; zero if it is unknown.
 
     Without momentum the joint path of a path in inertial or base axes does not depend on the speed. Joint
-    rates scale with the speed, accelerations and torques with the square of the speed.
+    rates are proportional to the speed, accelerations and torques to its square.
     """
     path = problem.goal
     if problem.momentum is not None or problem.joint_rates.any() or not isinstance(path.frame, str):
@@ -556,10 +559,9 @@ def _follows_slowed(problem: Problem, scale: float) -> bool:
 
 
 def slowing(problem: Problem, rates: FloatArray) -> float:
-    """Return the factor on the duration with which a motion satisfies the joints' limits.
+    """Return the factor on the duration with which joint rates (N + 1, n) satisfy the limits of the joints.
 
-    The motion has joint rates (N + 1, n) at the nodes. The limits are those of rates, accelerations and
-    torques.
+    The limits are those of joint rates, accelerations and torques.
     """
     limits = problem.sms.limits
     velocity = float((np.abs(rates) / limits.velocity).max())

@@ -1,4 +1,4 @@
-"""Motions along a path by single steps, with the rows of all limits."""
+"""Plans along a path by single steps under all limits."""
 
 from __future__ import annotations
 
@@ -22,15 +22,15 @@ from ffsms_pin.opt.step.stepwise import REFERENCE_WEIGHTS
 from ffsms_pin.opt.trajectory import Trajectory, measure
 from ffsms_pin.robot.base_motion import advance
 
-_IDENTITY = 0.1  # share of the identity in a weight matrix, against a drift to the limits in the null space
+_IDENTITY = 0.1  # share of the identity in a weight matrix, which prevents a null-space drift to the limits
 
 
 def plan_path_stepwise(problem: Problem, method: str, progress: Progress | None = None) -> Trajectory:
     """Plan along a path step by step, by a method of `plan`.
 
-    The path determines the direction, so "step" and "resolved-rate" are the same; the other methods weight
-    redundant motion by `REFERENCES`. Each step has the joint rates within all limits that are nearest to
-    those without limits.
+    The path determines the direction of motion, so the methods "step" and "resolved-rate" are the same. The
+    other methods weight the redundant motion by the metric `REFERENCES[method]`. The joint rates of each step
+    are within all limits, and nearest to the rates without limits.
     """
     path = problem.goal
     assert isinstance(path, Path)

@@ -1,7 +1,7 @@
-"""The search for the plan of a problem: its state, its strategies in order, and `solve` and `shortest`.
+"""The search for the plan of a problem, its strategies, and the functions `solve` and `shortest`.
 
-Each strategy uses the same solver, and checks whether it is needed. `benchmarks/strategies.py` measures the
-loss without each strategy; a strategy without a loss is removed.
+The strategies run in a fixed order and use the same solver. Each strategy first checks whether it is needed.
+`benchmarks/strategies.py` measures the plans of searches that omit one strategy.
 """
 
 from __future__ import annotations
@@ -65,18 +65,18 @@ from ffsms_pin.threads import one_blas_thread
 
 @dataclass(frozen=True)
 class SearchOptions:
-    """The options of the search; other constants are tuned on the packaged robots, and are not options.
+    """The options of the search.
 
     Attributes
     ----------
     time_limit : float, optional
-        Time after which the best plan so far is returned [s]; it is checked between motions. The plan then
-        depends on the speed of the computer. Default: no limit.
+        The computing time [s] after which the search returns its best plan. The time is checked whenever a
+        motion is finished. With a limit the plan depends on the speed of the computer. Default: no limit.
     cost_tolerance : float
-        The plan is the motion of least effort among the motions whose cost exceeds the least cost by at most
-        this value [s], for any duration.
+        The search returns the motion of least effort among the motions whose cost exceeds the least cost by
+        at most this value [s]. The value is not scaled with the duration.
     without : sequence of str
-        The names of omitted strategies, to measure their benefit; see `opt.search.search.STRATEGIES`.
+        The names of the strategies to omit, for measurements; see `opt.search.search.STRATEGIES`.
     """
 
     time_limit: Annotated[Positive | None, Unit("s", "none")] = None
@@ -95,14 +95,14 @@ class SearchOptions:
 
 
 class Strategy(NamedTuple):
-    """A strategy for initial guesses or motions, with its name for `SearchOptions.without`."""
+    """A strategy, which adds initial guesses or motions to a search, with its name in `SearchOptions`."""
 
     name: str
     run: Callable[[Search], None]
 
 
 class Search:
-    """The search for the plan of a problem: motions, their ranking, and data for the diagnosis of failure."""
+    """A search for the plan of a problem, with the motions and joint goals computed so far."""
 
     def __init__(
         self,
@@ -117,19 +117,19 @@ class Search:
         self.coarse = Model.make(problem, self.options.coarse)
         self.fine = Model.make(problem, self.options.fine)
         self.goals = JointGoals(np.empty((0, problem.sms.n)), np.empty(0))
-        self.drawn = 0  # number of postures drawn for the joint goals
+        self.drawn = 0  # number of postures that were sampled for joint goals
         self.starts: FloatArray = np.empty(0)  # initial control points (K, M, n) on the coarse spline
         self.pool: Candidates | None = None  # motions from all starts after a few iterations
         self.found: list[Candidates] = []  # all finished motions
         self.fresh: list[Candidates] = []  # the finished motions from the last starts
         self.settled = False  # True if no cheaper motion is needed
         self.hopeless = False  # True if no motion is expected to arrive
-        # False if the first plan that meets a client is sufficient, whatever its cost.
+        # False for a client's goal without cost terms: the first plan that arrives is then sufficient.
         self.costed = not problem.goal.exact or bool(problem.cost_terms)
         self._started = time.perf_counter()
 
     def run(self, strategies: Sequence[Strategy]) -> Trajectory:
-        """Return the best plan that arrives, or the plan with the least error."""
+        """Run strategies in order; return the best plan that arrives, otherwise that of least error."""
         for i, strategy in enumerate(strategies):
             if self.out_of_time():
                 break
@@ -140,22 +140,27 @@ class Search:
         return self._best_in_full().plan
 
     def cost(self, plan: Trajectory) -> float:
-        """Return the sum of the terms that measure cost, or the whole objective without such terms [s]."""
+        """Return the cost of a plan [s], or its whole objective if the problem has no cost terms."""
         return sum(plan.shares[term.name] for term in self.problem.cost_terms or self.problem.terms)
 
     def misses(self, plan: Trajectory) -> tuple[bool, bool, float]:
-        """Return whether a plan fails, whether it arrives imperfectly, and its error [m, rad, m/s, rad/s]."""
+        """Return the sort key of a plan: failure, flaw, and error [m, rad, m/s, rad/s].
+
+        The flaw of a plan that fails is a violated limit. The flaws of a plan that reaches its goal are an
+        error above the tolerance, joints that move at the deadline of a fixed goal, and chatter.
+        """
         error = arrival_error(self.problem.goal, plan)
         if not plan.reached:
             return True, bool(plan.broken), error  # prefer missing the goal to violating a limit
         rates = plan.joint_rates
         moving = self.problem.place.rests and float(np.abs(rates[-1]).max()) > 1e-3  # [rad/s]
-        # A motion chatters if its rates have more than eight sign changes per joint, without rounding errors.
+        # A motion chatters if its rates have more than eight sign changes per joint on average. Products
+        # above -1e-8 are rounding errors.
         chatters = int(np.sum(rates[1:-1] * rates[2:] < -1e-8)) > 8 * self.problem.sms.n
         return False, error > self.problem.goal.tolerance or moving or chatters, error
 
     def arrives(self, plan: Trajectory) -> bool:
-        """Return whether a plan reaches its goal within the tolerance, at rest if the goal requires it."""
+        """Return whether a plan reaches its goal without the flaws of `misses`."""
         return self.misses(plan)[:2] == (False, False)
 
     def best(self, candidates: Sequence[Candidates] | None = None) -> Candidates:
@@ -185,7 +190,10 @@ class Search:
         return goals
 
     def polish(self, motion: Candidates) -> None:
-        """Converge a motion and keep its plan; repeat if the plan misses the goal or violates a limit."""
+        """Iterate a motion to convergence, and keep its plan.
+
+        If the plan misses the goal or violates a limit, repeat with a displaced goal or a larger margin.
+        """
         problem = self.problem
         for _ in range(4):
             motion = tighten(motion)
@@ -203,18 +211,18 @@ class Search:
         self.fresh.append(finished)
 
     def polish_each(self, motions: Candidates) -> None:
-        """Polish motions in order until the time limit, at least the first one."""
+        """Polish motions in order until the time limit has passed, and at least the first motion."""
         for i in range(len(motions.p)):
             if i == 0 or not self.out_of_time():
                 self.polish(motions.take([i]))
 
     def keep(self, motion: Candidates) -> Candidates:
-        """Evaluate the finished motion of a candidate, and keep it."""
+        """Evaluate the plan of a candidate, and keep the candidate."""
         self.found.append(_measured(self._judged, motion))
         return self.found[-1]
 
     def keep_plan(self, plan: Trajectory) -> None:
-        """Keep a motion from another method, with the nearest control points."""
+        """Keep the plan of another method, with the control points nearest to its joint rates."""
         p = self.fine.spline.nearest(self.problem.nodes, plan.joint_rates, self.problem.joint_rates)
         self.found.append(linearise(self.fine, p[None], LAST_WEIGHTS, below=-np.inf)._replace(plan=plan))
 
@@ -237,7 +245,10 @@ class Search:
         return limit is not None and bool(self.found) and time.perf_counter() - self._started > limit
 
     def _best_in_full(self) -> Candidates:
-        """Return the best motion, evaluated in all steps; polish it again if it then does not arrive."""
+        """Return the best motion, evaluated in all time steps of the problem.
+
+        A motion that does not arrive in these steps is polished again.
+        """
         while len((best := self.best()).plan.t) <= self.problem.steps:
             full = _measured(self.problem, best)
             self.found = [full if candidate is best else candidate for candidate in self.found]
@@ -248,21 +259,21 @@ class Search:
 
 
 def _measured(problem: Problem, motion: Candidates) -> Candidates:
-    """Return a candidate with its finished motion in the steps of a problem."""
+    """Return a candidate with its plan in the time steps of a problem."""
     rates = motion.model.spline.rates_at(problem.nodes).of(motion.p[0], problem.joint_rates)
     rates[0] = problem.joint_rates
     return motion._replace(plan=measure(problem, rates))
 
 
-_REHEARSAL = 100  # steps of a coarse rollout, which decides whether to compute a rollout in all steps
+_COARSE_STEPS = 100  # number of steps of a coarse rollout; if it ends near the goal, a fine rollout follows
 CHEAP = 0.01  # [s] if a motion of 8 s has at most this cost, the search for cheaper motions ends
 
 
 def cheap_cost(search: Search) -> float:
     """Return the cost [s] up to which a plan is cheap enough; infinity if its cost does not matter.
 
-    It is larger for a small kappa, because C~ exceeds max(0, cos(theta_a)) by up to log 2 / kappa, for
-    durations above 8 s, and for motions around obstacles.
+    The value increases with the duration above 8 s, and is three times as large if there are obstacles. It is
+    also larger for a small kappa, because C~ exceeds max(0, cos(theta_a)) by up to log 2 / kappa.
     """
     problem = search.problem
     if not search.costed:
@@ -273,7 +284,10 @@ def cheap_cost(search: Search) -> float:
 
 
 def straight_if_near(search: Search) -> None:
-    """Plan the straight move if the start is within the goal's reach, and no detour of lower cost."""
+    """Plan the straight move if the start is within the goal's reach.
+
+    If this plan arrives, it is sufficient: a cheaper motion would be a detour.
+    """
     goal = search.problem.goal
     if starts_within(search.problem, goal.reach, goal.orientation_reach):
         search.add_joint_goals(search.problem.joints0[None])
@@ -284,11 +298,12 @@ def straight_if_near(search: Search) -> None:
 
 
 def straight_starts(search: Search, near: int, far: int, enough: float = 0.0, insist: bool = True) -> None:
-    """Add straight moves to joint goals, from postures near the start and in the whole joint range.
+    """Add straight moves to joint goals as initial guesses.
 
-    `near` and `far` are the numbers of these postures. The strategy is skipped if a plan has at most `enough`
-    times the cost of `cheap_cost`. Without `insist` it is also skipped if neither a motion nor a straight
-    move has reached the goal.
+    The joint goals are computed from `near` postures near the start and from `far` postures in the whole
+    joint range. The strategy is skipped if the cost of a plan that arrives is at most `enough` times
+    `cheap_cost`. Without `insist` it is also skipped if neither a motion nor a straight move has reached the
+    goal.
     """
     problem, first = search.problem, not search.drawn
     done = not first and search.arrived(enough * cheap_cost(search))
@@ -302,18 +317,18 @@ def straight_starts(search: Search, near: int, far: int, enough: float = 0.0, in
     ]
     search.drawn += max(near, far)
     goals = search.add_joint_goals(np.vstack([problem.joints0, *postures] if first else postures))
-    # All moves that end within 0.05 arm lengths of the goal are tried, and at least the nearer half.
+    # All moves that end within 0.05 arm lengths of the goal are used, and at least the nearer half of them.
     half = (len(goals.distance) - 1) // 2
     reach = max(0.05 * problem.stack.length, float(np.sort(goals.distance)[half]))
     joints = goals.joints[goals.distance <= reach]
     search.hopeless = first and _is_hopeless(search)
-    if search.hopeless:  # in too short a time, the fastest moves end nearest to the goal
+    if search.hopeless:  # if the duration is too short, the fastest moves end nearest to the goal
         joints = joints[np.argsort(straight_time(problem, joints))[:2]]
     search.starts = moves_to(problem, search.coarse.spline, joints)
 
 
 def descend_from_starts(search: Search, keep: tuple[int, int, int], repeats: int) -> None:
-    """Iterate a few times from every start, add the motions to the pool, and refine the best of the pool.
+    """Add motions to the pool by a few iterations from every start, and refine the best motions of the pool.
 
     For `keep` and `repeats` see `refine`.
     """
@@ -329,7 +344,7 @@ def descend_from_starts(search: Search, keep: tuple[int, int, int], repeats: int
 
 
 def within_limits(search: Search) -> None:
-    """Correct the motion with the least error to satisfy the limits, if no motion arrives."""
+    """If no motion arrives, correct the motion of least error until it satisfies the limits."""
     if not search.fresh or search.arrived():
         return
     nearest = search.best(search.fresh)
@@ -338,12 +353,12 @@ def within_limits(search: Search) -> None:
         search.keep(prefer_limits(linearise(model, nearest.p, LAST_WEIGHTS)))
 
 
-def marches(search: Search) -> None:
-    """Try rollouts of the paper's step, if they may have a lower cost or less travel than the plan."""
+def step_rollouts(search: Search) -> None:
+    """Roll out the paper's step, if the rollout may have a lower cost or less joint travel than the plan."""
     problem = search.problem
-    # C~ exceeds max(0, cos(theta_a)) by up to log(2) / kappa. If that is 0.2 or more, rollouts spiral.
+    # C~ exceeds max(0, cos(theta_a)) by up to log(2) / kappa. If this error is 0.2 or more, rollouts spiral.
     wide = math.log(2.0) / problem.kappa >= 0.2
-    if wide or not problem.cost_terms or problem.mode != "floating" or not _can_march(problem):
+    if wide or not problem.cost_terms or problem.mode != "floating" or not _supports_rollouts(problem):
         return
     cost, tolerance, cheap = np.inf, search.options.cost_tolerance, cheap_cost(search)
     if search.arrived():
@@ -362,16 +377,16 @@ def marches(search: Search) -> None:
             break
 
 
-def straight_moves_that_end_there(search: Search, most: int = 6) -> None:
-    """Try a few straight moves that end at the goal, whatever their cost, if no plan arrives."""
+def straight_moves_to_goal(search: Search, most: int = 6) -> None:
+    """If no plan arrives, polish up to `most` straight moves that end at the goal, whatever their cost."""
     search.fresh = []
     if search.hopeless or search.arrived():
         return
     problem, model, goals = search.problem, search.fine, search.goals.arrived(search.problem)
     times = straight_time(problem, goals)
-    possible = times <= 1.1 * problem.duration  # a posture near the goal's may be slightly faster to reach
+    possible = times <= 1.1 * problem.duration  # the polished motion may end in a faster posture
     goals, times = goals[possible], times[possible]
-    # First the moves within the limits, then the fastest.
+    # The moves within the limits are polished first, and the faster moves before the slower ones.
     poor = ~keep_limits(model, goals) | (times > ARRIVAL_SHARE * problem.duration)
     weights = LAST_WEIGHTS.stiffer()
     for goal in goals[np.lexsort((times, poor))][:most]:
@@ -384,20 +399,20 @@ def straight_moves_that_end_there(search: Search, most: int = 6) -> None:
 def reaches(problem: Problem, options: SearchOptions | None, joints: FloatArray) -> bool:
     """Return whether straight moves to joint goals near `joints` (K, n) solve a problem.
 
-    If there are no joint goals, return whether a quick search solves the problem.
+    If K is 0, return whether a quick search solves the problem.
     """
     search = Search(problem, options)
     if not len(joints):
         return search.run(QUICK).reached
     search.add_joint_goals(joints)
-    straight_moves_that_end_there(search, most=2)
+    straight_moves_to_goal(search, most=2)
     return search.arrived()
 
 
 def moving_end(search: Search) -> None:
-    """Plan a tumbling robot's motion with moving joints at the deadline, if they cannot stop at the goal.
+    """Plan with moving joints at the deadline, if a tumbling robot has no plan with joints at rest.
 
-    An end effector at rest in inertial axes requires moving joints, because the base rotates.
+    The base rotates, so the joints must move to keep the end effector at rest in inertial axes.
     """
     if not search.fails_while_tumbling():
         return
@@ -411,7 +426,7 @@ def moving_end(search: Search) -> None:
 
 
 def at_the_deadline_alone(search: Search) -> None:
-    """Plan to be at the goal at the deadline only, if a tumbling robot cannot be there in the last tenth."""
+    """Plan to reach the goal at the deadline, if a tumbling robot has no plan that stays at the goal."""
     if not search.fails_while_tumbling():
         return
     goal, rates = search.problem.goal, search.best().plan.joint_rates
@@ -428,13 +443,13 @@ def at_the_deadline_alone(search: Search) -> None:
 
 
 def straight_line(search: Search) -> None:
-    """Roll out single steps straight to the target by "resolved-rate", if no plan reaches it."""
+    """If no plan reaches the target, roll out steps of the method "resolved-rate" straight to the target."""
     problem = search.problem
-    if any(candidate.plan.reached for candidate in search.found) or not _can_march(problem):
+    if any(candidate.plan.reached for candidate in search.found) or not _supports_rollouts(problem):
         return
-    if problem.steps > 2 * _REHEARSAL:
-        rehearsed = plan_stepwise(replace(problem, dt=problem.duration / _REHEARSAL), "resolved-rate")
-        if rehearsed.position_error[-1] > 5.0 * problem.goal.reach:
+    if problem.steps > 2 * _COARSE_STEPS:
+        coarse = plan_stepwise(replace(problem, dt=problem.duration / _COARSE_STEPS), "resolved-rate")
+        if coarse.position_error[-1] > 5.0 * problem.goal.reach:
             return
     plan = plan_stepwise(problem, "resolved-rate")
     if plan.reached:
@@ -442,15 +457,15 @@ def straight_line(search: Search) -> None:
 
 
 def _descent(keep: tuple[int, int, int], repeats: int) -> tuple[Strategy, Strategy]:
-    """Return the strategies for a descent from the starts, and for motions that violate a limit."""
+    """Return the strategies `descend_from_starts` and `within_limits`."""
     return Strategy("descent", partial(descend_from_starts, keep=keep, repeats=repeats)), _WITHIN
 
 
 _WITHIN = Strategy("within limits", within_limits)
 _NEAR = Strategy("straight if near", straight_if_near)
-_STRAIGHT = Strategy("straight moves", straight_moves_that_end_there)
-# Early motions predict the final cost poorly, so if the first plans are not cheap, more motions get more
-# iterations.
+_STRAIGHT = Strategy("straight moves", straight_moves_to_goal)
+# The cost after a few iterations predicts the final cost poorly. So if the first plans are not cheap, the
+# next strategies refine more motions with more iterations.
 STRATEGIES = (
     _NEAR,
     Strategy("first starts", partial(straight_starts, near=3, far=4)),
@@ -459,14 +474,14 @@ STRATEGIES = (
     *_descent(keep=(6, 4, 2), repeats=2),
     Strategy("most starts", partial(straight_starts, near=4, far=20, enough=3.0, insist=False)),
     *_descent(keep=(10, 6, 4), repeats=4),
-    Strategy("marches", marches),
+    Strategy("marches", step_rollouts),
     _STRAIGHT,
     _WITHIN,
     Strategy("straight line", straight_line),
     Strategy("moving end", moving_end),
     Strategy("deadline alone", at_the_deadline_alone),
 )
-# The strategies if any plan that arrives is sufficient, whatever its cost.
+# The strategies of a quick search, which returns the first plan that arrives, whatever its cost.
 QUICK = (
     _NEAR,
     Strategy("first starts", partial(straight_starts, near=4, far=4)),
@@ -477,7 +492,7 @@ QUICK = (
 
 
 def starts_within(problem: Problem, reach: float, orientation_reach: float) -> bool:
-    """Return whether the arm starts at rest within `reach` [m] and `orientation_reach` [rad] of its goal."""
+    """Return whether a robot at rest starts within `reach` [m] and `orientation_reach` [rad] of its goal."""
     if problem.momentum is not None or problem.goal.moves or problem.joint_rates.any():
         return False
     start = problem.sms.at(problem.q0).end_effector_pose
@@ -486,19 +501,19 @@ def starts_within(problem: Problem, reach: float, orientation_reach: float) -> b
 
 
 def _is_hopeless(search: Search) -> bool:
-    """Return whether the goal is out of the workspace, or the joints need far more time than the duration."""
+    """Return whether the goal is outside the workspace, or the duration is far too short for the joints."""
     problem, goals = search.problem, search.goals
     out_of_reach = not len(goals.near(problem)) and not within_workspace(problem)
     return out_of_reach or problem.duration < too_short(problem, goals)
 
 
-def _can_march(problem: Problem) -> bool:
-    """Return whether rollouts of single steps support the goal."""
+def _supports_rollouts(problem: Problem) -> bool:
+    """Return whether a problem can be planned by rollouts of single steps."""
     return not (problem.goal.moves or problem.locked) and problem.place.rests and problem.place.plain
 
 
 def _travels_far(search: Search, plan: Trajectory) -> bool:
-    """Return whether the joint travel of a plan is three times that of the shortest straight move."""
+    """Return whether a plan has more than three times the joint travel of the shortest straight move."""
     travels = np.abs(search.goals.arrived(search.problem) - search.problem.joints0).sum(axis=1)
     return plan.joint_travel > 3.0 * float(travels.min(initial=np.inf))
 
@@ -565,33 +580,31 @@ def solve(
 def shortest(problem: Problem, tolerance: float = 0.05, options: SearchOptions | None = None) -> Trajectory:
     """Return the plan of least duration, by bisection that begins with the duration of the problem.
 
-    The duration is an upper bound of the least one, because a search may miss a plan.
+    Because a search may miss a plan, the duration of the result is an upper bound of the least duration.
 
     Parameters
     ----------
     problem : Problem
         The problem.
     tolerance : float
-        The bisection ends if the duration of the plan exceeds a duration without plan by at most this share,
-        below 1.
+        The relative tolerance of the duration, below 1. The bisection ends if the duration of the plan
+        exceeds the duration of a failed search by at most this share.
     options : SearchOptions, optional
         The options of every search.
 
     Returns
     -------
     Trajectory
-        The plan; `shortest_duration` is its duration [s]. Its `note` has the longest duration for which no
-        plan was found, and the least time under the joint limits. If neither the duration of the problem nor
-        the one that its diagnosis proposes is sufficient, the failed plan is returned.
+        The plan. Its `shortest_duration` is its duration [s]. Its `note` has the longest duration for which
+        no plan was found, and the least time under the joint limits. If no plan is found for the duration of
+        the problem, nor for the duration proposed by the diagnosis, the failed plan is returned.
     """
     instance("problem", problem, Problem)
     if isinstance(problem.goal, Path):
-        reason = (
-            'must not follow a path; a geometric curve has opt.Path(..., timing="fastest") for its least time'
-        )
-        raise InvalidValue("problem", problem, reason)
+        remedy = 'must not follow a path; for least time use opt.Path(..., timing="fastest") in opt.solve'
+        raise InvalidValue("problem", problem, remedy)
     if positive("tolerance", tolerance) >= 1.0:
-        raise InvalidValue("tolerance", tolerance, "must be below one")
+        raise InvalidValue("tolerance", tolerance, "must be below 1, for example 0.05")
     best = solve(problem, options)
     if not best.reached and best.shortest_duration > 0.0:
         best = solve(problem.lasting(best.shortest_duration), options)
@@ -610,14 +623,14 @@ def shortest(problem: Problem, tolerance: float = 0.05, options: SearchOptions |
     displacement = best.joint_positions[-1] - best.joint_positions[0]
     bound = least_time(problem.sms.limits, displacement, best.joint_rates[0], best.joint_rates[-1])
     note = (
-        f"the shortest motion found; none was found in {failed:.3g} s; to its last posture the limits of "
-        f"joint rates and accelerations alone take {bound:.3g} s"
+        f"the shortest motion found; none was found in {failed:.3g} s; the limits of joint rates and "
+        f"accelerations alone take {bound:.3g} s for the move to its last posture"
     )
     return noted(best, best.note, note, shortest_duration=best.duration)
 
 
 def _momentum_note(problem: Problem) -> str:
-    """Return a message if the problem's momentum is not the one that its goal requires."""
+    """Return a message if the momentum of a problem differs from the momentum that its goal requires."""
     required = problem.required_momentum
     if required is None:
         return ""
@@ -627,18 +640,18 @@ def _momentum_note(problem: Problem) -> str:
         return ""  # rounding
     return (
         f"the momentum before the capture differs by {linear:.3g} kg m/s and {angular:.3g} kg m^2/s from the "
-        "one that leaves both at rest, and both bodies keep this difference"
+        "momentum that leaves both at rest; robot and client keep this difference after the capture"
     )
 
 
 def _before_failure(search: Search, error: Exception) -> Trajectory:
-    """Return the best motion before a numerical failure, or an arm at rest if there is none."""
+    """Return the best plan found before a numerical failure, or a plan at rest if there is none."""
     problem, finite = search.problem, [candidate for candidate in search.found if _finite(candidate.plan)]
     if finite:
-        plan, outcome = search.best(finite).plan, "this is the best motion found before"
+        plan, outcome = search.best(finite).plan, "this is the best motion found before it"
     else:
         plan = measure(problem, np.zeros((problem.steps + 1, problem.sms.n)))
-        outcome = "the arm stays where it is"
+        outcome = "the arm stays at rest"
     note = f"the search ended in a numerical failure ({error}): {outcome}"
     return noted(plan, note, plan.note)
 

@@ -1,8 +1,8 @@
 """The joint rates of a motion as one quadratic B-spline per joint.
 
-The acceleration is then a linear spline and the position a cubic one. A spline lies within the range of its
-control points, so bounds on control points ensure the limits at every instant. The first control point is the
-joint's initial rate. The last one is zero, or free if the goal has a velocity.
+The acceleration is then a linear spline, and the position a cubic spline. A spline lies within the range of
+its control points, so bounds on control points ensure the limits at every instant. The first control point is
+the joint's initial rate. The last control point is zero, or free if the goal has a velocity.
 
 Reference: C. de Boor, "A Practical Guide to Splines", 2001, ch. IX to XI.
 """
@@ -23,8 +23,8 @@ from ffsms_pin.opt.rollouts import ARRIVAL_SHARE
 class Grid(NamedTuple):
     """The resolution of a spline: the intervals before and after 0.9 T, and Gauss points in each interval.
 
-    Each late interval has half the length of the one before, because the remaining distance decreases in a
-    similar way.
+    Each late interval has half the length of the interval before it, because the distance to the goal
+    decreases in a similar way.
     """
 
     intervals: int
@@ -40,8 +40,8 @@ class Map(NamedTuple):
     """A linear map from a joint's free control points p (M,) to values (k,).
 
     The values are free @ p + fixed * rate, with free (k, M), fixed (k,) and the joint's rate at the start.
-    For a change of another motion (`RateSpline.around`), `fixed` (k, n) are the values of that motion, and
-    are added.
+    If the spline is the change of a motion (`RateSpline.around`), `fixed` (k, n) has the values of the
+    motion, and the result is free @ p + fixed.
     """
 
     free: FloatArray
@@ -102,11 +102,11 @@ class RateSpline:
         return np.stack([self.travel.free, self.rates.free, self.accelerations.free])
 
     def around(self, dt: float, rates: FloatArray) -> RateSpline:
-        """Return the spline that changes a motion with rates (N + 1, n) at nodes `dt` [s] apart.
+        """Return the spline of changes of a motion with joint rates (N + 1, n) at nodes `dt` [s] apart.
 
         The rates of the motion are linear between nodes. A change begins with zero rate and acceleration, and
-        is zero if all control points are zero. In the maps to control points, `fixed` (2, k, n) has the
-        motion's least and greatest values on the support of each control point, for rows of limits.
+        is zero if all control points are zero. The maps to control points are for limits. Their `fixed`
+        (2, k, n) has the least and greatest values of the motion on the support of each control point.
         """
         slopes = np.diff(rates, axis=0) / dt
         places = np.vstack([np.zeros_like(rates[:1]), np.cumsum(0.5 * dt * (rates[1:] + rates[:-1]), axis=0)])
@@ -145,7 +145,7 @@ class RateSpline:
         return _cut(_basis(self.knots, 2, times), self.free_end)
 
     def through(self, rates: FloatArray, rates0: FloatArray) -> FloatArray:
-        """Return control points (..., M, n) for `rates` (..., M, n) at the sites, `rates0` at the start."""
+        """Return control points (..., M, n) for rates (..., M, n) at the sites and rates0 (n,) at time 0."""
         change = rates - self.at_sites.fixed[:, None] * rates0
         return np.asarray(np.linalg.solve(self.at_sites.free, change))
 
@@ -164,10 +164,10 @@ def gauss(points: int) -> tuple[FloatArray, FloatArray]:
 
 @lru_cache(maxsize=64)
 def rate_spline(steps: int, dt: float, grid: Grid, free_end: bool = False) -> RateSpline:
-    """Return the spline for a duration of `steps` steps of `dt`; `free_end` is for goals with a velocity.
+    """Return the spline for `steps` steps of `dt` [s]; `free_end` is for goals with a velocity.
 
-    The rates reach zero half a step after the deadline, because the paper's cost includes the last node,
-    where the arm must still move.
+    The rates reach zero half a step after the deadline. The paper's cost includes the last node, so at this
+    node the arm must still move.
     """
     duration = steps * dt
     end, late_start = duration + 0.5 * dt, ARRIVAL_SHARE * duration
@@ -176,7 +176,7 @@ def rate_spline(steps: int, dt: float, grid: Grid, free_end: bool = False) -> Ra
     rest = rest[rest <= duration - 0.5 * dt]  # the deadline lies in the last interval
     borders = np.concatenate([main, rest, [end]])
     knots = np.concatenate([[0.0] * 2, borders, [end] * 2])
-    # The direction of motion changes fastest at the start, so the cost is sampled more densely there.
+    # The direction of motion changes fastest at the start, so more samples of the cost lie near the start.
     stops = np.concatenate([[0.0, 0.06 * main[1], 0.25 * main[1]], borders[1:-1], [duration]])
     last_step = duration - dt if steps > 10 else duration  # short motions have no separate last step
     if np.abs(stops - last_step).min() > 0.1 * dt:
@@ -224,20 +224,20 @@ def rate_spline(steps: int, dt: float, grid: Grid, free_end: bool = False) -> Ra
 def _weights(whole: FloatArray, early: NDArray[np.bool_]) -> FloatArray:
     """Return the weights (Q + 2,) of integrals over time, with the weight of the last step at the deadline.
 
-    The paper's sum has the value at the end of each step. In the last step the direction to the goal rotates
-    so fast that the integral differs from the sum, and the difference grows with the length of the step.
+    The paper's cost is a sum of the values at the ends of all steps. In the last step the direction to the
+    goal rotates fast, so the integral over this step would differ from the sum.
     """
     over, soon = whole.ravel(), early[:-2]
     return np.append(np.where(soon, over, 0.0), [0.0, over[~soon].sum()])
 
 
 def embedded(coarse: RateSpline, fine: RateSpline, p: FloatArray, rates0: FloatArray) -> FloatArray:
-    """Return control points (..., M, n) of the fine spline that equals the coarse one at the fine sites."""
+    """Return control points (..., M, n) of the fine spline equal to the coarse spline at the fine sites."""
     return fine.through(coarse.rates_at(fine.sites).of(p, rates0), rates0)
 
 
 def _cut(columns: FloatArray, free_end: bool) -> Map:
-    """Return the map for a matrix (k, count) of all control points, split into fixed and free ones."""
+    """Return the map for a matrix (k, count) of all control points, split into fixed and free columns."""
     return Map(np.ascontiguousarray(columns[:, 1 : None if free_end else -1]), columns[:, 0])
 
 

@@ -36,7 +36,7 @@ class LimitRows(NamedTuple):
 
 
 def limit_rows(shares: FloatArray, bounds: Sequence[SpeedBound], margin: float) -> LimitRows:
-    """Return bounds at shares (G,) of a path as rows, with a safety margin as a share of each bound."""
+    """Return speed bounds at shares (G,) of a path as rows; `margin` reduces each bound by this share."""
     use, a, b, c, fastest = 1.0 - margin, [], [], [], np.full(len(shares), np.inf)
     for bound in bounds:
         slack = use * bound.most[:, None] - np.sign(bound.slope) * bound.at_rest[:, None]
@@ -58,7 +58,7 @@ def fastest_law(rows: LimitRows) -> TimeLaw | None:
     reachable = np.zeros(count)  # the largest x from which the end can be reached at rest
     for i in range(count - 2, -1, -1):
         A, B, C = _stretch(rows, i, steps[i])
-        # At the end of the stretch 0 <= x + 2 step u <= reachable[i + 1].
+        # At the end of the interval 0 <= x + 2 step u <= reachable[i + 1].
         A = np.append(A, [2.0 * steps[i], -2.0 * steps[i]])
         B = np.append(B, [1.0, -1.0])
         C = np.append(C, [reachable[i + 1], 0.0])
@@ -81,7 +81,7 @@ def fastest_law(rows: LimitRows) -> TimeLaw | None:
 
 
 def _stretch(rows: LimitRows, i: int, step: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return the rows at both ends of stretch i, with constant u, in u and the x at the stretch's start."""
+    """Return the rows in u and x at both ends of interval i; u is constant, x is at the interval's start."""
     ahead = rows.a[i + 1] + 2.0 * step * rows.b[i + 1]  # x at the end is x + 2 step u
     return (
         np.concatenate([rows.a[i], ahead]),
@@ -93,8 +93,8 @@ def _stretch(rows: LimitRows, i: int, step: float) -> tuple[FloatArray, FloatArr
 def _largest_x(a: FloatArray, b: FloatArray, c: FloatArray, most: float) -> float | None:
     """Return the largest x in [0, most] for which a u exists with a u + b x <= c; None if there is none.
 
-    Rows with a > 0 are upper bounds (c - b x) / a of u, those with a < 0 lower bounds. Some u is feasible if
-    each lower bound is at most each upper bound, which gives rows in x only.
+    Rows with a > 0 are upper bounds (c - b x) / a of u, and rows with a < 0 are lower bounds. A feasible u
+    exists if each lower bound is at most each upper bound. These conditions contain only x.
     """
     up, down = a > _LEAST, a < -_LEAST
     none = ~up & ~down
@@ -112,7 +112,7 @@ def _largest_x(a: FloatArray, b: FloatArray, c: FloatArray, most: float) -> floa
 
 
 def check_timing(problem: Problem) -> None:
-    """Raise `InvalidValue` if the joint path of a path depends on the speed."""
+    """Raise `InvalidValue` if the joint motion along a path depends on the speed."""
     path = problem.goal
     if problem.momentum is not None or problem.joint_rates.any():
         remedy = 'is for robots without momentum that start at rest; give timing="given" for other robots'
@@ -120,7 +120,7 @@ def check_timing(problem: Problem) -> None:
 
 
 def check_bounded(problem: Problem, bounds: Sequence[SpeedBound]) -> None:
-    """Raise `InvalidValue` if no limit bounds the acceleration along a path, which then has no least time."""
+    """Raise `InvalidValue` if no limit bounds the acceleration along a path, so that no least time exists."""
     if not any(np.isfinite(bound.most_change).any() for bound in bounds):
-        remedy = 'must have opt.JointLimits or opt.TorqueLimits: timing="fastest" has no least time without'
+        remedy = 'must include opt.JointLimits or opt.TorqueLimits if the path has timing="fastest"'
         raise InvalidValue("limits", [limit.name for limit in problem.limits], remedy)

@@ -2,10 +2,10 @@
 
 The base's attitude R satisfies R' = R [omega]x, where omega is the sum of the contributions of the joint
 rates and of the total angular momentum L. A change of the joint motion rotates the whole robot by an
-additional rotation vector theta, inertial axes. It satisfies theta' = c + A theta. The vector c is the direct
-change of omega by the joints. A theta = R J R^T (L x theta), with the inverse inertia J, is the change of
-omega because the momentum in base axes depends on the base's attitude. Both equations are integrated by
-collocation at the Gauss points of a spline; the second equation is linear.
+additional rotation vector theta, which satisfies theta' = c + A theta. The vector c is the change of omega by
+the joints. The second summand, A theta = R J R^T (L x theta) with the inverse inertia J, arises because the
+momentum in base axes depends on the base's attitude. Both equations are integrated by collocation at the
+Gauss points of a spline.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ def tumbling_ends(
 ) -> tuple[ArmValues, FloatArray, FloatArray]:
     """Return the final states of K motions of a tumbling robot.
 
-    They are the arm, the base's rotation (3, 3, K), and the slopes (3, n, K) of the whole robot's final
+    The results are the arm, the base's rotation (3, 3, K), and the slopes (3, n, K) of the robot's final
     rotation vector with respect to the joint goals. Axes are those of the base at the start.
 
     Parameters
@@ -59,7 +59,10 @@ def tumbling_ends(
 
 
 def _linear_end(spline: RateSpline, forcing: FloatArray, matrix: FloatArray) -> FloatArray:
-    """Integrate theta' = forcing + matrix theta, (3, n, K, Q) and (3, 3, K, Q), from zero: (3, n, K)."""
+    """Integrate theta' = forcing + matrix theta from zero; return the final theta (3, n, K).
+
+    `forcing` is (3, n, K, Q), and `matrix` (3, 3, K, Q).
+    """
     to_points, over, _ = spline.quadrature
     intervals, gauss = over.shape
     n, count = forcing.shape[1:3]
@@ -70,7 +73,8 @@ def _linear_end(spline: RateSpline, forcing: FloatArray, matrix: FloatArray) -> 
         return np.asarray(points.transpose(3, 2, 4, 0, 1))
 
     c, A = by_interval(forcing), by_interval(matrix)
-    # theta at the Gauss points of an interval, from theta at the interval's start and from the forcing.
+    # The system is solved for theta at the Gauss points of each interval. The right-hand sides are theta at
+    # the interval's start and the integral of the forcing.
     system = np.eye(3 * gauss) - np.einsum("ibe,ikexy->ikbxey", to_points, A).reshape(
         intervals, count, 3 * gauss, 3 * gauss
     )

@@ -226,7 +226,7 @@ def test_a_client_that_spins_too_fast_is_told_so(planar: ffsms.SpaceManipulator)
     q0, goal = planar_case(planar, spin=6.0)
     plan = opt.plan(planar, q0, replace(goal, standoff=0.0), DURATION, 0.1, time_limit=0.5)
     assert not plan.reached
-    assert "too fast: to move with the goal at the deadline takes" in plan.note
+    assert "too fast: moving with the goal at the deadline takes" in plan.note
 
 
 def test_a_client_behind_an_obstacle_is_told_with_the_pair(

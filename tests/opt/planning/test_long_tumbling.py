@@ -62,7 +62,7 @@ def test_if_it_cannot_stay_it_is_there_at_the_deadline_and_says_why() -> None:
     assert found[-1] < 1e-3
     assert found.max() > 0.1
     assert "no posture that was tried" not in plan.note
-    said = re.search(r"carries a resting end effector off by ([\d.]+) m/s.* takes ([\d.]+) times", plan.note)
+    said = re.search(r"carries the end effector off by ([\d.]+) m/s.* takes ([\d.]+) times", plan.note)
     assert said is not None, plan.note
     # By differences: joints that stay let the end effector drift, and the rates that hold it are too fast.
     sms, drifts, shares = problem.sms, [], []

@@ -184,7 +184,7 @@ def test_numbers_that_fail_inside_are_a_plan_with_a_note(
     still = not np.diff(plan.q, axis=0).any()
     assert still == (after == 0)
     assert plan.reached == (after == 1)
-    assert ("the arm stays where it is" if still else "the best motion found before") in plan.note
+    assert ("the arm stays at rest" if still else "the best motion found before") in plan.note
 
 
 @pytest.mark.parametrize("after", [0, 1])

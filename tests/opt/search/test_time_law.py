@@ -133,7 +133,7 @@ def test_limits_that_are_left_out_do_not_bind(planar: Any, q0: Any) -> None:
     assert by_torques.duration < 0.8 * quick.duration
     assert 0.9 < by_torques.torque_share.max() <= 1.0
     assert (np.abs(by_torques.joint_accelerations) / planar.limits.acceleration).max() > 1.2
-    with pytest.raises(InvalidValue, match=r"limits must have opt.JointLimits or opt.TorqueLimits: timing"):
+    with pytest.raises(InvalidValue, match=r"limits must include opt.JointLimits or opt.TorqueLimits if"):
         opt.solve(opt.Problem(planar, q0, path, duration=30.0, limits=[opt.Clearance()]))
 
 
