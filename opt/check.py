@@ -145,7 +145,7 @@ def _compared(
                 description += f"{numeric[k]:.6g}"
         return worst / largest, f"{description} (the largest slope is {largest:.3g})"
 
-    # The longer step reduces rounding errors, for example those of distances.
+    # The longer step has smaller rounding errors, for example for distances.
     error, description = min(map(error_by, (1e-6, 1e-4)))
     if error > tolerance:
         raise PartError(part, method, f"has a wrong slope: {description}")

@@ -121,7 +121,7 @@ class Variable(NDArrayOperatorsMixin):
         "by_base", "by_base_turn", "by_base_spin" (3): the position of the base's centre of mass, the base's
         rotation vector and its angular velocity, inertial axes;
         "by_entropy" (no axis): H_norm; "by_coupling" (6, n): the entries of C_bm in base axes;
-        "by_time" (no axis): the time, for explicit time dependence, in single steps.
+        "by_time" (no axis): the time, for a variable of a single step that depends on time explicitly.
     where : tuple of ndarray, optional
         Indices (V,) of motions and (V,) of instants, for V values in shape (1, V) or (c, 1, V); or None and
         indices (K,) of instants of all motions. Default: all motions and instants.
@@ -259,7 +259,7 @@ class Variable(NDArrayOperatorsMixin):
         return {name: along(slope) for name, slope in self.by_all().items()}
 
     def cosine(self, other: Variable, size: FloatArray, other_size: FloatArray) -> Variable:
-        """Return the cosine of the angle to another vector; both sizes (S, K) > 0 are the lengths."""
+        """Return the cosine of the angle to another vector; the sizes (S, K) > 0 are both lengths."""
         here, there = self.value / size, other.value / other_size
         cosine = np.einsum("c...,c...->...", here, there)
 
@@ -360,7 +360,7 @@ class RobotFrame(NamedTuple):
     def of_arm(self, arm: ArmValues) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         """Return position (3, ...) [m], rotation (3, 3, ...), and linear and angular Jacobian (3, n, ...).
 
-        All are relative to the root frame of the base, in the axes of this frame, with the base fixed.
+        All are relative to the base's root frame, in root axes, for a fixed base.
         """
         shape = arm.axes.shape[2:]
         along = (..., *(None,) * len(shape))
@@ -556,7 +556,7 @@ class Variables:
 
     @cached_property
     def to_goal(self) -> Variable:
-        """The displacement (3, S, K) [m] to the goal from the end effector's place `Rollouts.delay` ago."""
+        """The displacement (3, S, K) [m] to the goal from the end effector, `Rollouts.delay` [s] earlier."""
         to_goal: Variable = self.goal - self.tip + self.rollouts.delay * self.velocity
         return to_goal
 

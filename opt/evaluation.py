@@ -92,7 +92,7 @@ _KINDS: dict[str, tuple[Any, str]] = {
 
 
 def checked_parts(name: str, parts: Any, kind: type[Any]) -> tuple[Any, ...]:
-    """Return parts as a tuple; raise `InvalidValue` for another kind, or a name that occurs twice."""
+    """Return parts as a tuple; raise `InvalidValue` for a part of another type, or a repeated name."""
     if isinstance(parts, str) or not isinstance(parts, Sequence):
         raise InvalidValue(name, parts, f"must be a sequence of opt.{kind.__name__}")
     for i, part in enumerate(parts):
@@ -102,12 +102,14 @@ def checked_parts(name: str, parts: Any, kind: type[Any]) -> tuple[Any, ...]:
             raise InvalidValue(f"{name}[{i}]", part, "must have a `name`, a string that is not empty")
     names = [part.name for part in parts]
     if repeated := [name for name in names if names.count(name) > 1]:
-        raise InvalidValue(name, repeated[0], "must have one part of each name; set another `name` for yours")
+        raise InvalidValue(
+            name, repeated[0], "must have one part of each name; set another `name` for your part"
+        )
     return tuple(parts)
 
 
 def residuals_of(part: Any, motions: Rollouts | Variables) -> list[Variable]:
-    """Return the residuals of a term or limit for motions, without empty ones."""
+    """Return the residuals of a term or limit for motions, without empty residuals."""
     variables = motions if isinstance(motions, Variables) else Variables(motions)
     return [residual for residual in formulas(part, "residual", variables) if residual.value.size]
 
@@ -165,7 +167,7 @@ def share_of(term: Any, motion: Rollouts) -> float:
 
 
 def formulas(part: Any, method: str, variables: Variables) -> list[Variable]:
-    """Return the variables of a part's formula as a flat list; raise `PartError` for anything else."""
+    """Return the variables of a part's formula as a flat list; raise `PartError` for other results."""
     result, slopes_lost = gradient_watch(lambda: evaluate(part, method, variables))
     if slopes_lost:
         raise PartError(part, method, f"loses slopes: {_LOST}")
@@ -197,7 +199,7 @@ def _flat(result: Any) -> list[Any]:
 
 
 def _checked(part: Any, method: str, value: Any, variables: Variables) -> Variable:
-    """Return a variable unchanged; raise `PartError` for anything else, and for a wrong shape."""
+    """Return a variable unchanged; raise `PartError` for another type, and for a wrong shape."""
     if not isinstance(value, Variable):
         if isinstance(value, (np.ndarray, np.generic, float, int)):
             raise PartError(part, method, f"returns a plain array without slopes: {_WRITE}")

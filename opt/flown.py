@@ -69,11 +69,11 @@ class Verdict:
     ----------
     misses : tuple of str
         Messages about missed goals, overlaps, and violations of all limits other than clearances; empty if
-        the motion has arrived.
+        the motion has `arrived`.
     breaches : tuple of str
-        Messages about violated clearances without an overlap. A motion with breaches may have arrived.
+        Messages about violated clearances without an overlap. A motion with breaches may have `arrived`.
     path_error : ndarray, shape (K,)
-        Distance from the path [m]; empty if the goal is no `opt.Path`.
+        Distance from the path [m]; empty if the goal is not an `opt.Path`.
     orientation_error : ndarray, shape (K,)
         Angle from the end effector to the desired attitude [rad]; zero if any attitude is admissible.
     frame_errors : dict of str to ndarray, shape (K, 2)
@@ -186,8 +186,8 @@ def judge(
     The goal of the end effector is checked at the last row, within `Goal.reach` and `Goal.orientation_reach`.
     A goal with `Goal.exact` is checked at the deadline within its tolerance, velocities included. Required
     velocities of other goals are checked at the deadline, within the reaches per second. Every limit is
-    checked by its `Limit.violation_in_flight`. Clearances are checked between rows, too: an overlap is a
-    miss, a smaller violation a breach.
+    checked by its `Limit.violation_in_flight`. Clearances are checked between rows, too. An overlap is a
+    miss, and a smaller violation is a breach.
 
     Parameters
     ----------
@@ -205,7 +205,7 @@ def judge(
     motion = recorded(problem, plant, t, q, v, tau, wheel_momentum)
     goal, misses, breaches = problem.goal, list[str](), list[str]()
     if t[-1] < problem.duration - 1e-6:
-        misses.append(f"the flight ended at {t[-1]:.4g} s of {problem.duration:.4g} s")
+        misses.append(f"the flight ended at {t[-1]:.4g} s, before the deadline at {problem.duration:.4g} s")
     errors = pose_errors(goal, Variables(motion), "tip")
     if goal.exact:
         misses += _exact_misses(problem, motion, errors)
@@ -241,8 +241,8 @@ def limit_misses(problem: Problem, limits: Sequence[Limit], motion: RecordedRoll
 def least_clearance(problem: Problem, robot: SpaceManipulator, motion: Rollouts) -> LeastClearance | None:
     """Return the least clearance of a motion, at instants and between them.
 
-    The robot's bodies are checked against each other, and against obstacles on the base, in space and on a
-    client. The result is None if the problem has no clearance limit, or if no bodies can meet.
+    The pairs are the robot's bodies, and the robot's bodies with obstacles on the base, in space or on a
+    client. The result is None if the problem has no clearance limit, or if no bodies can collide.
     """
     least = None
     for limit in problem.limits:

@@ -87,7 +87,7 @@ def plan(
     target
         The `goal` of `opt.Problem`.
     kappa : float
-        Sharpness of C~, see `opt.Coupling`. The paper states none; with 10, C~ is close to
+        Sharpness of C~, see `opt.Coupling`. The paper states no value; with 10, C~ is close to
         max(0, cos(theta_a)).
     method : str
         "horizon": optimisation of the whole motion from several initial guesses (docs/planner.md). It reaches
@@ -127,7 +127,7 @@ def plan(
     for name, default in _OF_HORIZON.items():
         value = options.get(name, default)
         if method != "horizon" and np.any(value != default):
-            raise InvalidValue(name, value, f"is no option of method '{method}'; take method 'horizon'")
+            raise InvalidValue(name, value, f"is not an option of method '{method}'; use method 'horizon'")
     goal = as_goal(target, "target")
     terms = default_terms(kappa, options.get("effort"), options.get("base", 0.0), goal.coupled)
     limits = default_limits(
@@ -222,7 +222,7 @@ def plan_problem(
     """
     one_of("method", method, METHODS)
     if unsupported := lacking(problem, method):
-        raise InvalidValue("method", method, f"{unsupported}; take 'horizon'")
+        raise InvalidValue("method", method, f"{unsupported}; use 'horizon'")
     # If the end effector is at its goal, the arm stays at rest, regardless of the cost.
     if starts_within(problem, 1e-6, 1e-6) and problem.goal.place(0.0).rests:
         note = "the end effector is at its target from the start"
@@ -263,14 +263,14 @@ def plan_many(
     ----------
     q0 : array_like, shape (nq,) or (N, nq)
         The configurations at the start.
-    target : array_like, shape (3,) or (N, 3), or pinocchio.SE3, or sequence of both kinds
+    target : array_like, shape (3,) or (N, 3), or pinocchio.SE3, or sequence of these
         The targets.
     duration : float or array_like, shape (N,)
         The durations [s].
     jobs : int, optional
-        The number of processes; 1 is this process only. Default: the number of cores. With several processes
-        a script must make the call below `if __name__ == "__main__":`, because each process imports the
-        script.
+        The number of processes; with 1 no further process is started. Default: the number of cores. With
+        several processes a script must make the call below `if __name__ == "__main__":`, because each process
+        imports the script.
     progress : callable, optional
         A function that is called with the share of planned motions, 0 to 1.
 
@@ -297,9 +297,8 @@ def plan_many(
     _check_options("opt.plan_many", options)
     work = partial(_plan, sms, {"dt": dt, "kappa": kappa, **options})
     plans = map_in_processes(work, list(zip(*columns, strict=True)), jobs, progress)
-    return [
-        replace(plan) for plan in plans
-    ]  # arrays from another process are writable; `replace` freezes them
+    # Arrays from another process are writable; `replace` freezes them.
+    return [replace(plan) for plan in plans]
 
 
 def _plan(sms: SpaceManipulator, settings: dict[str, Any], task: tuple[Any, Any, Any]) -> Trajectory:
@@ -308,7 +307,7 @@ def _plan(sms: SpaceManipulator, settings: dict[str, Any], task: tuple[Any, Any,
 
 
 def _rows(name: str, value: Any) -> list[Any] | None:
-    """Return the values for each motion; None if there is one value for all motions."""
+    """Return the values for all motions as a list; None if all motions have the same value."""
     if isinstance(value, pin.SE3):
         return None
     if name == "target" and isinstance(value, np.ndarray) and value.shape[-2:] == (4, 4):
@@ -323,14 +322,14 @@ def _rows(name: str, value: Any) -> list[Any] | None:
     if dimensions == single and np.size(value):
         return None
     if dimensions not in (1, single + 1):
-        raise InvalidValue(name, value, "must be one value for all motions, or a sequence with one for each")
+        raise InvalidValue(name, value, "must be one value for all motions, or a sequence of N values")
     return list(value if isinstance(value, Sequence) else np.asarray(value))
 
 
 class _StepBox(AlphaBox):
-    """The box on alpha that re-planning adds.
+    """The box on alpha that re-planning adds to a problem.
 
-    Flights are not judged by this box, because it is not a limit that the user has set.
+    A flown motion is not checked against this box, because the user has not set this limit.
     """
 
     def violation_in_flight(self, motion: RecordedRollouts) -> Violation:
@@ -341,9 +340,9 @@ class _StepBox(AlphaBox):
 def replannable(problem: Problem, plan: Trajectory | None = None) -> Problem:
     """Return the problem for re-planning in a closed loop.
 
-    The paper's box on alpha is added, because single steps always have it. Flights are judged by the box only
-    if `problem` has it. A waypoint without a time gets the time at which `plan` is nearest to it, because the
-    loop cannot measure which waypoints were passed.
+    The paper's box on alpha is added, because single steps always have this limit. A flown motion is checked
+    against the box only if `problem` has it. A waypoint without a time gets the time at which `plan` is
+    nearest to the waypoint, because the loop cannot measure which waypoints were passed.
     """
     limits = list(problem.limits)
     if not any(isinstance(limit, AlphaBox) for limit in limits):

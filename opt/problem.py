@@ -327,7 +327,7 @@ class Problem:
 
     @property
     def required_momentum(self) -> FloatArray | None:
-        """The total momentum (6,) that the goal requires; None if any is admissible."""
+        """The total momentum (6,) that the goal requires; None if any momentum is admissible."""
         client = self.goal.at_rest_with
         return None if client is None else rest_momentum(client, self.com0)
 
@@ -338,7 +338,7 @@ class Problem:
 
     @property
     def tumbles(self) -> bool:
-        """True if the robot has an angular momentum."""
+        """True if the robot has angular momentum."""
         return self.momentum is not None and bool(self.momentum[3:].any())
 
     @cached_property

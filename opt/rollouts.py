@@ -159,10 +159,10 @@ def held_momentum(arm: ArmValues) -> FloatArray:
 def wheel_total(
     sms: SpaceManipulator, wheels: ReactionWheels, q: FloatArray, v: FloatArray, momentum: FloatArray
 ) -> FloatArray:
-    """Return the momenta h_0 (w,) of wheels with arm and base at rest, from `momentum` (w,) [N m s].
+    """Return the momenta h_0 (w,) of wheels with arm and base at rest [N m s].
 
-    `momentum` are the present momenta. The angular momentum of arm and base in the state q (nq,), v (6 + n,)
-    is added to them.
+    They are the present momenta `momentum` (w,) plus the wheels' shares of the angular momentum of arm and
+    base in the state q (nq,), v (6 + n,).
     """
     angular = pin.computeCentroidalMomentum(sms.model, sms.model.createData(), q, v).angular
     in_root_axes = pin.Quaternion(q[3:7]).toRotationMatrix().T @ angular
@@ -190,7 +190,7 @@ EXACT = Smoothing()
 class Paired(NamedTuple):
     """The paper's measures of the N steps of one motion.
 
-    They combine the configuration at a step's start with the joint rates at the step's end.
+    The measures combine the configuration at a step's start with the joint rates at the step's end.
     """
 
     cosine: FloatArray  # (N,) cos(theta_a)
@@ -206,7 +206,7 @@ class Paired(NamedTuple):
 class Rollouts:
     """A stack of S motions at K instants, inertial axes [m, rad, s].
 
-    Axes of components and joints come before those of motions and instants.
+    The axes of components and joints come before the axes of motions and instants.
     """
 
     of_rollouts: ClassVar[tuple[str, ...]] = (

@@ -1,4 +1,4 @@
-"""The first-order covariance of the end effector's last position under uncertain inertial parameters."""
+"""The first-order covariance of the end effector's final position under uncertain inertial parameters."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ if TYPE_CHECKING:
     from ffsms_pin.opt.trajectory import Trajectory
 
 _SMALL = 1e-5  # step of finite differences, as a share of a body's parameter scale
-_NONE = 1e-14  # share of the largest variance below which a variance is taken as zero
+_NONE = 1e-14  # a variance below this share of the largest variance is taken as zero
 
 
 def end_spread(plan: Trajectory, covariance: FloatArray, sms: SpaceManipulator | None) -> FloatArray:
-    """Return the covariance (3, 3) [m^2] of the end effector's last position, see `Trajectory.spread`."""
+    """Return the covariance (3, 3) [m^2] of the end effector's final position, see `Trajectory.spread`."""
     if sms is None:
         if plan.problem is None:
             raise InvalidValue("sms", sms, "must be given: a plan that was loaded from a file has no robot")
@@ -57,7 +57,7 @@ def _sizes(parameters: FloatArray) -> FloatArray:
 
 
 def _end(plan: Trajectory, sms: SpaceManipulator, change: FloatArray) -> FloatArray:
-    """Return the end effector's last position (3,) [m] with other parameters and the same joint motion."""
+    """Return the end effector's final position (3,) [m] for changed parameters and the same joint motion."""
     numbers = (sms.inertial_parameters + change).reshape(-1, PER_BODY)
     bodies = [
         pin.Inertia.FromDynamicParameters(row) if row[0] > 0.0 else body

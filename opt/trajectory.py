@@ -43,7 +43,7 @@ _SHAPES: dict[str, tuple[str | int, ...]] = {  # shapes of arrays; other fields 
 }
 
 
-@dataclass(frozen=True, eq=False)  # `==` of arrays has no single truth value
+@dataclass(frozen=True, eq=False)  # `==` of arrays has no truth value
 class Trajectory:
     """A motion of the whole system under constant joint accelerations in each of N steps.
 
@@ -75,14 +75,14 @@ class Trajectory:
         any attitude is admissible.
     path_error, path_angle_error : ndarray, shape (N + 1,)
         The largest distance from the path [m] and angle from its attitude [rad] within half a step of each
-        node, evaluated at ten times the resolution; NaN if the goal is no `opt.Path`.
+        node, evaluated at ten times the resolution; NaN if the goal is not an `opt.Path`.
     kappa, reach, orientation_reach : float
         The sharpness of C~; the paper's r_th [m]; the corresponding angle [rad].
     note : str
         The errors and their reasons; never empty if the plan is not `reached` or not `within_tolerance`.
     shortest_duration : float
-        A sufficient duration [s], if the plan failed for lack of time and the search found such a duration;
-        else 0. For plans of `opt.shortest`, and of paths with `timing="fastest"`, the plan's own duration.
+        A sufficient duration [s], if the plan failed and the search found such a duration; otherwise 0. For
+        plans of `opt.shortest`, and of paths with `timing="fastest"`, the plan's own duration.
     contact_velocity, momentum : ndarray, shape (6,)
         Velocity [m/s] and angular velocity [rad/s] of the end effector at the deadline, relative to the
         desired velocities (zero by default); total momentum [linear; angular] about the system's centre of
@@ -243,7 +243,7 @@ class Trajectory:
         return pose
 
     def spread(self, covariance: FloatArray, sms: SpaceManipulator | None = None) -> FloatArray:
-        """Return the covariance (3, 3) [m^2] of the end effector's last position for uncertain inertias.
+        """Return the covariance (3, 3) [m^2] of the end effector's final position for uncertain inertias.
 
         The joints move as planned. The covariance of the inertial parameters, which determine the base's
         reaction, is propagated to first order.
@@ -258,7 +258,7 @@ class Trajectory:
         Raises
         ------
         InvalidValue
-            If the shape is wrong, the matrix is no covariance, or `sms` is missing for a plan from a file.
+            If the shape is wrong, the matrix is not a covariance, or `sms` is missing for a plan from a file.
         """
         return end_spread(self, covariance, sms)
 
@@ -296,7 +296,7 @@ class Trajectory:
             elif kind != "FloatArray":
                 values[name] = values[name].item()
         if values["mode"] not in MODES:
-            raise ResultError(path, f"its 'mode' is '{values['mode']}', none of {', '.join(MODES)}")
+            raise ResultError(path, f"its 'mode' is '{values['mode']}', not one of {', '.join(MODES)}")
         return cls(**values)
 
 

@@ -232,7 +232,7 @@ def deadzone(x: Variable, allowed: float, firm: bool = False) -> Variable:
         return Variable(np.zeros_like(x.value), {}, x.where)
 
     def slopes() -> dict[str, FloatArray]:
-        # The derivative is 1 along the vector, and the remaining share of the length perpendicular to it.
+        # The derivative is 1 along the vector, and `share` perpendicular to the vector.
         matrix = (np.where(share > 0.0, 1.0, 0.0) - share) * unit[:, None] * unit
         diagonal(matrix)[...] += share
         return {name: np.einsum("xy...,yz...->xz...", matrix, slope) for name, slope in x.slopes.items()}
@@ -265,7 +265,7 @@ class Goal(ABC):
     moves : bool
         True if the place depends on time.
     exact : bool
-        True if a plan outside the tolerance at the deadline has not `reached`, velocities included.
+        True if `reached` requires errors within the tolerance at the deadline, also errors of velocities.
     coupled : bool
         True if the paper's cost is a term by default. This cost favours motions at an angle to the
         displacement, so it does not suit goals that are approached along a line.

@@ -50,8 +50,8 @@ class Meet(Goal):
     each side at the default standoff, about the opening of a gripper."""
     misalignment: Annotated[Positive | None, Angle("rad", "any")] = None
     """The largest angle between axes of the end effector and of the grasp at the mouth of the corridor, at
-    most 90 degrees. It decreases linearly to a twentieth at the grasp, because a tilted probe jams in a
-    throat. Default: any rotation in the corridor."""
+    most 90 degrees. The bound decreases linearly to a twentieth at the grasp, because a tilted probe jams in
+    a throat. Default: any rotation in the corridor."""
     axis: Annotated[Vector3, Unit()] = (0.0, 0.0, 1.0)
     """The direction of approach, in grasp axes; its length is ignored. Default: z, which points away from the
     flange in most tool frames."""
@@ -83,7 +83,7 @@ class Meet(Goal):
             if checks.positive("misalignment", self.misalignment, "rad") > 0.5 * math.pi:
                 raise InvalidValue("misalignment", self.misalignment, "must be at most a right angle [rad]")
             if not self.standoff:
-                text = "needs a corridor, which standoff = 0 switches off"
+                text = "requires a corridor: set a standoff above 0 m"
                 raise InvalidValue("misalignment", self.misalignment, text)
         checks.instance("rest_after", self.rest_after, bool)
         if self.coast is not None:
@@ -112,9 +112,9 @@ class Meet(Goal):
 
     def approach(self, duration: float) -> list[tuple[float, Place]]:
         """Return times [s] and places on the corridor's axis, at decreasing speed; none without corridor."""
-        # The approach usually ends at 0.9 of the duration, which is 0.6 of the time in the corridor, and the
-        # end effector stays at the grasp in the last tenth of the duration. If an approach that ends at the
-        # deadline is within half of the reach in this tenth, the approach ends at the deadline.
+        # The approach usually ends at 0.9 of the duration, which is 0.6 of the time in the corridor. The end
+        # effector then stays at the grasp in the last tenth of the duration. An approach that lasts until the
+        # deadline is used if it is within half of the reach in this tenth.
         places, late = [], 0.6
         if 2.0 * (1.0 - late) ** 2 * self.standoff <= self.reach:
             late = 1.0
@@ -126,11 +126,11 @@ class Meet(Goal):
         return places
 
     def limits(self, duration: float) -> tuple[Limit, ...]:
-        """Return the corridor if the standoff is above zero, and the bound on the misalignment in it."""
+        """Return the corridor and the bound on the misalignment; none if the standoff is zero."""
         if not self.standoff:
             return ()
-        rest = self.axis, self.tolerance, (1.0 - _MOUTH) * duration
-        corridor = Corridor(self, duration, self.standoff, self.half_angle, *rest)
+        common = self.axis, self.tolerance, (1.0 - _MOUTH) * duration
+        corridor = Corridor(self, duration, self.standoff, self.half_angle, *common)
         if self.misalignment is None:
             return (corridor,)
-        return corridor, Alignment(self, duration, self.standoff, self.misalignment, *rest)
+        return corridor, Alignment(self, duration, self.standoff, self.misalignment, *common)

@@ -87,8 +87,8 @@ class Path(Goal):
     timing: Annotated[Literal["given", "fastest"], Unit()] = "given"
     """The time law of a geometric curve. "given": constant speed over the problem's duration, with a smooth
     start and end. "fastest": the least time, at most the problem's duration, within the limits that bound the
-    speed (`Limit.speed_bound`). These are joint rates, accelerations and torques by default, and the limits
-    of wheels and of the base's angular speed if the problem has them."""
+    speed (`Limit.speed_bound`). By default these limits are on joint rates, accelerations and torques; limits
+    on wheels and on the base's angular speed also bound the speed if the problem has them."""
     approach_time: Annotated[NotNegative, Unit("s")] = 0.0
     """The time before the path's start in which the end effector moves straight to the path and reaches the
     path's velocity. Zero: the motion begins on the path."""
@@ -132,22 +132,22 @@ class Path(Goal):
 
     @cached_property
     def _curve(self) -> Curve:
-        """The curve by time [s], or by the share of its length if it is geometric."""
+        """The curve as a function of time [s], or of the share of its length if it is geometric."""
         if not callable(self.curve):
             points = sampled_points(self.curve)
             if self.parameter is not None:
-                remedy = "must be left out of samples: give their times instead, or none"
+                remedy = "must be left out if the curve is samples; set their `times`, or none"
                 raise InvalidValue("parameter", self.parameter, remedy)
             if self.times is None:
                 along = lengths(points)
                 if (np.diff(along) <= 0.0).any():
                     k = int(np.argmin(np.diff(along)))
-                    remedy = f"must not repeat a sample, as curve[{k + 1}] does; leave it out"
+                    remedy = f"must not repeat a sample; remove curve[{k + 1}]"
                     raise InvalidValue("curve", points.positions[:, k + 1], remedy)
                 return EvenCurve(SampledCurve(along, points), 0.0, float(along[-1]))
             return SampledCurve(sample_times(self.times, points.positions.shape[1]), points)
         if self.times is not None:
-            remedy = "must be left out of a function, whose argument is the time"
+            remedy = "must be left out if the curve is a function, because its argument is the time"
             raise InvalidValue("times", self.times, remedy)
         if self.parameter is None:
             return FunctionCurve(self.curve, 0.0)
@@ -196,7 +196,7 @@ class Path(Goal):
                 f"{float(self.times[-1]) + self.approach_time:g} s"
             )
             raise InvalidValue("times", float(self.times[-1]), remedy)
-        if duration != self.duration:  # otherwise it has been checked
+        if duration != self.duration:  # otherwise the curve has been checked
             end, unit = (1.0, "of its length") if self.geometric else (last, "s")
             check_jumps(self._curve, np.linspace(0.0, end, _CHECKED), unit)
         return path
@@ -209,7 +209,7 @@ class Path(Goal):
         return max(float(self.times[-1]) - (self.duration - self.approach_time), 0.0)
 
     def slower(self, scale: float) -> Path:
-        """Return the path with curve and approach slowed down by a factor `scale` on their times."""
+        """Return the path with the times of curve and approach multiplied by `scale`."""
         path = replace(self, approach_time=scale * self.approach_time, duration=None, begin=None)
         if self.geometric:
             return path
@@ -354,7 +354,7 @@ class OnPath(PoseConstraint, Limit):
     def __init__(self, goal: Path) -> None:
         self.goal = goal
         self.tolerance, self.orientation_tolerance = goal.tolerance, goal.orientation_tolerance
-        # The penalty is soft, because single steps bring the end effector back to the path after the search.
+        # The penalty is soft, because a rollout after the descent brings the end effector back to the path.
         # The margin equals the tolerance.
         self.scale = 5e4 * self.tolerance
         self.margin = self.tolerance / self.scale
@@ -364,13 +364,13 @@ class OnPath(PoseConstraint, Limit):
         return None
 
     def residual(self, m: Variables) -> list[Variable]:
-        """Return the errors, also errors within the tolerances, because only redundant motion is free."""
+        """Return the pose errors, also within the tolerances, so that only the redundant motion changes."""
         tolerances = (self.tolerance, self.orientation_tolerance)
         parts = zip(self.pose_error(m).parts, tolerances, strict=False)
         return [x * (self.margin / tolerance) for x, tolerance in parts]
 
     def violation(self, motion: Rollouts) -> Violation:
-        """Return the largest excess over a tolerance as a length [m], also that of an angle."""
+        """Return the largest excess over a tolerance [m]; an angle's excess is converted to a length."""
         m = Variables(motion)
         error = self.pose_error(m)
         share = np.maximum(error.distance[0] / self.tolerance, error.angle[0] / self.orientation_tolerance)
@@ -381,7 +381,7 @@ class OnPath(PoseConstraint, Limit):
         return Violation(self.tolerance * float(share[k] - 1.0), instants, self._note(error, k, motion))
 
     def violation_in_flight(self, motion: RecordedRollouts) -> Violation:
-        """Return the largest excess over a reach of the goal, as a length [m]."""
+        """Return the largest excess over a reach of the goal [m]; an angle is converted to a length."""
         error, goal = self.pose_error(Variables(motion)), self.goal
         share = np.maximum(error.distance[0] / goal.reach, error.angle[0] / goal.orientation_reach)
         k = int(np.argmax(share))
@@ -411,7 +411,7 @@ class PathErrors(NamedTuple):
 
     distance: FloatArray  # (N + 1,) the largest distance within half a step of each node [m]
     angle: FloatArray  # (N + 1,) the largest angle within half a step of each node [rad]
-    excess: float  # the largest excess over a tolerance as a length [m], also that of an angle
+    excess: float  # [m] the largest excess over a tolerance; an angle's excess is converted to a length
     note: str  # a message about the largest errors
 
 
@@ -426,7 +426,7 @@ def path_errors(problem: Problem, rates: FloatArray) -> PathErrors:
     missed = places.pose_error(Variables(motion).frame("tip", places.on))
     every = 2 * _FINER
     errors = np.stack([missed.distance[0], missed.angle[0]])
-    # The neighbourhood of a node is half a step to both sides.
+    # The neighbourhood of a node extends half a step to both sides.
     begins = np.maximum(every * nodes - _FINER, 0)
     largest = np.maximum.reduceat(errors, begins, axis=1)
     share = max(float(errors[0].max()) / path.tolerance, float(errors[1].max()) / path.orientation_tolerance)

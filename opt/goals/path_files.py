@@ -48,7 +48,7 @@ def path_samples(path: str | os.PathLike[str]) -> PathSamples:
     for name, numbers in columns.items():
         if not (known := np.isfinite(numbers)).all():
             row = int(np.argmin(known)) + 1
-            raise ResultError(path, f"has a wrong row: {name} of row {row} is no finite number")
+            raise ResultError(path, f"has a wrong row: {name} of row {row} is not a finite number")
     positions, attitudes = np.column_stack([columns[name] for name in _POSITION]), None
     if turned:
         quaternions = np.stack([columns[name] for name in _ATTITUDE])

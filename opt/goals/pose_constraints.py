@@ -333,7 +333,7 @@ def pose_errors(goal: Goal, m: Variables, frame: str) -> FloatArray:
 
 
 def end_miss(goal: Goal, error: FloatArray, frame: str) -> str:
-    """Return a message if a final distance and angle (2,) exceed the reaches of a goal; else an empty one."""
+    """Return a message if a final distance and angle (2,) exceed the reaches of a goal; otherwise ''."""
     if error[0] <= goal.reach and error[1] <= goal.orientation_reach:
         return ""
     turned = goal.place(0.0).rotation is not None
@@ -440,10 +440,10 @@ def compared_axes(axis: FloatArray) -> tuple[FloatArray, FloatArray]:
 class Alignment(Corridor):
     """A bound on the rotation of the end effector relative to the grasp while it is in the corridor.
 
-    The axes of approach of both frames, and two axes perpendicular to them, may differ by an angle that
-    decreases linearly from `half_angle` at the distance `length` from the grasp to a twentieth of it at the
-    grasp. Small angles are approximated by the distance between unit vectors, which is smaller for large
-    angles. The slack is an angle times `length` [m].
+    The bound applies to the angle between the axes of approach of both frames, and to the angle between two
+    axes perpendicular to them. It is `half_angle` at the distance `length` from the grasp, and decreases
+    linearly to a twentieth of this value at the grasp. An angle is approximated by the distance between unit
+    vectors, which is smaller for large angles. The slack is an angle times `length` [m].
     """
 
     name = "alignment"
@@ -451,7 +451,7 @@ class Alignment(Corridor):
     refusal = "the start is in the corridor and turned: {note}; move the start, or take a shorter standoff"
 
     def _depth_and_distance(self, m: Variables) -> tuple[Variable, Variable]:
-        """Return the allowed minus the present angle of the axes, and the distance from the grasp, in m."""
+        """Return the allowed minus the present angle, times `length`, and the distance from the grasp [m]."""
         grasp, tip = self.reference(m), m.frame(self.frame)
         far = (tip - grasp).norm()
         along, across = ((tip.axis(axis) - grasp.axis(axis)).norm() for axis in compared_axes(self.axis))

@@ -78,7 +78,7 @@ class JointLimits(Limit):
     def violation_in_flight(self, motion: RecordedRollouts) -> Violation:
         """Return the largest excess of a position or rate, zero if control errors may cause it.
 
-        Accelerations are not judged, because a control law may exceed their limits to correct small errors.
+        Accelerations are not checked, because a control law may exceed their limits to correct small errors.
         """
         robot: Any = motion.stack.robot
         limits = robot.limits if self.joint_bounds is None else self.joint_bounds

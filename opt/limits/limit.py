@@ -66,7 +66,7 @@ class Limit(ABC):
     joint_bounds : RobotLimits or None
         Hard bounds on rates, accelerations and positions of whole motions; a start outside is an error.
     in_braking : Limit or None
-        A limit that must hold while the arm stops after a step; None if the rows of the step ensure that.
+        A limit that must hold while the arm stops after a step; None if the rows of the step ensure this.
     refusal : str
         The message for a start from which no motion satisfies the limit; it contains "{note}", which is
         replaced by the note of the violation. If it is empty, the search starts anyway.
@@ -174,7 +174,7 @@ class Inequality(Limit):
     # step may be negative by `trusted` [unit/s] times the remaining time.
     when: str = "always"
     trusted: float = 0.05
-    active_below: float | None = None  # the slack below which it counts as active; None: 1.125 margins
+    active_below: float | None = None  # the slack below which the limit is active; None: 1.125 margins
     accuracy: float = 1e-6  # the violation up to which the limit counts as satisfied
     largest_extra_margin: float = np.inf  # upper bound on the additional margin
 
@@ -263,14 +263,14 @@ class Inequality(Limit):
         slacks, times = self.slacks(active).value[:, 0], active.times
         if not slacks.size:
             return Violation()
-        # Penalties are soft, so the limit counts as active within 1.125 margins.
+        # Penalties are soft, so by default the limit is active within 1.125 margins.
         binding = (
             1.125 * self._scale_and_margin(motion)[1] if self.active_below is None else self.active_below
         )
         binds = times[(slacks < binding).any(axis=0)]
         least = _least_between(slacks) if active.where is None else slacks
         i, k = np.unravel_index(int(np.argmin(least)), least.shape)
-        if least[i, k] > -self.accuracy:  # counts as satisfied
+        if least[i, k] > -self.accuracy:  # the limit is satisfied
             return Violation(0.0, binds)
         return Violation(float(-least[i, k]), binds, self.note(float(least[i, k]), float(times[k])))
 

@@ -44,10 +44,10 @@ class WheelLimits(MotorLimits):
     def rows(self, step: StepState) -> Rows | None:
         """Return a row of unit length for each wheel, in rad/s; None if no wheels hold the attitude.
 
-        With A^+ D of `opt.rollouts`, the joint rates u_0 at the step's start and u at its end, the torques
-        are the present torques plus A^+ D (u_0 - u) / dt. Both limits therefore
-        bound the same sums of joint rates, A^+ D u. If the limits contradict each other, the torque limit
-        has priority. Wheels with proportional sums, for example all wheels of a planar arm, share a row.
+        The torques are the present torques plus A^+ D (u_0 - u) / dt, with the joint rates u_0 at the step's
+        start and u at its end; for A^+ D see `opt.rollouts`. So both limits bound the same sums A^+ D u of
+        joint rates. If the limits contradict each other, the torque limit has priority. Wheels with
+        proportional sums, for example all wheels of a planar arm, share a row.
         """
         wheels = step.wheels
         if wheels is None:
@@ -80,10 +80,10 @@ class WheelLimits(MotorLimits):
         if wheels is None:
             return violation
         momentum = Variables(motion).arm_momentum.value[:, 0]
-        rest = np.abs(momentum - wheels.axes.T @ (wheel_shares(wheels) @ momentum)).max()
-        if rest <= 1e-6 * max(float(np.abs(momentum).max()), 1e-9):  # rounding
+        other = np.abs(momentum - wheels.axes.T @ (wheel_shares(wheels) @ momentum)).max()
+        if other <= 1e-6 * max(float(np.abs(momentum).max()), 1e-9):  # rounding
             return violation
-        note = f"{rest:.3g} N m s of the arm's momentum are about an axis that no wheel has"
+        note = f"{other:.3g} N m s of the arm's momentum are about an axis without a wheel"
         note = f"{violation.note or self.broken}{'; ' if violation.note else ': '}{note}"
         return violation._replace(amount=max(violation.amount, 1.0), note=note)
 

@@ -146,4 +146,4 @@ def test_what_does_not_know_moving_goals_is_left_out_or_refused_before_any_work(
     assert main(["compare", str(path), "--out", out, "--methods", "horizon", "step"]) == 2
     said = capsys.readouterr().err
     assert said.count("\n") == 1
-    assert "does not support moving goals; take 'horizon', got 'step'" in said
+    assert "does not support moving goals; use 'horizon', got 'step'" in said

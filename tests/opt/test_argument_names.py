@@ -95,7 +95,7 @@ def test_an_option_that_a_method_does_not_take_is_refused(
 ) -> None:
     q0 = planar.configuration(np.radians([1.0, 1.0, 1.0]))
     (name,) = option
-    words = f"{name} is no option of method '{method}'"
+    words = f"{name} is not an option of method '{method}'"
     refused(lambda: opt.plan(planar, q0, TARGET, 2.0, 0.1, method=method, **option), InvalidValue, words)
 
 

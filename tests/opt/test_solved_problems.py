@@ -68,7 +68,7 @@ def test_a_moving_goal_is_met_with_its_velocity(planar: ffsms.SpaceManipulator, 
 
 def test_methods_of_single_steps_know_no_moving_goals(planar: ffsms.SpaceManipulator, q0: FloatArray) -> None:
     for change in ({"target": lambda t: GOAL}, {"target": GOAL, "locked": ["joint_1"]}):
-        with pytest.raises(InvalidValue, match="take 'horizon'"):
+        with pytest.raises(InvalidValue, match="use 'horizon'"):
             opt.plan(planar, q0, **change, method="step")
 
 

@@ -191,7 +191,7 @@ def test_terms_are_for_whole_motions(tmp_path: Path) -> None:
     [
         ("x,y\n0,0\n1,1\n", "must have columns x, y, z"),
         ("x,y,z,qx\n0,0,0,1\n1,1,1,1\n", "and may have t and qx, qy, qz, qw"),
-        ("x,y,z\n0,0,0\n1,one,1\n", "y of row 2 is no finite number"),
+        ("x,y,z\n0,0,0\n1,one,1\n", "y of row 2 is not a finite number"),
         ("x,y,z\n0,0,0\n1,1\n", r"cannot be read \(.*Line #3 \(got 2 columns instead of 3\)"),
         ("x,y,z\n0,0,0\n", "must have at least two samples"),
         ("x,y,z,qx,qy,qz,qw\n0,0,0,0,0,0,1\n1,1,1,0,0,0,0\n", "the quaternion of row 2 is zero"),

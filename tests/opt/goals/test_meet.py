@@ -342,7 +342,7 @@ def test_a_corridor_that_is_handed_in_is_kept(planar: ffsms.SpaceManipulator) ->
         ({"axis": [0.0, 0.0, 0.0]}, "axis must not be zero"),
         ({"half_angle": 2.0}, "right angle"),
         ({"misalignment": 2.0}, "at most a right angle"),
-        ({"misalignment": 0.1, "standoff": 0.0}, "needs a corridor"),
+        ({"misalignment": 0.1, "standoff": 0.0}, "requires a corridor"),
         ({"standoff": -0.1}, "standoff must be at least zero"),
         ({"tolerance": 0.0}, "goal.tolerance must be above zero"),
         ({"coast": -1.0}, "coast must be at least zero"),
