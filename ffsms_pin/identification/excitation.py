@@ -37,7 +37,7 @@ class Excitation(Term):
 
     The term is linearised about a plan. Solve the problem without the term, then with the term about that
     plan, and repeat this two or three times with the newest plan. The goal of the problem is still reached.
-    Use a plan of the problem's duration: after the end of a shorter plan, its last instant is used.
+    If plan and problem have different durations, instants at the same share of the duration correspond.
 
     Parameters
     ----------
@@ -92,6 +92,7 @@ class Excitation(Term):
         """Return the weighted momentum of each combination of parameters, minus twice the plan's."""
         bodies = self._bodies(m)
         times = m.time_offset + np.asarray(m.times)
+        times = times * (self._times[-1] / times[-1])  # the plan may have another duration
         residuals = []
         for j, parameters in enumerate(self._parameters):
             linear, angular = (

@@ -64,6 +64,17 @@ def test_its_momenta_are_those_of_the_regressor(
     assert np.mean(np.sum(values**2, axis=(0, 1))) == pytest.approx(4.0, rel=1e-6)
 
 
+def test_a_slower_motion_is_compared_with_the_plan_at_the_same_share_of_its_duration(
+    planar: ffsms.SpaceManipulator, problem: opt.Problem, plan: opt.Trajectory
+) -> None:
+    """At half the rates the residual is y / 2 - 2 y at all nodes."""
+    identifier = Identifier(planar, ["base", "link_2"], sensors=NOISE, at_rest=True)
+    term = Excitation(identifier, plan, weight=4.0, directions=20)
+    motion = replace(problem, duration=16.0, dt=0.2).motion(0.5 * plan.joint_rates)
+    values = np.stack([residual.value[:, 0, ::2] for residual in term.residual(Variables(motion))])
+    assert np.mean(np.sum(values**2, axis=(0, 1))) == pytest.approx(4.0 * 1.5**2, rel=1e-6)
+
+
 @pytest.mark.slow
 def test_its_slopes(planar: ffsms.SpaceManipulator, problem: opt.Problem, plan: opt.Trajectory) -> None:
     opt.check(Excitation(Identifier(planar, ["base", "link_2"]), plan, directions=2), problem)
