@@ -39,15 +39,15 @@ def entropy_of_values(values: Sequence[float], n: int) -> float:
     Parameters
     ----------
     values : sequence of float
-        Singular values of C_bm, at most n, none negative. If there are fewer, the others are zero.
+        At most n singular values of C_bm, none negative. Missing values are zero.
     n : int
         Number of joints; the sum is divided by log n.
 
     Returns
     -------
     float
-        H_norm in [0, 1]: 0 if only one singular value is not zero, 1 if all n are equal, with 0 log 0 = 0.
-        H_norm is 0 for n = 1, and if all values are zero.
+        H_norm in [0, 1], with 0 log 0 = 0. H_norm is 1 if all n singular values are equal. It is 0 if a
+        single singular value is not zero, if all values are zero, and for n = 1.
     """
     total = math.fsum(values)
     if n <= 1 or total <= 0.0:
@@ -68,8 +68,8 @@ def cosine(velocity: Iterable[float], direction: Iterable[float], scale: float =
     velocity, direction : iterable of float, length 3
         Vectors of any length in the same axes. Python floats are several times faster than arrays.
     scale : float
-        Magnitude of the terms whose sum is the velocity, |J| |rates| [m/s]. If the velocity is below the
-        rounding error at this scale, the result is 0.
+        Magnitude |J| |rates| [m/s] of the terms whose sum is the velocity. If the velocity is below the
+        rounding error of this sum, the result is 0.
 
     Returns
     -------
@@ -131,8 +131,8 @@ class CouplingMetrics(Unchanging):
     """The singular value decomposition of C_bm at one state, and its measures (paper Eqs. SVD to SVD_4).
 
     The singular values mix m/rad (translation) and rad/rad (rotation), and depend on the base's reference
-    point. `State.coupling` uses metres and the base's centre of mass, as in the paper; `State.coupling_at`
-    accepts another length and another point.
+    point. `State.coupling` uses metres and the base's centre of mass, as in the paper. `State.coupling_at`
+    accepts another unit of length and another reference point.
 
     Parameters
     ----------
@@ -168,7 +168,7 @@ class CouplingMetrics(Unchanging):
         set_frozen(self, _velocity_jacobian=velocity_jacobian)
 
     def assistance(self, joint_rates: ArrayLike, direction: ArrayLike) -> float:
-        """Return the assistance cos(theta_a) (paper Eq. SVD_4, where the print lacks a dot).
+        """Return the assistance cos(theta_a) (paper Eq. SVD_4; the printed equation lacks a dot).
 
         Parameters
         ----------
@@ -180,8 +180,8 @@ class CouplingMetrics(Unchanging):
         Returns
         -------
         float
-            The cosine in [-1, 1] of the angle between `direction` and the end effector's velocity, with the
-            base reacting; 0 if the end effector does not move or `direction` is zero.
+            The cosine in [-1, 1] of the angle between `direction` and the end effector's velocity on the
+            floating base; 0 if the end effector does not move or `direction` is zero.
         """
         J = self._velocity_jacobian()
         rates = _of_size_one(vector("joint_rates", joint_rates, self.V.shape[0], "rad/s", largest=np.inf))
@@ -205,10 +205,11 @@ def reaction_null_space(C_bm: FloatArray, of: str, tolerance: float) -> FloatArr
     """Return an orthonormal basis of the joint rates that do not rotate, or do not move, the base.
 
     The total momentum is zero. The dimension of the space is n minus the rank of the rows of C_bm that
-    `of` selects: at least n - 3 for "attitude" and n - 6 for "twist", and more if the arm cannot move the
-    base in some direction (2 and 0 for a planar arm of three joints). The choice of the basis is arbitrary.
-    For a basis N, the rates N x move the base by at most tolerance times the largest singular value times
-    |x|. The result for "twist" does not depend on the base's reference point.
+    `of` selects: at least n - 3 for "attitude" and n - 6 for "twist". The dimension is larger if the arm
+    cannot move the base in some direction: 2 for "attitude" and 0 for "twist" for a planar arm of three
+    joints. The choice of the basis is arbitrary. With a basis N, joint rates N x move the base by at most
+    tolerance times the largest singular value times |x|. The result for "twist" does not depend on the base's
+    reference point.
 
     Parameters
     ----------
@@ -218,8 +219,8 @@ def reaction_null_space(C_bm: FloatArray, of: str, tolerance: float) -> FloatArr
         The motion of the base that is zero: its angular velocity, or its whole twist.
     tolerance : float
         Threshold in [0, 1): singular values of the selected rows are taken as zero up to this fraction of the
-        largest singular value of the whole C_bm. (The scale is that of C_bm, because the selected rows
-        contain only rounding errors if an arm cannot rotate its base at all.)
+        largest singular value of the whole C_bm. (The selected rows alone are no scale, because they contain
+        only rounding errors if an arm cannot rotate its base.)
 
     Returns
     -------

@@ -40,7 +40,7 @@ class FreeBody(Protocol):
 
     @property
     def shapes(self) -> tuple[Shape, ...]:
-        """The shapes with their placements in body axes."""
+        """The shapes with their placements in the body frame."""
         ...
 
     @property
@@ -62,7 +62,7 @@ class FreeBody(Protocol):
 
 
 class Shape(NamedTuple):
-    """A coal geometry and its placement (pinocchio.SE3) in body axes."""
+    """A coal geometry and its placement (pinocchio.SE3) in the body frame."""
 
     geometry: Any
     placement: Any
@@ -87,10 +87,10 @@ class Client:
         The velocity of the centre of mass [m/s] and angular velocity [rad/s] at time zero, inertial axes.
         Default: at rest.
     shapes : sequence, optional
-        Coal geometries, or pairs of a geometry and its placement (pinocchio.SE3) in body axes.
+        Coal geometries, or pairs of a geometry and its placement (pinocchio.SE3) in the body frame.
     link_placement : pinocchio.SE3, optional
-        Pose of the root link's frame in body axes, for a body from a URDF. Default: the identity. If `grasp`
-        is a pose in the root link's frame, `client.link_placement * grasp` is that pose in body axes.
+        Pose of the root link's frame in the body frame, for a body from a URDF. Default: the identity. A
+        grasp pose in the root link's frame becomes `client.link_placement * grasp` in the body frame.
 
     The parameters are attributes with the same names, except `start_pose` for `pose` and `start_twist` for
     `twist`. The attribute `inertia` has shape (3, 3).
@@ -148,9 +148,9 @@ class Client:
         """Make a client from a URDF whose joints are all fixed.
 
         The shapes are the collision shapes, or the visual shapes if the file has no collision shapes. The
-        body axes are the axes of the root link; `pose`, `twist` and `package_dirs` are as for `Client` and
-        `ffsms_pin.load`. An inertia that no rigid body has is an error; if `inertias` is "repair", the
-        nearest inertia of a rigid body replaces it, with a warning (`FfsmsWarning`).
+        body axes are the axes of the root link. `pose` and `twist` are as for `Client`, `package_dirs` is as
+        for `ffsms_pin.load`. An inertia that no rigid body has raises an error. If `inertias` is "repair",
+        the nearest inertia of a rigid body replaces such an inertia, with a warning (`FfsmsWarning`).
 
         Raises
         ------
@@ -161,7 +161,7 @@ class Client:
         try:
             urdf = checked(robot, path, LoadOptions(inertias=inertias), stacklevel=3)
         except InvalidInertia as error:
-            error.args = (str(error).replace('inertias="keep" or ', ""),)  # "keep" is no option of a client
+            error.args = (str(error).replace('inertias="keep" or ', ""),)  # a client has no "keep"
             raise
         if moving := [joint.name for joint in urdf.joints if joint.moves]:
             message = f"a client is one rigid body: make its joints fixed ({', '.join(moving)})"
@@ -182,7 +182,7 @@ class Client:
     def poses(self, times: ArrayLike) -> tuple[FloatArray, FloatArray]:
         """Return positions (K, 3) [m] and attitudes (K, 3, 3) of the body frame at times (K,) [s]."""
         t = np.asarray(times, dtype=np.float64)
-        if (cached := self._cache.get(key := t.tobytes())) is None:  # plans evaluate the same times often
+        if (cached := self._cache.get(key := t.tobytes())) is None:  # planning uses the same times often
             if len(self._cache) >= 8:
                 self._cache.clear()
             places = self.start_pose.translation + t[:, None] * self.start_twist[:3]
@@ -192,7 +192,7 @@ class Client:
     def twist(self, t: float) -> FloatArray:
         """Return the twist (6,) at a time t [s], inertial axes.
 
-        Its parts are the velocity of the centre of mass [m/s] and the angular velocity [rad/s].
+        The twist is the velocity of the centre of mass [m/s] and the angular velocity [rad/s].
         """
         return np.asarray(self.twists([t])[0])
 
@@ -221,8 +221,8 @@ def other_motion(
 ) -> Client:
     """Return a copy of a body with another pose and twist at time zero.
 
-    `mass` [kg] and `inertia` (3, 3) [kg m^2] replace those of the body; they must be physically consistent.
-    Mass, inertia and shapes are not checked.
+    `mass` [kg] and `inertia` (3, 3) [kg m^2] replace the body's mass and inertia. They are not checked and
+    must be those of a rigid body.
     """
     made, tensor = copy(body), body.inertia if inertia is None else frozen(inertia)
     start, motion = checks.pose("pose", pose), checks.vector("twist", twist, 6)
@@ -241,14 +241,14 @@ def other_motion(
 def carried(pose: Any, twist: FloatArray, frame: Any) -> tuple[Any, FloatArray]:
     """Return the pose and twist (6,) of a frame on a moving body, from the body's pose and twist.
 
-    `frame` is a pose (pinocchio.SE3) in body axes. Twists are in inertial axes, [linear; angular].
+    `frame` is the frame's pose (pinocchio.SE3) on the body. Twists are in inertial axes, [linear; angular].
     """
     shift = pose.rotation @ frame.translation
     return pose * frame, np.concatenate([twist[:3] + cross(twist[3:], shift), twist[3:]])
 
 
 def cross(a: FloatArray, b: FloatArray) -> FloatArray:
-    """Return the cross product of two vectors (3,); NumPy's takes several times as long."""
+    """Return the cross product of two vectors (3,), several times as fast as `numpy.cross`."""
     (ax, ay, az), (bx, by, bz) = a.tolist(), b.tolist()
     return np.array([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx])
 
@@ -259,7 +259,7 @@ def _placement(name: str, value: Any) -> Any:
 
 
 def placed_shapes(name: str, shapes: Any) -> tuple[Shape, ...]:
-    """Check shapes: coal geometries, or pairs of a geometry and its placement in body axes."""
+    """Check shapes, which are coal geometries or pairs (geometry, placement in the body frame)."""
     if isinstance(shapes, str) or not isinstance(shapes, Sequence):
         raise InvalidValue(name, shapes, "must be a sequence of coal geometries")
     return tuple(_shape(name, item) for item in shapes)

@@ -46,7 +46,7 @@ class AfterCapture:
         Total momentum of servicer and client [linear; angular], inertial axes, about the common centre of
         mass [kg m/s; kg m^2/s]; constant from the capture on.
     energy_lost : float
-        The kinetic energy lost in the contact [J]; zero if the relative velocity before it was zero.
+        The kinetic energy lost in the impact [J]; zero if the relative velocity before the impact was zero.
     """
 
     robot: SpaceManipulator
@@ -58,9 +58,9 @@ class AfterCapture:
     def at_rest(self, q: ArrayLike | None = None) -> Client:
         """Return servicer and client as one free rigid body, after the joints have come to rest.
 
-        The time of the body is zero when the joints come to rest. The origin of its pose is the common centre
-        of mass; its axes are those of the root link. The configuration at rest is q (nq,), base pose
-        included; default: the configuration at the capture.
+        The time of the free body is zero when the joints come to rest. The origin of the body frame is the
+        common centre of mass, and its axes are the axes of the root link. q (nq,) is the configuration at
+        rest, including the base pose. Default: the configuration at the capture.
         """
         q = self.q if q is None else self.robot.checked_configuration("q", q)
         data = self.robot.model.createData()
@@ -73,9 +73,9 @@ class AfterCapture:
         return Client(mass, 0.5 * (inertia + inertia.T), pin.SE3(R, np.array(data.com[0])), twist)
 
     def rest_rate(self, q: ArrayLike | None = None) -> FloatArray:
-        """Return the angular velocity (3,) of servicer and client with the joints at rest at q.
+        """Return the angular velocity (3,) of servicer and client after the joints have come to rest at q.
 
-        It is in inertial axes [rad/s]; q is as for `at_rest`.
+        The angular velocity is in inertial axes [rad/s]; q is as for `at_rest`.
         """
         return np.array(self.at_rest(q).start_twist[3:])
 
@@ -90,10 +90,10 @@ def after_capture(
 ) -> AfterCapture:
     """Return servicer and client rigidly joined at the end effector, with the velocity after the impact.
 
-    The state before the capture is q (nq,) and v (6 + n,), at the client's time t [s]; an invalid state
-    raises `InvalidValue`. The client keeps its pose relative to the end effector at that time, so an error of
-    the grasp remains. A relative velocity causes a plastic impact (see `plastic`). `locked` are indices in v
-    of locked joints.
+    The state before the capture is q (nq,) and v (6 + n,), at the client's time t [s]. An invalid state
+    raises `InvalidValue`. From time t on, the client's pose relative to the end effector is constant, so an
+    error of the grasp remains. A relative velocity causes a plastic impact (see `plastic`). `locked` are
+    indices in v of locked joints.
 
     Examples
     --------
@@ -106,7 +106,7 @@ def after_capture(
     place, twist = data.oMi[joint], client.twist(t)
     body = (place.inverse() * client.pose(t)).act(pin.Inertia(client.mass, np.zeros(3), client.inertia))
     linear = twist[:3] - np.cross(twist[3:], place.rotation @ body.lever)
-    # The client's twist before the impact, in the link's frame, as if that frame were fixed to the client.
+    # The twist before the impact of the link's frame, in its own axes, if the frame moved with the client.
     motion = pin.Motion(place.rotation.T @ linear, place.rotation.T @ twist[3:])
     J = pin.getJointJacobian(model, data, joint, pin.ReferenceFrame.LOCAL)
     momentum = pin.crba(model, data, q) @ v + J.T @ (body * motion).vector
@@ -122,7 +122,8 @@ def plastic(M: FloatArray, momentum: FloatArray, locked: Sequence[int]) -> Float
     """Return the velocity v (6 + n,) after an instantaneous plastic impact.
 
     Drives transmit no impulse, so M v equals the generalised `momentum` (6 + n,) before the impact, where M
-    is the inertia matrix after it. `locked` joints (indices in v) transmit impulses and do not move.
+    (6 + n, 6 + n) is the inertia matrix with the client. `locked` joints (indices in v) transmit impulses and
+    do not move.
     """
     free, after = np.setdiff1d(np.arange(len(M)), locked), np.zeros(len(M))
     after[free] = np.linalg.solve(M[np.ix_(free, free)], momentum[free])
@@ -137,8 +138,8 @@ def rest_momentum(client: FreeBody, com: ArrayLike) -> FloatArray:
 
         p_s = -p,    L_s = -L - (r_c - r_s) x p.
 
-    Both centres then move along p, so the cross product is constant. `com` is r_s (3,) at the client's time
-    zero, inertial axes [m]. The result is [p_s; L_s] about r_s [kg m/s; kg m^2/s].
+    Both centres of mass then move along p, so the cross product is constant. `com` is r_s (3,) at the
+    client's time zero, inertial axes [m]. The result is [p_s; L_s] about r_s [kg m/s; kg m^2/s].
     """
     if not isinstance(client, FreeBody):
         raise InvalidValue("client", client, "must be a ffsms_pin.Client or a capture.ClientEstimate")

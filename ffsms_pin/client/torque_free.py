@@ -12,8 +12,8 @@ because m never comes near -z. The phase psi follows from omega . (m + z) = (1 +
     psi = M a_z t + M (e - a_z) int dt / (1 + Z dn u),     e = 2 (energy) / M^2.
 
 The integrand is smooth and periodic, so its Fourier series gives the integral to rounding. SciPy's elliptic
-functions take the parameter k^2, and near k^2 = 1 floating-point numbers cannot resolve different motions.
-The functions below therefore take k' = sqrt(1 - k^2).
+functions take the parameter k^2. Near k^2 = 1, different motions have the same floating-point number k^2.
+Therefore the functions below take the complementary modulus k' = sqrt(1 - k^2).
 
 Errors are about 1e-16 times the angle of rotation, except near the unstable intermediate axis, where the
 motion itself magnifies them.
@@ -36,8 +36,8 @@ import numpy as np
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.system.batch.stacks import exp3
 
-# Smaller values are rounding errors. The threshold applies to the rate of m relative to the spin rate, and to
-# k', the distance from the separatrix.
+# Threshold below which a value is a rounding error: the rate of m relative to the spin rate, or k' (zero on
+# the separatrix).
 _NONE = 4.0 * float(np.finfo(np.float64).eps)
 # Nodes in a period of the integrand 1 / (1 + Z dn). Its Fourier coefficients fall at least as fast as
 # exp(-n pi K'/K). Even for k' = 1e-15, where K = 36, only some 300 of them are above rounding.
@@ -90,7 +90,7 @@ def torque_free(inertia: FloatArray, attitude: FloatArray, spin: FloatArray) -> 
     if np.abs(np.cross(m, a * m)).max() <= _NONE * a.max():
         return partial(_steady, attitude, spin)
 
-    # The sign of 2 (energy) / M^2 - 1 / (the middle inertia) determines whether z has the least inertia.
+    # z has the least inertia if 2 (energy) / M^2 > 1 / (the middle inertia), else the greatest inertia.
     low, high = (moments[1] - moments[0]) * a[0] * a[1], (moments[2] - moments[1]) * a[1] * a[2]
     if low * m[0] ** 2 - high * m[2] ** 2 <= 0.0:
         axes = principal
@@ -157,7 +157,7 @@ def quarter_period(k1: float) -> float:
 
 
 def amplitude_argument(sine: float, cosine: float, k1: float) -> float:
-    """Return the u at which sn u and cn u have the signs and the ratio of `sine` and `cosine`."""
+    """Return the argument u for which (sn u, cn u) is a positive multiple of (`sine`, `cosine`)."""
     from scipy.special import elliprf
 
     scale = np.hypot(sine, cosine)

@@ -1,1 +1,1 @@
-"""The shapes of robots, obstacles and payloads, and their distances at and between the nodes of a motion."""
+"""The shapes of robots, obstacles and payloads, and the distances between shapes along a motion."""

@@ -21,14 +21,19 @@ from ffsms_pin.kernel import kernel
 
 MODES = ("auto", "points", "hulls", "shapes", "off")
 _FAR = 0.05  # [m] distances up to this value beyond the clearance are measured exactly in `_judged`
-# [m] Shapes may be nearer to a piece of an obstacle than in the grasp pose by _GUIDED, because contacts
-# deform and plans miss the grasp by some millimetres. The margin of plans to a piece is _GUIDED_MARGIN.
+# [m] Shapes may be nearer to a piece of an obstacle than they are in the grasp pose, by at most _GUIDED,
+# because contacts deform and plans miss the grasp by some millimetres. _GUIDED_MARGIN is the margin of plans
+# to a piece.
 _GUIDED, _GUIDED_MARGIN = 0.01, 4e-3
-_THIN = 1e-6  # [m] radius of points and lines; axes with a shorter cross product are parallel
+_THIN = 1e-6  # [m] radius of points and lines; also the norm of a cross product of parallel unit vectors
 
 
 class Body(NamedTuple):
-    """A body with its convex parts and its original shapes; `carrier` is an index as in `ClearanceStack`."""
+    """A body with its convex parts and its original shapes.
+
+    `carrier` is the index of the joint that carries the body, -1 for the base, or that of an obstacle (see
+    `ClearanceStack`).
+    """
 
     name: str
     carrier: int
@@ -61,7 +66,7 @@ class BodyStack(ClearanceStack):
         self.obstacles = tuple(obstacles)
         held = [] if payload is None else [payload]  # a separate body in pairs with obstacles
         own = robot_bodies(sms, mode, [] if obstacles else held)
-        # True if a shape is not convex, so that its distances are more exact than those of its parts.
+        # True if a shape is not convex; the distances of its convex parts are then only lower bounds.
         self._refines = not all(part.convex for body in own for part in body.whole)
         if obstacles:
             own += [Body.of("payload", part) for part in held]
@@ -71,7 +76,7 @@ class BodyStack(ClearanceStack):
                 (obstacle, Body.of(obstacle.name, shape))
                 for obstacle, shape in zip(obstacles, shapes, strict=True)
             ]
-            # The base and obstacles on it do not move relative to each other.
+            # The base and obstacles on the base do not move relative to each other.
             pairs = [
                 (a, obstacle, b)
                 for a in own
@@ -101,7 +106,7 @@ class BodyStack(ClearanceStack):
         self.reaches = self._parts.reaches
 
     def _take(self, pairs: list[tuple[Body, Body]]) -> None:
-        """Set the pairs of bodies and the arrays that follow from the pairs."""
+        """Set the pairs of bodies, and the arrays with a row for each pair."""
         self._bodies, self.names = pairs, [f"{a.name} - {b.name}" for a, b in pairs]
         self._parts = PartPairs(self.arm, [(a.parts, b.parts) for a, b in pairs])
         self.bodies, self.sizes = self._parts.bodies[:, [0, 1, 0]], self._parts.sizes
@@ -121,7 +126,8 @@ class BodyStack(ClearanceStack):
     def nearest(self, poses: Poses, where: Entries, near: FloatArray | float = np.inf) -> Nearest:
         """Return distances and nearest points; see `ClearanceStack.nearest`.
 
-        Convex parts bound the distances. In the mode "shapes" distances below `near` are measured by shapes.
+        The distances of convex parts are lower bounds. In the mode "shapes", distances below `near` are then
+        measured between the original shapes.
         """
         margins = self.margins[where[0]]
         most = near + margins
@@ -135,7 +141,7 @@ class BodyStack(ClearanceStack):
         return Nearest(nearest.distance - margins, nearest.points)
 
     def refined(self, poses: Poses, where: Entries, values: FloatArray) -> FloatArray:
-        """Return the distances by the original shapes; see `ClearanceStack.refined`."""
+        """Return the distances between the original shapes; see `ClearanceStack.refined`."""
         if not self._refines:
             return values
         distances = self._shapes.nearest(poses, where).distance
@@ -144,12 +150,13 @@ class BodyStack(ClearanceStack):
         return np.asarray(np.where(distances > 0.0, np.maximum(values, exact), np.minimum(values, exact)))
 
     def _judged(self, clearance: float) -> FloatArray:
-        """Return the largest distance (m,) of each pair in eight postures, and leave out pairs.
+        """Remove pairs that are always near, and return the largest distance of each other pair (m,) [m].
 
-        The postures are the zero posture, the middle of the joint ranges, and six random ones. A pair that is
-        nearer than the clearance in all of them is near by construction and is moved to `left_out`. Convex
-        parts are slightly larger than their shapes. If the parts overlap in one of the first two postures but
-        the shapes do not, the pair is measured by its shapes from then on.
+        The distances are measured in eight postures: the zero posture, the middle of the joint ranges, and
+        six random postures. A pair
+        that is nearer than the clearance in all postures is near by construction and is moved to `left_out`.
+        Convex parts are slightly larger than their shapes. If the parts of a pair overlap in one of the first
+        two postures but the shapes do not, later distances of the pair are measured between the shapes.
         """
         limits, rng = self.sms.limits, np.random.default_rng(0)
         low = np.where(np.isfinite(limits.lower), limits.lower, -np.pi)
@@ -186,10 +193,10 @@ class PointStack(ClearanceStack):
 
     The points are the joints' origins and the end effector. A pair of points is used if its distance can
     change (the distance of adjacent joints is constant). A point and the box are a pair if the point moves
-    relative to the base (the paper's i >= 2). The paper's const5 to const7 require three inequalities
-    together. A point is outside the box if one of them holds, so one is sufficient here. The inequalities are
-    in base axes. Each row of `ends` (m, 2) has the index of a point (joints in order, the end effector last)
-    and the index of the second point, or -1 for the box.
+    relative to the base (the paper's i >= 2). The paper requires all three inequalities const5 to const7.
+    Here a single inequality is sufficient, because a point is outside the box if one inequality holds. The
+    inequalities are in base axes. Each row of `ends` (m, 2) has the index of a point (joints in order, the
+    end effector last) and the index of the second point, or -1 for the box.
 
     Raises
     ------
@@ -197,8 +204,8 @@ class PointStack(ClearanceStack):
         The base has no box.
     """
 
-    # Finished motions are checked at nodes and midpoints. The tolerance is negative, because clearances at
-    # other instants are a few micrometres less.
+    # Finished motions are checked at nodes and midpoints only. The tolerance is negative, because clearances
+    # at other instants may be a few micrometres smaller.
     mode, tolerance = "points", -1e-5
 
     def __init__(self, sms: ShapedMechanism) -> None:
@@ -236,11 +243,11 @@ class PointStack(ClearanceStack):
 
 
 def _as_met(sms: ShapedMechanism, body: Body, obstacle: Obstacle, clearance: float) -> tuple[Body, float]:
-    """Return the body with the shapes to keep clear of an obstacle, and their distance at the grasp [m].
+    """Return the body with the shapes to keep clear of an obstacle, and their distance in the grasp pose [m].
 
-    In the grasp pose some shapes of the body that carries the end effector are nearer than the clearance.
-    They are kept clear of the obstacle's pieces only; the other shapes are kept clear of the whole obstacle.
-    For other bodies the distance is infinite.
+    On the body that carries the end effector, shapes that are nearer than the clearance in the grasp pose are
+    kept clear of the obstacle's pieces only. All other shapes are kept clear of the whole obstacle. For other
+    bodies the returned distance is infinite.
     """
     frame = sms.model.frames[sms.frame_id]
     if obstacle.grasp is None:
@@ -267,8 +274,8 @@ def _as_met(sms: ShapedMechanism, body: Body, obstacle: Obstacle, clearance: flo
 def robot_bodies(sms: ShapedMechanism, mode: str, held: list[Part]) -> list[Body]:
     """Return the robot's bodies with their shapes and the payloads `held`.
 
-    In the mode "points" the shapes are the lines between the paper's points, and the base's box. They also
-    represent an arm without shapes in the modes "auto" and "off".
+    In the mode "points" the shapes are the lines between the paper's points, and the base's box. The same
+    shapes represent an arm without collision shapes in the modes "auto" and "off".
     """
     whole: list[Part] = []
     if mode != "points" and sms.description is not None:
@@ -289,7 +296,8 @@ def robot_bodies(sms: ShapedMechanism, mode: str, held: list[Part]) -> list[Body
 def body_pairs(sms: ShapedMechanism, indices: Sequence[int]) -> list[tuple[int, int]]:
     """Return the pairs of the robot's bodies that can collide.
 
-    Pairs that are connected by a joint are left out, and pairs for which an SRDF disables all pairs of links.
+    Two bodies that a joint connects are left out. If an SRDF disables all pairs of links of two bodies, these
+    bodies are left out, too.
     """
     parents, bodies = sms.model.parents, sorted(set(indices))
     pairs = [(a, b) for i, a in enumerate(bodies) for b in bodies[i + 1 :] if int(parents[b + 2]) - 2 != a]
@@ -332,7 +340,7 @@ def _lines(sms: ShapedMechanism) -> list[Part]:
 def clearance_stack(
     sms: ShapedMechanism, collision: str, clearance: float = 0.0, payload: Part | None = None
 ) -> ClearanceStack | None:
-    """Return the distances of the robot's own bodies in a mode; None for "off" or if no two can collide."""
+    """Return the pairs of the robot's own bodies in a mode; None for "off" or if there are no pairs."""
     mode = one_of("collision", collision, MODES)
     if mode == "auto":
         mode = sms._once(chosen_mode, lambda: chosen_mode(sms), of_shapes=True)

@@ -20,8 +20,8 @@ from ffsms_pin.checks import LARGEST, FloatArray
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.system.batch.arm import ArmStack
 
-# The thickness of a slab as a share of the bounding box's second longest side, chosen so that bounding balls
-# are small and bent shapes are approximated well.
+# The thickness of a slab as a share of the bounding box's second longest side. The value keeps bounding balls
+# small and approximates bent shapes well.
 _THICKNESS = 0.7
 _MOST = 8  # largest number of parts of a mesh
 _LEAST_HALF = 1e-6  # [m] half the thickness of a box around a flat mesh
@@ -123,7 +123,7 @@ def mesh_triangles(mesh: Any) -> tuple[FloatArray, Any]:
 
 
 def _slabs(mesh: Any) -> list[FloatArray]:
-    """Return, for each slab, the vertices of a mesh in the slab and its edges' crossings with both cuts."""
+    """Return for each slab of a mesh its vertices and the points where edges cross its two cuts, (k, 3)."""
     vertices, faces = mesh_triangles(mesh)
     low, high = vertices.min(axis=0), vertices.max(axis=0)
     sides = high - low
@@ -197,9 +197,10 @@ def _checked_hull(name: str, mesh: Any) -> Any:
 
 
 def joint_lines(arm: ArmStack, radius: float) -> list[tuple[int, Any, Any]]:
-    """Return a body, a pose and a capsule for each line from a joint to the next, or to the end effector.
+    """Return a capsule for each line from a joint to the next joint or to the end effector.
 
-    Lines on the base are left out. If the two ends coincide, the length of the capsule is zero.
+    Each entry has the index of the body, the pose of the capsule in the body, and the capsule. Lines on the
+    base are left out. If the two ends coincide, the length of the capsule is zero.
     """
     up, lines = np.array([0.0, 0.0, 1.0]), []
     for body, end in [*zip(arm.parents, arm.offset, strict=True), (arm.last, arm.tip_in_last)]:

@@ -32,13 +32,13 @@ from ffsms_pin.system.batch.stacks import apply, exp3, log3
 Entries: TypeAlias = tuple[Indices, ...]  # indices of V pairs (V,) and of their configurations (V,)
 _STRIDE = 16  # spacing of the instants that are measured first
 _MOST = 5000  # largest number of clearances measured between instants
-# An obstacle rotates by a few hundredths of a radian between instants, so the path of a point is longer than
-# its chord by less than this share.
+# An obstacle rotates by a few hundredths of a radian between instants. The path of a point of the obstacle is
+# then longer than the chord by less than this share.
 _CHORD = 0.02
 
 
 class JointMotion(Protocol):
-    """The S motions of a robot at K instants, for which distances are computed."""
+    """A stack of S motions of a robot at K instants, along which distances are computed."""
 
     @property
     def times(self) -> FloatArray:
@@ -82,9 +82,9 @@ class JointMotion(Protocol):
 
 
 class Poses(NamedTuple):
-    """The joint positions (n, B), and the rotations (3, 3, o, B) and positions (3, o, B) of o obstacles.
+    """A stack of B joint positions (n, B) and poses of o obstacles relative to the root frame.
 
-    The obstacles' poses are relative to the root frame.
+    The poses are rotations `turns` (3, 3, o, B) and positions `origins` (3, o, B) [m].
     """
 
     joints: FloatArray
@@ -100,9 +100,9 @@ class Poses(NamedTuple):
 class Nearest(NamedTuple):
     """The distances (V,) of pairs [m], negative if the bodies overlap, and the nearest points (V, 3, 3).
 
-    The rows of an entry of `points` are the point on the first body, the point on the second body, and the
-    unit normal: the direction of motion of the second body in which the distance grows fastest. They are in
-    the axes of the third body of `ClearanceStack.bodies`.
+    Each entry of `points` has three rows: the point on the first body, the point on the second body, and the
+    unit normal. The distance grows fastest if the second body moves along the normal. The rows are in the
+    axes of the third body of `ClearanceStack.bodies`.
     """
 
     distance: FloatArray
@@ -125,12 +125,12 @@ class ClearanceStack(ABC):
     largest : ndarray, shape (m,)
         The largest distance of each pair in sample postures or the grasp pose [m]; infinite if unknown.
     margins : ndarray, shape (m,)
-        The distances that are subtracted from those of the pairs, the obstacles' margins [m].
+        The obstacles' margins, which are subtracted from the pairs' distances [m].
     sizes : ndarray, shape (m, 2)
         The largest distance of a point of each body from the body's origin [m].
     reaches : ndarray, shape (m, n), or None
-        The largest rate of each distance per unit rate of each joint [m/rad, or 1]; None if no bound is
-        known.
+        An upper bound of the rate of each distance per unit rate of each joint [m/rad, or 1]; None if no
+        bound is known.
     passes : ndarray of bool, shape (m,)
         True for pairs with an obstacle that moves relative to the base.
     obstacles : tuple of Obstacle
@@ -160,7 +160,8 @@ class ClearanceStack(ABC):
     def nearest(self, poses: Poses, where: Entries, near: FloatArray | float = np.inf) -> Nearest:
         """Return the distances and nearest points at V entries (pair, configuration).
 
-        A distance of at least `near`, a number or (V,), may be replaced by a lower bound of at least `near`.
+        `near` is a number or has shape (V,) [m]. A distance of `near` or more may be replaced by a lower
+        bound that is at least `near`.
         """
 
     def refined(self, poses: Poses, where: Entries, values: FloatArray) -> FloatArray:
@@ -168,7 +169,10 @@ class ClearanceStack(ABC):
         return values
 
     def below(self, poses: Poses, near: FloatArray | float) -> tuple[Entries, Nearest]:
-        """Return the entries whose distance is below `near`, a number or (m,), and their nearest points."""
+        """Return the entries with a distance below `near`, and their distances and nearest points.
+
+        `near` is a number or has shape (m,) [m].
+        """
         columns, at = self.every(poses)
         bounds = np.broadcast_to(near, len(self.names))[columns]
         nearest = self.nearest(poses, (columns, at), bounds)
@@ -176,16 +180,19 @@ class ClearanceStack(ABC):
         return (columns[close], at[close]), Nearest(*(values[close] for values in nearest))
 
     def values(self, poses: Poses, near: FloatArray | float = np.inf) -> FloatArray:
-        """Return the distances (m, B), exact below `near`, a number or (m,), else lower bounds."""
+        """Return the distances (m, B) [m]; distances of `near` or more may be lower bounds.
+
+        `near` is a number or has shape (m,) [m].
+        """
         columns, at = self.every(poses)
         bounds = np.broadcast_to(near, len(self.names))[columns]
         return self.nearest(poses, (columns, at), bounds).distance.reshape(-1, len(self.names)).T
 
     def slopes(self, poses: Poses, where: Entries, nearest: Nearest) -> tuple[FloatArray, FloatArray]:
-        """Return the gradients (n, V) of distances by the joint positions, and the geometry (3, 3, V).
+        """Return the gradients (n, V) of distances by the joint positions, and the nearest points (3, 3, V).
 
-        The base and the obstacles are at rest. The rows of the geometry are the nearest points on the first
-        and the second body, and the normal, in base axes.
+        The base and the obstacles are at rest. The second array has, in base axes, the nearest points on the
+        first and the second body, and the normal.
         """
         columns, at = where
         return kernel.distance_slopes(self.arm.tree, poses.joints, self.bodies, columns, at, nearest.points)
@@ -213,7 +220,7 @@ class ClearanceStack(ABC):
         return self._among(joints, np.array([time]), R[..., None], q[:3, None])
 
     def between(self, motion: JointMotion, k: Indices, after: FloatArray) -> Poses:
-        """Return the poses of one motion, in base axes, `after` (V,) seconds after the instants k (V,)."""
+        """Return the poses of one motion, in base axes, at times `after` (V,) [s] after instants k (V,)."""
         u, steps = motion.rates[:, 0], np.diff(motion.times)[k]
         slope = (u[:, k + 1] - u[:, k]) / steps
         joints = motion.joints[:, 0, k] + after * (u[:, k] + 0.5 * after * slope)
@@ -227,7 +234,10 @@ class ClearanceStack(ABC):
         return self._among(joints, motion.time_offset + (motion.times[k] + after), here, root)
 
     def _among(self, joints: FloatArray, times: FloatArray, R: FloatArray, root: FloatArray) -> Poses:
-        """Return the poses at times (B,) relative to root frames with attitude R (3, 3, B) at root (3, B)."""
+        """Return the poses at times (B,) [s] relative to the root frames.
+
+        R (3, 3, B) and `root` (3, B) are the attitudes and positions of the root frames, inertial axes.
+        """
         turns, origins = [], []
         for obstacle in self.obstacles:
             positions, rotations = obstacle.track(times)
@@ -275,7 +285,7 @@ class PartPairs:
         )
 
     def nearest(self, poses: Poses, where: Entries, near: FloatArray | float = np.inf) -> Nearest:
-        """Return distances and nearest points as `ClearanceStack.nearest`, in the first body's axes.
+        """Return distances as `ClearanceStack.nearest`, and nearest points in the first body's axes.
 
         Points are set only for distances below `near`.
         """
@@ -308,9 +318,9 @@ class PartPairs:
     def reaches(self) -> FloatArray:
         """The bounds `ClearanceStack.reaches` (m, n), for prismatic joints within their limits.
 
-        A joint between two bodies moves one of them relative to the other. A revolute joint therefore changes
-        the distance at most by its displacement times the largest distance of a point of the nearer body from
-        the joint.
+        A joint between two bodies moves one body relative to the other. A revolute joint changes their
+        distance at most by its displacement times the largest distance from the joint to a point of the body.
+        The smaller bound of the two bodies is used.
         """
         arm, n, robot = self.arm, self.arm.n, cast(Any, self.arm.robot)
         slides = np.maximum(np.abs(robot.limits.lower), np.abs(robot.limits.upper))
@@ -318,7 +328,7 @@ class PartPairs:
         steps = np.linalg.norm(arm.offset, axis=1) + np.where(arm.revolute, 0.0, slides)
         others = max(0, int(self.bodies.max(initial=-1)) + 1 - n)
         carried = np.vstack([arm.carries.T, np.zeros((others + 1, n))])
-        # Lengths of the stretched chain from each joint to each body, along the links between them.
+        # Lengths of the stretched chain of links from each joint to each body, plus the size of the body.
         chains = carried[self.bodies]
         lengths = np.abs(chains[:, :, None] - carried[None, None, :n]) @ steps
         lengths += np.where(self.bodies < n, self.sizes, np.inf)[..., None]
@@ -342,8 +352,8 @@ def _around(parts: Sequence[Part]) -> list[float]:
 def _hull(part: Part) -> tuple[FloatArray, list[float]]:
     """Return the corners (k, 3) of a part in its body's axes, and the ball or disc around each corner.
 
-    The last corner is repeated until k is a multiple of four. The five numbers are the radius of the ball,
-    the radius of the disc, and the disc's axis; both radii are zero for a polyhedron.
+    The last corner is repeated until k is a multiple of four. The second result has five numbers: the radius
+    of the ball, the radius of the disc, and the disc's axis. Both radii are zero for a polyhedron.
     """
     shape, local, ball, disc = part.shape, np.zeros((0, 3)), 0.0, 0.0
     if isinstance(shape, coal.Box):
@@ -362,8 +372,9 @@ def _hull(part: Part) -> tuple[FloatArray, list[float]]:
 class Least(NamedTuple):
     """The least clearance of a motion [m], its pair and time [s], and the instants `near` the limit (k,) [s].
 
-    If the minimum is between instants and the clearance is neither proven nor refuted, the value is a lower
-    bound and `exact` is False.
+    With a search between instants, `exact` is True only if the value violates the required clearance with
+    certainty. If `exact` is False and the value is below the required clearance, the value is a lower bound:
+    the clearance is neither proven nor violated with certainty.
     """
 
     value: float
@@ -374,9 +385,9 @@ class Least(NamedTuple):
 
 
 def least_of(stack: ClearanceStack, motion: JointMotion, clearance: float, binding: float) -> Least:
-    """Return the least clearance of one motion at its instants, and between them if `reaches` is known.
+    """Return the least clearance of one motion at its instants, and between instants if `reaches` is known.
 
-    Instants with a distance below `clearance + binding` [m] are reported as near the limit.
+    Instants with a distance below `clearance + binding` [m] are near the limit.
     """
     poses = stack.along(motion)
     if stack.reaches is not None:
@@ -390,7 +401,7 @@ def least_of(stack: ClearanceStack, motion: JointMotion, clearance: float, bindi
 class _Search:
     """A search for a distance below `floor`, and for instants with a distance below `near` [m].
 
-    A place on the motion is an index of its instants, fractional between two instants.
+    A `place` is a position on the motion's time axis, in time steps: an integer is the index of an instant.
     """
 
     def __init__(self, stack: ClearanceStack, motion: JointMotion, poses: Poses, floor: float, near: float):
@@ -402,7 +413,8 @@ class _Search:
         # angle is at most the change of the angular velocity times the time step over 8.
         turn = np.linalg.norm(np.diff(motion.base_angular_velocity[:, 0]), axis=0) * self.steps / 8.0
         self.bend = (stack.passes * (stack.arm.length + stack.sizes[:, 0]))[:, None] * turn
-        self.worst = (np.inf, 0, 0.0, True)  # distance, pair, place, and True if measured
+        # The least distance, its pair and place, and True if it is below `floor` with certainty.
+        self.worst = (np.inf, 0, 0.0, True)
         self.close = np.zeros(len(motion.times), dtype=bool)
 
     def least(self) -> Least:
@@ -412,7 +424,7 @@ class _Search:
         pair, place = np.tile(np.arange(pairs), len(cuts)), np.repeat(cuts, pairs)
         enough = self.near + 0.5 * np.diff(self.travel[:, cuts]).max(axis=1, initial=0.0)
         values = self.measure(pair, place.astype(np.float64), enough[pair])
-        # Each row is an interval: its start and end, and the distances there.
+        # Each row is an interval: its start and end, and the distances at its start and end.
         spans = np.stack([place[:-pairs], place[pairs:], values[:-pairs], values[pairs:]], axis=1)
         pair, measured, low = pair[pairs:], 0, np.zeros(0)
         while True:
@@ -445,12 +457,12 @@ class _Search:
         return Least(float(value), int(which), when, times[self.close], exact)
 
     def travelled(self, pair: Indices, place: FloatArray) -> FloatArray:
-        """Return bounds of the changes of the pairs' distances (V,) from the start to places (V,) [m]."""
+        """Return bounds (V,) of the changes of the pairs' distances from the start to places (V,) [m]."""
         k = np.minimum(place.astype(np.intp), len(self.steps) - 1)
         return np.asarray(self.travel[pair, k] + (place - k) * self.change[pair, k])
 
     def measure(self, pair: Indices, place: FloatArray, near: FloatArray) -> FloatArray:
-        """Return the distances (V,) of pairs at places, or lower bounds of distances above `near` (V,)."""
+        """Return the distances (V,) of pairs at places; distances above `near` (V,) may be lower bounds."""
         stack, k = self.stack, place.astype(np.intp)
         values, most, between = np.empty(len(pair)), np.empty(len(pair)), place > k
         for some in (np.flatnonzero(~between), np.flatnonzero(between)):
@@ -472,7 +484,7 @@ class _Search:
 
 
 def changes(stack: ClearanceStack, motion: JointMotion, poses: Poses) -> FloatArray:
-    """Return a bound on the change of distances from one instant of a motion to the next (m, K - 1) [m]."""
+    """Return bounds (m, K - 1) of the changes of distances from each instant of a motion to the next [m]."""
     u = motion.rates[:, 0]
     # Rates are linear between instants, so the larger end rate bounds the joints' displacements.
     change = stack.reaches @ (np.diff(motion.times) * np.maximum(np.abs(u[:, :-1]), np.abs(u[:, 1:])))

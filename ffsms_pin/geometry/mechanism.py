@@ -24,7 +24,7 @@ _Made = TypeVar("_Made")
 class ShapedMechanism(Mechanism):
     """A mechanism with joint limits, a base box and the shapes of its bodies.
 
-    Users work with its subclass `SpaceManipulator`, which documents the parameters.
+    Users work with the subclass `SpaceManipulator`, which documents the parameters.
     """
 
     def __init__(
@@ -69,14 +69,15 @@ class ShapedMechanism(Mechanism):
         return np.array(self.model.upperDryFrictionLimit[6:])
 
     def arm_stack(self, mode: str = "floating") -> ArmStack:
-        """Return the arm for the compiled kernel in a mode (see `opt.Problem`), from a cache."""
+        """Return the cached `ArmStack` of the robot in a mode of the base (see `opt.Problem`)."""
         one_of("mode", mode, dynamics.MODES)
         return self._once(("arm", mode), lambda: ArmStack(self, mode))
 
     def _once(self, key: Any, make: Callable[[], _Made], of_shapes: bool = False) -> _Made:
         """Return the result of `make`, cached under `key`.
 
-        With `of_shapes` the result depends on shapes alone, and copies with other masses share it.
+        If `of_shapes` is True, the result depends on shapes alone, and copies of the robot with other masses
+        share the result.
         """
         kept: dict[Any, _Made] = self._geometry if of_shapes else self._made
         if key not in kept:
@@ -84,12 +85,12 @@ class ShapedMechanism(Mechanism):
         return kept[key]
 
     def geometry(self, kind: ShapeKind) -> Any:
-        """Return the visual or collision shapes of the robot; they are read once and cached.
+        """Return the visual or collision shapes of the robot, which are read once and cached.
 
         Parameters
         ----------
         kind : {"visual", "collision"}
-            The shapes for viewers, or those for collision checks.
+            The shapes for viewers ("visual") or for collision checks ("collision").
 
         Returns
         -------

@@ -43,21 +43,22 @@ class Obstacle:
     pose : pinocchio.SE3 or array_like, shape (4, 4)
         Pose of the shape in the frame that `on` selects. Default: the frame's origin and axes.
     on : "inertial", "base", or a client
-        The frame to which the obstacle is fixed: inertial space; the robot's base link; or a client, which is
-        a `ffsms_pin.Client` or another object with `pose(t)` and
+        The frame to which the obstacle is fixed: the inertial frame, the robot's base link, or a client. A
+        client is a `ffsms_pin.Client` or another object with `pose(t)` and
         `poses(times) -> (positions (K, 3), rotations (K, 3, 3))` in inertial axes.
     margin : float
         Distance that is added to the clearance for this obstacle [m].
     name : str
-        Name in messages. Default: the kind of the shape and its number in the list.
+        Name in messages. Default: the kind of the shape and the obstacle's number in the list, such as
+        "box 2".
     grasp : pinocchio.SE3, optional
         Pose of the end-effector frame at the grasp, in the frame that `on` selects. Shapes that are fixed to
         the end-effector frame and nearer than the clearance in this pose may touch the obstacle. Default: all
-        shapes are kept clear of it.
+        shapes are kept clear of the obstacle.
     piece_of : Obstacle, optional
-        The whole obstacle, if this obstacle is a piece, such as a wall of a nozzle. Only the shapes that may
-        touch the whole are kept clear of the piece, by the clearance or by their distance in the grasp pose
-        minus 10 mm, whichever is smaller.
+        The whole obstacle, if this obstacle is a piece such as a wall of a nozzle. Only the shapes that may
+        touch the whole obstacle are kept clear of the piece. Their required distance is the clearance, or the
+        distance in the grasp pose minus 10 mm if that is smaller.
 
     Raises
     ------
@@ -101,8 +102,8 @@ class Obstacle:
         radius : float
             Radius [m].
         at : array_like, shape (3,) or (4, 4), or pinocchio.SE3
-            Position of the centre [m], with the axes of the frame that `on` selects, or the pose in that
-            frame. Default: the origin.
+            Position of the centre [m] (the shape then has the axes of the frame that `on` selects), or pose,
+            in the frame that `on` selects. Default: the origin.
         **options
             `on`, `margin` and `name`.
         """
@@ -179,8 +180,8 @@ class Obstacle:
         Parameters
         ----------
         file : str or path
-            File of the mesh, such as an STL or OBJ file [m]. In a scenario file the path is relative to that
-            file's folder.
+            File of the mesh in metres, such as an STL or OBJ file. In a scenario file the path is relative
+            to the folder of the scenario file.
         scale : float
             Scale factor.
         at, **options
@@ -224,8 +225,8 @@ class Obstacle:
     def at(self, time: float, base: Any = None) -> Any:
         """Return the pose (pinocchio.SE3) at a time [s] in inertial axes.
 
-        `base` is the pose of the base link; without it the pose of an obstacle on the base is relative to the
-        base link.
+        `base` is the pose of the base link. Without `base`, the pose of an obstacle on the base is relative
+        to the base link.
         """
         still = base if self.on_base and base is not None else pin.SE3.Identity()
         return (self.on.pose(time) if self.moves else still) * self.pose
@@ -233,7 +234,7 @@ class Obstacle:
     def distance(self, point: checks.FloatArray, time: float) -> float:
         """Return the distance [m] to a point (3,) at a time [s], negative if the point is inside.
 
-        The point is in inertial axes, or in those of the base link if the obstacle is on the base.
+        The point is in the inertial frame, or in the frame of the base link if the obstacle is on the base.
         """
         own = self.at(time).actInv(np.asarray(point))
         here, still, result = coal.Transform3s(np.eye(3), own), coal.Transform3s(), coal.DistanceResult()
@@ -248,7 +249,10 @@ def _centred(name: str, value: Any) -> Any:
 
 
 def named(name: str, obstacles: Any) -> tuple[Obstacle, ...]:
-    """Check obstacles and name those without a name; raise `InvalidValue` if two have the same name."""
+    """Check obstacles, and return them with default names for obstacles without a name.
+
+    Raises `InvalidValue` if two obstacles have the same name.
+    """
     if not isinstance(obstacles, Sequence) or not all(isinstance(item, Obstacle) for item in obstacles):
         raise InvalidValue(name, obstacles, "must be a sequence of opt.Obstacle")
     kinds = [f"{type(obstacle.shape).__name__.lower()} {i}" for i, obstacle in enumerate(obstacles, start=1)]

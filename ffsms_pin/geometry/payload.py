@@ -17,7 +17,7 @@ from ffsms_pin.geometry.obstacle import Obstacle, named
 from ffsms_pin.system.dynamics import frame_pose
 
 _STEPS, _FARTHEST = 40, 0.1  # steps of the search for a clear posture, and the largest step [rad or m]
-_BESIDE = 5e-3  # [m] pairs up to this distance beyond the requested distance are included in a step
+_BESIDE = 5e-3  # [m] distance that a step of the search adds to the requested distance
 
 
 class HeldClient:
@@ -27,14 +27,15 @@ class HeldClient:
     ----------
     sms : ShapedMechanism
         The servicer.
-    shapes, obstacles : sequence of Obstacle
-        The client's shapes, with poses in the client's axes, and the obstacles in inertial space and on the
-        base.
+    shapes : sequence of Obstacle
+        The client's shapes, with poses in the client's axes.
     clearance, collision : float, str
         The requested distance [m] without the obstacles' margins, and the mode, as for `opt.Clearance`.
     q, pose : ndarray, shape (nq,), pinocchio.SE3
         The configuration of the servicer at the grasp, and the pose of the client. The pairs include all
         bodies of the servicer except the body that carries the end effector.
+    obstacles : sequence of Obstacle
+        The obstacles in inertial space and on the base.
     """
 
     def __init__(
@@ -57,8 +58,8 @@ class HeldClient:
     def least(self, q: FloatArray) -> tuple[float, str]:
         """Return the least distance [m] at configurations (K, nq), and the name of its pair.
 
-        The distance is that of the client, minus the margin of the pair. If two of the servicer's own bodies
-        are nearer than the client and than the requested distance, their distance is returned.
+        The distance is that of the client, minus the margin of the pair. If two bodies of the servicer are
+        nearer to each other than this distance and than the requested distance, their distance is returned.
         """
         nearest = [(np.inf, "")]
         for stack in self._stacks:
@@ -74,7 +75,7 @@ class HeldClient:
     def away(self, joints: FloatArray, more: float = 0.0) -> FloatArray:
         """Return a posture (n,) near `joints` in which all distances are at least the requested distance.
 
-        The requested distance of the client is `more` [m] larger. If the search fails, the last posture is
+        `more` [m] is added to the requested distance of the client. If the search fails, its last posture is
         returned.
         """
         limits, q = self._sms.limits, self._q.copy()

@@ -14,8 +14,9 @@ from ffsms_pin.geometry.mechanism import ShapedMechanism
 def clear_postures(sms: ShapedMechanism, count: int, seed: int, clearance: float, share: float) -> FloatArray:
     """Return k >= `count` random postures (k, n) whose bodies are at least `clearance` [m] apart.
 
-    They are drawn, in blocks of 256, from the middle `share` of the joint ranges, which are cut to half a
-    turn each way. The search fails if fewer than one posture in 64 blocks has the clearance.
+    Blocks of 256 postures are drawn from the middle `share` of the joint ranges. The range of a revolute
+    joint is cut to half a turn each way. `InvalidValue` is raised if fewer than one posture in 64 blocks has
+    the clearance.
     """
     block, blocks = 256, 64
     number("clearance", clearance)
@@ -24,7 +25,7 @@ def clear_postures(sms: ShapedMechanism, count: int, seed: int, clearance: float
     wrong = ~(np.isfinite(low) & np.isfinite(high) & (low < high))
     if wrong.any():
         name = sms.joint_names[int(np.argmax(wrong))]
-        message = "must be finite for a prismatic joint, and include positions within half a turn for others"
+        message = "must be finite, or for a revolute joint include positions within half a turn of zero"
         raise InvalidValue("limits", name, message)
     middle, half = 0.5 * (low + high), 0.5 * share * (high - low)
     rng, stack = np.random.default_rng(seed), clearance_stack(sms, "auto", clearance)

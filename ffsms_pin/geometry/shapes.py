@@ -37,13 +37,13 @@ _SIZES: dict[str, dict[str, int]] = {
 
 
 class ShapeSource(ABC):
-    """A source of a robot's shapes, with an optional SRDF of pairs of links whose collisions are ignored."""
+    """A source of a robot's shapes, with an optional SRDF that disables collisions of pairs of links."""
 
     srdf: Path | None = None
 
     @abstractmethod
     def geometry(self, model: Any, kind: ShapeKind) -> Any:
-        """Return the visual or collision shapes for `model`, a new pinocchio.GeometryModel."""
+        """Return the visual or collision shapes of `model` as a new pinocchio.GeometryModel."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,10 +65,11 @@ class Description(ShapeSource):
         return ElementTree.tostring(self.robot, encoding="unicode")
 
     def geometry(self, model: Any, kind: ShapeKind) -> Any:
-        """Return the visual or collision shapes of the URDF for `model`, a new pinocchio.GeometryModel.
+        """Return the visual or collision shapes of the URDF as a new pinocchio.GeometryModel for `model`.
 
-        With an SRDF the result has all collision pairs that the SRDF does not disable, otherwise none.
-        Missing visual meshes are left out, with one warning (`FfsmsWarning`).
+        With an SRDF the collision shapes have all collision pairs that the SRDF does not disable; without an
+        SRDF there are no collision pairs. Missing visual meshes are left out, with a single warning
+        (`FfsmsWarning`).
         """
         robot, count = self._shapes_alone(kind)
         type_ = pin.GeometryType.VISUAL if kind == "visual" else pin.GeometryType.COLLISION
@@ -92,7 +93,7 @@ class Description(ShapeSource):
         """Return a <robot> with joints and the checked shapes of one kind only, and the number of shapes.
 
         The shapes are checked because Pinocchio's parser drops unreadable shapes silently, which would hide
-        collisions. Other elements are removed because it prints messages about them to the terminal.
+        collisions. Other elements are removed because the parser prints messages about them to the terminal.
         """
         robot = copy.deepcopy(bare(self.robot, kind))
         colours = {item.get("name"): item.find("color") for item in self.robot.findall("material")}
@@ -155,21 +156,21 @@ def shape_problem(shape: Element) -> str | None:
         if len(numbers) != count or not all(is_number(word) and float(word) > 0.0 for word in numbers):
             written = f"no {key}" if text is None else f'{key}="{text}"'
             return (
-                f"with {written} in <{item.tag}>; {count} number{'s' if count > 1 else ''} above zero needed"
+                f"with {written} in <{item.tag}>; write {count} number{'s' if count > 1 else ''} above zero"
             )
     if item.tag == "mesh":
         parts = item.get("scale", "1 1 1").split()
         if len(parts) != 3 or not all(is_number(word) and float(word) != 0.0 for word in parts):
-            return f'with scale="{item.get("scale")}" in <mesh>; three numbers are needed'
+            return f'with scale="{item.get("scale")}" in <mesh>; write three numbers other than zero'
     return None
 
 
 def find_mesh(name: str, urdf: Path, package_dirs: tuple[Path, ...] = ()) -> Path | None:
     """Return the absolute path of a mesh file that a URDF names, or None if it does not exist.
 
-    A plain name is relative to the URDF's folder. A `package://` name is searched in `package_dirs`, in
-    ROS_PACKAGE_PATH, and in the URDF's folder and the folders above it. Except in ROS_PACKAGE_PATH, a folder
-    with the package's name may also be the package itself.
+    A plain name is relative to the URDF's folder. The package of a `package://` name is searched in
+    `package_dirs`, in the folders of ROS_PACKAGE_PATH, and in the URDF's folder and its parent folders. A
+    folder in `package_dirs`, or the URDF's folder or one of its parents, may also be the package itself.
     """
     name = name.replace("\\", "/").strip()
     if not name:
@@ -189,7 +190,7 @@ def find_mesh(name: str, urdf: Path, package_dirs: tuple[Path, ...] = ()) -> Pat
 
 
 def _colour(shape: Element, colours: dict[str | None, Element | None]) -> Element | None:
-    """Return a <material> with the colour of a shape, or of the robot's material that it names, or None."""
+    """Return a <material> with the colour of a shape or of the material that the shape names, or None."""
     material, colour = shape.find("material"), shape.find("material/color")
     if material is not None and colour is None:
         colour = colours.get(material.get("name"))
@@ -207,7 +208,7 @@ def _colour(shape: Element, colours: dict[str | None, Element | None]) -> Elemen
 class GivenShapes(ShapeSource):
     """The visual and collision shapes (pinocchio.GeometryModel) of a robot from a Pinocchio model.
 
-    Their collision pairs are not used; pairs of bodies that no joint connects are checked instead.
+    The collision pairs of the shapes are not used. All pairs of bodies that no joint connects are checked.
     """
 
     visual: Any
@@ -220,7 +221,7 @@ class GivenShapes(ShapeSource):
         return shapes
 
     def __reduce__(self) -> tuple[Any, ...]:
-        # Other processes read a mesh from its file again, because its data is hundreds of times larger.
+        # A copy reads each mesh from its file again, because a mesh is far larger than its path.
         return _rebuilt, tuple(_without_meshes(shapes) for shapes in (self.visual, self.collision))
 
 
@@ -230,7 +231,7 @@ def _in_file(item: Any) -> bool:
 
 
 def _without_meshes(shapes: Any) -> tuple[Any, list[int]]:
-    """Return a copy with points in place of the meshes that are in files, and the indices of these meshes."""
+    """Return a copy with points in place of meshes that come from files, and the indices of these meshes."""
     light, meshes = shapes.copy(), [k for k, item in enumerate(shapes.geometryObjects) if _in_file(item)]
     for k in meshes:
         light.geometryObjects[k].geometry = coal.Sphere(0.0)

@@ -33,7 +33,7 @@ _PER_VELOCITY = (
     *(f"{end}{kind}Limit" for end in ("lower", "upper") for kind in ("Effort", "Velocity", "DryFriction")),
 )
 _SATELLITE_FRAMES = 3  # universe, root_joint and satellite, the first frames of each robot on a satellite
-# The attributes with one entry per entry of q.
+# Attributes of a pinocchio.Model with one entry per entry of q.
 _PER_POSITION = ("lowerPositionLimit", "upperPositionLimit", "positionLimitMargin")
 
 
@@ -64,9 +64,9 @@ def append(
 ) -> SpaceManipulator:
     """Return a satellite with the arm `arm` (pinocchio.Model) at `placement`.
 
-    Links that the model fixes to its universe are fixed to the satellite. `shapes` are the visual and the
-    collision shapes of the arm; the satellite's shapes are added to both. Names of the satellite's
-    joint and frames get a `_` at the end if the arm uses them, too.
+    Links that are fixed to the universe of the arm's model are fixed to the satellite. `shapes` are the
+    visual and the collision shapes of the arm; the satellite's shapes are added to both. A `_` is appended to
+    names of the satellite's joint and frames that the arm uses, too.
     """
     _check_freedoms(arm)
     taken = {*arm.names, *(frame.name for frame in arm.frames)}
@@ -133,9 +133,9 @@ def _prefixed(model: Any, prefix: str) -> Any:
 
 
 def _base_box(model: Any, shapes: list[Any]) -> tuple[Any, Any]:
-    """Return the size and pose of the first box among the base's collision shapes, then its visual shapes.
+    """Return the size [m] and pose of the first box among the base's collision shapes, else visual shapes.
 
-    Both are None if there is no box.
+    Size and pose are None if there is no box.
     """
     for item in (item for kind in reversed(shapes) for item in kind.geometryObjects):
         carrier = model.frames[item.parentFrame]
@@ -152,7 +152,7 @@ def _made(
 
 
 def _check_freedoms(arm: Any) -> None:
-    """Raise `UnsupportedJoint` unless the arm has a joint and each joint has one degree of freedom."""
+    """Check that the arm has a joint and that each joint has one degree of freedom."""
     name = arm.name or "the arm"
     if arm.njoints < 2:
         raise UnsupportedJoint(name, "the model has no joint; an arm needs at least one")
@@ -183,11 +183,11 @@ def _positions(arm: Any, locked: Mapping[str, float]) -> dict[int, Any]:
 
 
 class _Join:
-    """The attachment of an arm to a model at a placement on a frame; locked joints become fixed.
+    """The attachment of an arm to a model, at a placement on a frame; locked joints become fixed.
 
     Pinocchio's own functions for appending models and locking joints lose rotor inertias (`armature`) and
-    refuse a joint and a body with the same name. If `shared`, both models begin with the frames of the same
-    satellite, and its free-flyer and mass are not added again.
+    refuse a joint and a body with the same name. If `shared` is True, both models begin with the frames of
+    the same satellite, and the arm's free-flyer and satellite are not added again.
     """
 
     def __init__(
@@ -205,7 +205,7 @@ class _Join:
             q[k : k + len(position)] = position
         pin.forwardKinematics(arm, data, q)
         carrier = model.frames[frame]
-        # For each joint of the arm: the model's joint to which its frame is fixed, and the frame's pose.
+        # The model's joint to which the frame of each arm joint is fixed, and the frame's pose on that joint.
         self._at = {0: (carrier.parentJoint, carrier.placement * placement)}
         self._frames = {0: frame}
         self._skipped = _SATELLITE_FRAMES if shared else 0

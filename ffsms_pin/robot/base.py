@@ -23,7 +23,7 @@ _BODY_COLOUR, _PANEL_COLOUR = (0.80, 0.78, 0.72, 1.0), (0.10, 0.15, 0.40, 1.0)  
 # Largest distance from the box's centre to the centre of mass, as a multiple of the longest edge.
 _MOST_LENGTHS = 10.0
 _PANEL_THICKNESS, _PANEL_GAP = 0.02, 0.1  # [m] solar panels in pictures
-# Elements with the name of a link or joint: the attribute that has this name, and the kind of the item.
+# Elements that refer to a link or joint by name: the attribute with the name, and the kind of the named item.
 _REFERENCES = {"parent": ("link", "link"), "child": ("link", "link"), "mimic": ("joint", "joint")}
 KINDS = (pin.GeometryType.VISUAL, pin.GeometryType.COLLISION)
 
@@ -103,8 +103,8 @@ def compose(
 ) -> ElementTree.Element:
     """Return the URDF of arms on a satellite, as a <robot> element.
 
-    The satellite's link is the root. The root link of each arm is fixed to it, so the base body includes that
-    link.
+    The satellite's link is the root. The root link of each arm is fixed to the satellite's link and belongs
+    to the base body.
     """
     robots = [_prefixed(arm.robot, arm.prefix, ("link", "joint")) for arm in arms]
     if len(arms) > 1:

@@ -10,7 +10,7 @@ where K_w (3, n) is the base's angular velocity per joint rate at zero momentum,
 whole system about its centre of mass. Each time step is one Runge-Kutta-Munthe-Kaas step of order 4 in the
 chart R(t) = R(0) exp(u), with the attitude R(0) at the start of the step. For planar motion without momentum
 the step reduces to Simpson's rule. If a mode (see `dynamics.MODES`) holds the base's position, the system's
-mass is taken as infinite; if it holds the attitude, the inertia is.
+mass is taken as infinite. If a mode holds the base's attitude, the system's inertia is taken as infinite.
 
 Reference: H. Munthe-Kaas, "High order Runge-Kutta methods on manifolds", Applied Numerical Mathematics 29
 (1999).
@@ -37,7 +37,7 @@ def advance(
     momentum: ArrayLike | None = None,
     mode: str = "floating",
 ) -> tuple[FloatArray, FloatArray]:
-    """Return q (nq,) and joint rates (n,) after one step with joint accelerations (n,); see `roll_out`."""
+    """Return q (nq,) and joint rates (n,) after one step of `roll_out` with joint accelerations (n,)."""
     states = _states(sms, q, rates, accelerations[:, None], dt, momentum, mode)
     end, n = states[:, 1], sms.n
     result = np.empty(sms.nq)
@@ -62,7 +62,8 @@ def roll_out(
 
     The steps have length `dt` [s]. The total momentum (6,) is about the system's centre of mass, in inertial
     axes; default: zero. `mode` is a key of `dynamics.MODES`. Returns q (N + 1, nq) and joint rates (N + 1, n)
-    at the nodes. Joints and centre of mass are exact to rounding; the error of the attitude is of order dt^4.
+    at the nodes. Joint positions and centre of mass are exact to rounding; the error of the attitude is of
+    order dt^4.
     """
     states, n = _states(sms, q, rates, accelerations.T, dt, momentum, mode), sms.n
     configurations = np.empty((states.shape[1], sms.nq))
@@ -104,7 +105,8 @@ def _states(
 ) -> FloatArray:
     """Return the states (12 + 2 n, N + 1) at the nodes under joint accelerations (n, N).
 
-    Each column has the root's rotation matrix (9, by rows) and position (3), the joint positions and rates.
+    Each column has the root's rotation matrix (9, by rows) and position (3), then the joint positions (n) and
+    the joint rates (n).
     """
     total = np.zeros(6) if momentum is None else vector("momentum", momentum, 6)
     rotation = pin.Quaternion(q[3:7]).toRotationMatrix()

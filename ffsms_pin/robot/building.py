@@ -1,4 +1,4 @@
-"""The construction of a `SpaceManipulator` from a URDF, with its wheels as `ReactionWheels`."""
+"""The construction of a `SpaceManipulator` and its reaction wheels from a URDF."""
 
 from __future__ import annotations
 
@@ -53,8 +53,8 @@ class LoadOptions:
 def checked(robot: ElementTree.Element, path: Path, options: LoadOptions, stacklevel: int) -> UrdfFile:
     """Apply the changes in `options` to the <robot> of the file at `path`, and check the result.
 
-    Each assumption is stated in a warning. `stacklevel` is the argument of `warnings.warn`: 2 names the line
-    that calls this function.
+    A warning states each assumption about data that the file lacks. `stacklevel` is the argument of
+    `warnings.warn`: 2 names the line that calls this function.
     """
     limits = {"velocity": options.velocity, "effort": options.torque}
     overridden = [key for key, value in limits.items() if value is not None]
@@ -85,7 +85,7 @@ def with_srdf(sms: SpaceManipulator, srdf: str | os.PathLike[str]) -> SpaceManip
 def build(urdf: UrdfFile, options: LoadOptions, missing_velocity: float | None = None) -> SpaceManipulator:
     """Return a space manipulator from a checked URDF.
 
-    `missing_velocity` [rad/s] is the rate limit of joints for which the file has none.
+    `missing_velocity` [rad/s] is the rate limit of joints without a rate limit in the file.
     """
     if not any(joint.moves for joint in urdf.joints):
         raise UnsupportedJoint(urdf.path, "the robot has no joint that moves; an arm needs at least one")
@@ -109,9 +109,9 @@ def model_of(urdf: UrdfFile) -> Any:
 
 
 def set_limits(model: Any, options: LoadOptions, missing_velocity: float | None) -> None:
-    """Set the rate and torque limits of a model to those in `options`, where these are not None.
+    """Set the rate and torque limits of a model to the limits in `options` that are not None.
 
-    `missing_velocity` [rad/s] is the rate limit of joints without one.
+    `missing_velocity` [rad/s] is the rate limit of joints without a rate limit in the model.
     """
     rates, efforts, n = np.array(model.upperVelocityLimit), np.array(model.upperEffortLimit), model.nv - 6
     if options.velocity is not None:
@@ -158,8 +158,8 @@ def wheel_names(value: object) -> tuple[str, ...]:
 def make_continuous(robot: ElementTree.Element, names: Collection[str]) -> list[str]:
     """Turn the joints `names` into continuous joints without position limits; return sentences for warnings.
 
-    Many files declare wheels as revolute joints from 0 to 0. A rate or torque limit of zero is read as no
-    limit.
+    Many files declare a wheel as a revolute joint with both position limits zero. A rate or torque limit of
+    zero is read as no limit.
     """
     lacking: dict[str, list[str]] = {"velocity": [], "effort": []}
     for joint in robot.findall("joint"):
@@ -184,7 +184,7 @@ def separate_wheels(urdf: UrdfFile, names: Sequence[str]) -> tuple[UrdfFile, Rea
     """Return the robot with the joints `names` fixed, and reaction wheels in their place.
 
     The base's mass includes the wheels. Spin inertia, axis, largest torque (the effort limit) and friction
-    are those of the file; the largest momentum is the momentum at the velocity limit. Without names the
+    come from the file; the largest momentum is the momentum at the velocity limit. If `names` is empty, the
     wheels are None. Raises `InvalidValue` if a name is not a joint of the file, and `UnsupportedJoint` if a
     joint is not continuous, is not on the base, carries another joint, or has a link that is not balanced and
     symmetric about its axis.

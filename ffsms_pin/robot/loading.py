@@ -41,7 +41,7 @@ def satellite_names() -> list[str]:
 
 
 def _on_satellite(arm: Any) -> str:
-    """Return a message on how to load an arm that was named without a satellite; empty for other names."""
+    """Return a message on how to load an arm that was named without a satellite; "" for other names."""
     name = str(arm).lower()
     if name not in ARMS and name not in other_arms():
         return ""
@@ -115,14 +115,14 @@ def load(
         Joint torque limits [N m], one number or (n,). They replace the limits in the file, which may then be
         zero.
     locked : mapping of str to float, optional
-        Joints that become fixed, and their positions [rad or m]; the links beyond them keep their masses. If
-        a joint mimics a locked joint, it is locked at multiplier times that joint's position plus offset. If
-        it mimics a moving joint, it is locked at its offset, with a warning.
+        Joints that become fixed, and their positions [rad or m]; the links beyond them keep their masses. A
+        joint that mimics a locked joint is locked at multiplier times the locked joint's position plus
+        offset. A joint that mimics a moving joint is locked at its own offset, with a warning.
     inertias : {"check", "keep", "repair"}
         The treatment of an inertia that violates the triangle inequality, which no rigid body has. "check":
-        an error. "keep": it is used as published, with a warning; every moving body's inertia must still be
-        positive definite. "repair": the nearest inertia of a rigid body replaces it, with a warning that
-        lists the changes; an inertia that is not positive definite is replaced, too.
+        an error is raised. "keep": the inertia is used as published, with a warning; every moving body's
+        inertia must still be positive definite. "repair": the nearest inertia of a rigid body is used, with a
+        warning that lists the changes; an inertia that is not positive definite is replaced, too.
     visual, collision : pinocchio.GeometryModel, optional
         Shapes of a Pinocchio model; a file has its own shapes. Default: no shapes. Without visual shapes the
         collision shapes are drawn.

@@ -129,7 +129,7 @@ class SpaceManipulator(ShapedMechanism):
         return self._variant(self.model, wheels=wheels, thrusters=thrusters)
 
     def with_inertias(self, inertias: Any) -> SpaceManipulator:
-        """Return a robot with other inertias and the same limits, base box and shapes.
+        """Return the same robot with other inertias.
 
         Parameters
         ----------
@@ -140,7 +140,7 @@ class SpaceManipulator(ShapedMechanism):
         Raises
         ------
         InvalidValue
-            The number of inertias is not that of the bodies, or the model has other joints.
+            The number of inertias differs from the number of bodies, or the model has other joints.
         InvalidInertia
             An inertia is not positive definite.
         """
@@ -247,10 +247,10 @@ class SpaceManipulator(ShapedMechanism):
         """Return a start configuration (nq,) without self-collision and far from singularities.
 
         256 postures are drawn from the middle half of the joint ranges; the range of a revolute joint is cut
-        to half a turn each way. Of the postures whose bodies are at least `clearance` [m] apart (the distance
-        of `opt.Clearance`), the one with the largest manipulability of J* is returned. The default clearance
-        is the paper's d_safe. The seed is fixed, so the result is always the same. The base is placed as by
-        `configuration`.
+        to half a turn each way. Postures whose bodies are nearer than `clearance` [m] (the distance of
+        `opt.Clearance`) are discarded, and more postures are drawn if none remains. The posture with the
+        largest manipulability of J* is returned. The default clearance is the paper's d_safe. The seed is
+        fixed, so the result is always the same. The base is placed as by `configuration`.
 
         Raises
         ------
@@ -263,15 +263,18 @@ class SpaceManipulator(ShapedMechanism):
     def sample(self, count: int, seed: int = 0, clearance: float = 0.01) -> FloatArray:
         """Draw configurations (count, nq) without self-collision, uniformly from the joint ranges.
 
-        The same seed gives the same configurations, and a larger count only appends to them. `clearance` and
-        errors are those of `home`.
+        The same seed gives the same configurations, and a larger count appends configurations. The clearance
+        and the errors are as for `home`. The range of a revolute joint is cut to half a turn each way.
         """
         count = whole("count", count, 1, 1_000_000)  # more would take hours if most postures collide
         joints = clear_postures(self, count, whole("seed", seed, 0), clearance, 1.0)[:count]
         return np.array([self.configuration(row) for row in joints])
 
     def joint_positions(self, q: ArrayLike) -> FloatArray:
-        """Return the joint positions (n,) [rad] of a configuration; continuous joints are in (-pi, pi]."""
+        """Return the joint positions (n,) [rad or m] of a configuration.
+
+        Positions of continuous joints are between -pi and pi.
+        """
         return self.layout.positions(vector("q", q, self.nq))
 
     def velocity(
@@ -289,7 +292,7 @@ class SpaceManipulator(ShapedMechanism):
             Total momentum [linear; angular], inertial axes, about the system's centre of mass; default zero.
         mode : str
             Mode of the base (see `opt.Problem`). If the mode holds the base's attitude, the angular momentum
-            is ignored. If it holds the base's position, the whole momentum is ignored.
+            is ignored. If the mode holds the base's position, the whole momentum is ignored.
         """
         q = self.checked_configuration("q", q)
         rates = vector("joint_rates", joint_rates, self.n, "rad/s")

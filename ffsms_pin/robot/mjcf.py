@@ -1,4 +1,4 @@
-"""The reader of MJCF files: MuJoCo compiles the file, and the robot is read from the compiled model."""
+"""The reader of MJCF files. MuJoCo compiles the file, and the robot is read from the compiled model."""
 
 from __future__ import annotations
 
@@ -35,9 +35,10 @@ def read_mjcf(
     Parameters
     ----------
     path : Path
+        The MJCF file.
     whole : bool
         True to read the tree with a free joint, which is a whole robot. False to read the trees without a
-        free joint, which are arms; if each tree has a free joint, the free joint is left out.
+        free joint, which are arms; if each tree has a free joint, the free joints are left out.
     inertias : {"check", "keep", "repair"}
         See `ffsms_pin.load`.
     stacklevel : int
@@ -56,10 +57,10 @@ def read_mjcf(
 
 
 class _Source:
-    """An MJCF file that MuJoCo has compiled (`compiled`, a mujoco.MjModel).
+    """An MJCF file and the mujoco.MjModel `compiled` from it.
 
-    `tensors` maps the indices of bodies whose inertias MuJoCo refuses to the inertias (3, 3) [kg m^2] to use,
-    in the axes of MuJoCo's inertial frame.
+    MuJoCo refuses some inertias. `tensors` maps the indices of the bodies with such inertias to the inertias
+    (3, 3) [kg m^2] that replace them, in the axes of MuJoCo's inertial frame.
     """
 
     def __init__(self, path: Path, inertias: Inertias) -> None:
@@ -104,13 +105,13 @@ class _Source:
         return InvalidUrdf(self.path, f"MuJoCo cannot read it as MJCF ({text})")
 
     def _settle(self, inertias: Inertias) -> dict[int, tuple[float, FloatArray]]:
-        """Replace inertias that MuJoCo refuses by those of spheres; return the inertias to use instead.
+        """Replace inertias that MuJoCo refuses by isotropic inertias, and return the inertias to use instead.
 
         The result maps indices of bodies to masses [kg] and inertias (3, 3) [kg m^2] from `settle`.
         """
         replaced, changes = dict[int, tuple[float, FloatArray]](), dict[str, str]()
         if self._spec.compiler.inertiafromgeom == _FROM_GEOM or self._spec.compiler.balanceinertia:
-            return replaced  # the file's inertias are not used, or MuJoCo balances them on request
+            return replaced  # MuJoCo does not use the file's inertias, or repairs them by itself
         for b, body in enumerate(self._spec.bodies):
             full = np.array(body.fullinertia)
             is_full = bool(np.isfinite(full[0]))
@@ -133,7 +134,7 @@ class _Source:
         return replaced
 
     def _compile(self) -> Any:
-        """Compile the file without its missing meshes."""
+        """Return the compiled model (mujoco.MjModel) of the file without its missing meshes."""
         missing = list[str]()
         while True:
             try:
@@ -176,7 +177,7 @@ class _Source:
 
 
 class _Place(NamedTuple):
-    """The indices of a body's joint and frame in the model, and the body's pose on the joint."""
+    """The indices of a body's joint and frame in the model, and the body's pose in the joint's frame."""
 
     joint: int
     frame: int
@@ -184,7 +185,7 @@ class _Place(NamedTuple):
 
 
 class _Robot:
-    """The pinocchio.Model of a compiled MJCF file, and its shapes; `sentences` name unsupported elements."""
+    """The pinocchio.Model and the shapes of a compiled MJCF file; `sentences` name unsupported elements."""
 
     def __init__(self, source: _Source, whole: bool) -> None:
         self._path, self._compiled, self._tensors = source.path, source.compiled, source.tensors
@@ -376,7 +377,7 @@ class _Robot:
         return own
 
     def _note_unused(self, roots: set[int]) -> None:
-        """Add to `sentences` the elements of the file that are not supported."""
+        """Add a sentence that lists the unsupported elements of the file to `sentences`."""
         m = self._compiled
         inside = [j for j in range(m.njnt) if m.body_rootid[m.jnt_bodyid[j]] in roots]
         springs = [
@@ -396,7 +397,7 @@ class _Robot:
         parts = {
             "springs of the joints": springs,
             "nonlinear damping of the joints": curved,
-            "bodies of the world that are no part of the robot": others,
+            "bodies that are not part of the robot": others,
             "equality constraints": equalities,
             "tendons": tendons,
             "flexible bodies": [f"number {i}" for i in range(m.nflex)],
@@ -428,7 +429,7 @@ def _pose(position: Any, quaternion: Any) -> Any:
 
 
 def _mesh(m: Any, k: int) -> Any:
-    """Return mesh k of a compiled model, with vertices in the mesh frame that MuJoCo chose."""
+    """Return mesh k of a compiled model as a coal shape, with vertices in MuJoCo's frame of the mesh."""
     first, count = int(m.mesh_vertadr[k]), int(m.mesh_vertnum[k])
     corners = np.array(m.mesh_vert[first : first + count], dtype=np.float64)
     first, count = int(m.mesh_faceadr[k]), int(m.mesh_facenum[k])

@@ -30,10 +30,10 @@ PACKAGE = "example-robot-data-loaders"
 
 @dataclass(frozen=True)
 class Arm:
-    """An arm's file, its end-effector frame (None: the last link), and its locked joints.
+    """The file, the end-effector frame and the locked joints of an arm.
 
-    The file of an arm of example-robot-data is a path below the package's folder of robots. The positions of
-    locked joints are in rad or m.
+    The file of an arm of example-robot-data is a path below the package's folder of robots. If the
+    end-effector frame is None, the last link's frame is used. The positions of locked joints are in rad or m.
     """
 
     file: str
@@ -63,9 +63,9 @@ _CORRECTED = {
 
 
 def find_arm(arm: str | os.PathLike[str], argument: str = "arm") -> tuple[Path, Arm]:
-    """Return the file of an arm that is given by name or by path, and its `Arm` entry.
+    """Return the path and the `Arm` of an arm, from its name or the path of its file.
 
-    The name is a key of `ARMS`, or the name of a packaged model or of a loader of example-robot-data.
+    A name is a key of `ARMS`, or the name of a packaged model or of a loader of example-robot-data.
     """
     if not isinstance(arm, (str, os.PathLike)):
         raise InvalidValue(argument, arm, "must be the name of an arm, a path or a pinocchio.Model")
@@ -84,7 +84,7 @@ def find_arm(arm: str | os.PathLike[str], argument: str = "arm") -> tuple[Path, 
 
 
 def other_arms() -> dict[str, Arm]:
-    """Return the URDFs that the loaders of example-robot-data read, by name of the loader.
+    """Return an `Arm` for each loader of example-robot-data that reads a URDF, by the loader's name.
 
     The result is empty if the package is not installed.
     """
@@ -131,8 +131,8 @@ def mount(
 ) -> SpaceManipulator:
     """Mount an arm, or several arms, on a satellite.
 
-    The satellite's link is the root, with the free-flyer. The arm's root link is fixed to it, so its mass
-    belongs to the base body.
+    The satellite's link is the root, on the free-flyer joint. The arm's root link is fixed to the satellite's
+    link, so the mass of the arm's root link belongs to the base body.
 
     Parameters
     ----------
@@ -142,21 +142,21 @@ def mount(
         as "talos_arm". Else the name of a packaged model, a path to a URDF or to an MJCF file (.xml, .mjcf),
         or a Pinocchio model without a free-flyer, whose joints have one degree of freedom each. If several
         arms, as in ``mount(["panda", "ur5"])``, share a name of a link or a joint, all names of the first arm
-        get the prefix ``arm1_``, those of the second ``arm2_``, and so on.
+        get the prefix ``arm1_``, all names of the second arm get ``arm2_``, and so on.
     base : SatelliteBase, optional
         The satellite. Default: a solid cube of 200 kg and 1 m.
     placement : pinocchio.SE3 or array_like, shape (4, 4), optional
         Pose of the arm's root link in the base frame (origin at the box's centre, axes along its edges).
-        Default: the centre of the +x face, with the arm's z axis along the base's +x and its y axis along the
-        base's +y. For several arms a sequence of poses; default: a row on that face, with the first arm
-        furthest along +y.
+        Default: the centre of the +x face, with the arm's z axis along the base's +x and the arm's y axis
+        along the base's +y. For several arms a sequence of poses; default: a row along y on the +x face, with
+        the first arm at the largest y.
     end_effector : str, optional
         Name of the end-effector frame. Default: the usual tool frame of a known arm, else as for `load`; with
         several arms no frame is chosen until `with_end_effector` is called.
     locked : mapping of str to float, optional
         Joints that become fixed, and their positions [rad or m]; the links beyond them keep their masses. The
-        joints of a known arm that are locked by default stay locked. Joints that mimic others are locked too,
-        see `load`.
+        fingers of "panda" and the gripper of "z1" stay locked. Joints that mimic others are locked too, see
+        `load`.
     velocity : array_like, optional
         Joint rate limits [rad/s], one number or (n,). Default: the limits in the arm's file; a joint without
         a limit gets 0.5 rad/s, because planning needs a finite rate. Arms for use on the ground reach 2 to 3
@@ -214,8 +214,8 @@ def mounted(
 ) -> SpaceManipulator:
     """Return an arm on a satellite without actuators; see `mount`.
 
-    `depth` is the number of calls between `mount` (or `load`) and this function. Warnings then name the line
-    of the user's call.
+    `depth` is the number of functions between `mount` (or `load`) and this function in the call stack, so
+    that warnings name the line of the user's call.
     """
     level = 4 + depth
     instance("base", base, SatelliteBase)
@@ -282,7 +282,7 @@ def _mixed_arms(
 ) -> SpaceManipulator:
     """Mount each arm on a satellite of its own and merge the robots.
 
-    It is used if an arm is an MJCF file or a model, because only URDFs can be composed into one file.
+    This is necessary if an arm is an MJCF file or a model, because only URDFs can be composed into one file.
     """
     alone = LoadOptions(inertias=options.inertias, package_dirs=options.package_dirs)
     robots = []
@@ -295,7 +295,7 @@ def _mixed_arms(
 
 
 def _prefixes(names: Sequence[set[Any]]) -> list[str]:
-    """Return a prefix for the names of each arm; all are empty if the arms share no name."""
+    """Return a prefix for the names of each arm; all prefixes are empty if the arms share no name."""
     shared = sum(map(len, names)) > len(set().union(*names))
     return [f"arm{i}_" if shared else "" for i in range(1, len(names) + 1)]
 

@@ -1,4 +1,4 @@
-"""The kinematics and dynamics of a model with a free-flyer root, at one state or at many."""
+"""The kinematics and dynamics of a model with a free-flyer root, at one state or at a stack of states."""
 
 from ffsms_pin.system.mechanism import RobotLimits
 from ffsms_pin.system.state import State

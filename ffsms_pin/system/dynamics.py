@@ -1,11 +1,10 @@
-"""Functions for poses, inertia, momentum, accelerations, and the reaction of the base to the joints.
+"""Functions for poses, inertia, momentum, accelerations, and the reaction of the base to joint motion.
 
 The inertia matrix M, N = [-M_b^-1 M_bm; I] and the velocity effects (the Coriolis and centrifugal force) are
 in Pinocchio's velocity coordinates: the base's velocity is that of the root frame, in its own axes. The
 reduced inertia matrix H_q and the reduced Coriolis and centrifugal torque C_q follow from N. They do not
 depend on the coordinates of the base's velocity. Twists are in inertial axes, ordered [linear; angular]. The
-reference point of the base is the base body's centre of mass; that of the end effector is the origin of its
-frame.
+reference points of the twists are the base body's centre of mass and the origin of the end-effector frame.
 
 No external force acts on a floating base, so the momentum of the system is constant. With Pinocchio's inertia
 matrix M = [[M_b, M_bm], [M_bm^T, M_m]], root velocity v_b and joint rates qd, the momentum about the root is
@@ -13,7 +12,7 @@ h = M_b v_b + M_bm qd. Therefore
 
     v_b = -M_b^-1 M_bm qd + M_b^-1 h.
 
-M depends on the joint positions alone, and so do the matrices that follow from it.
+M and the matrices that are computed from M depend on the joint positions alone.
 
 Pinocchio's base velocity is that of the root frame's origin, in the root's own axes. The paper's is that of
 the base's centre of mass, in inertial axes. With R the base's attitude and c its centre of mass in the root
@@ -38,7 +37,9 @@ _AXES = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """The pose and Jacobians of a frame at a state, inertial axes; the twist is that of the frame's origin.
+    """The pose and Jacobians of a frame at a state, in inertial axes.
+
+    The twists are those of the frame's origin, ordered [linear; angular].
 
     Attributes
     ----------
@@ -47,7 +48,7 @@ class Frame:
     J : ndarray, shape (6, n)
         Twist per joint rate with the base fixed.
     J_star : ndarray, shape (6, n)
-        Twist per joint rate with the base reacting, at zero momentum: the generalised Jacobian.
+        Twist per joint rate on a free-floating base at zero momentum: the generalised Jacobian.
     """
 
     pose: Any
@@ -58,8 +59,8 @@ class Frame:
 def at_origin(q: FloatArray) -> FloatArray:
     """Copy q (nq,) with the root at the inertial origin.
 
-    Quantities that do not depend on the root's position are computed there, because the rounding errors of
-    sums about a distant origin grow with the square of the distance.
+    Quantities that do not depend on the root's position are computed at the inertial origin, because the
+    rounding errors of sums about a distant origin grow with the square of the distance.
     """
     moved = q.copy()
     moved[:3] = 0.0
@@ -67,7 +68,7 @@ def at_origin(q: FloatArray) -> FloatArray:
 
 
 def base_pose(robot: Mechanism, q: FloatArray) -> Any:
-    """Return the pose of the base (pinocchio.SE3): the root's axes, with the base's centre of mass."""
+    """Return the pose of the base (pinocchio.SE3): origin at the base's centre of mass, axes of the root."""
     pose = pin.XYZQUATToSE3(q[:7])
     pose.translation = pose.act(robot.base_com)
     return pose
@@ -81,9 +82,9 @@ def frame_pose(robot: Mechanism, q: FloatArray, frame: int | None = None) -> Any
 
 
 def frame_jacobian(robot: Mechanism, q: FloatArray, frame: int | None = None) -> FloatArray:
-    """Return the Jacobian (6, 6 + n) of a frame: its twist in inertial axes per Pinocchio's velocity v.
+    """Return the Jacobian (6, 6 + n) of a frame, by default of the end-effector frame.
 
-    The default frame is the end-effector frame.
+    The Jacobian maps Pinocchio's velocity v to the frame's twist in inertial axes.
     """
     frame = robot.frame_id if frame is None else frame
     return np.asarray(pin.computeFrameJacobian(robot.model, scratch(robot), at_origin(q), frame, _AXES))
@@ -109,7 +110,8 @@ def reduced_coriolis_matrix(robot: Mechanism, q: FloatArray, N: FloatArray, rate
     N maps joint rates to Pinocchio's velocity v = N qd, and C_M is Pinocchio's Coriolis matrix. Then
     tau = N^T (M dv/dt + C_M v) = H_q qdd + N^T (M dN/dt + C_M N) qd with H_q = N^T M N. Only the base rows of
     N change, and N^T M is zero in the base's columns, so N^T M dN/dt = 0 and C = N^T C_M N. For the same
-    reason dH_q/dt = N^T (dM/dt) N. Since dM/dt - 2 C_M is skew-symmetric, dH_q/dt - 2 C is, too.
+    reason dH_q/dt = N^T (dM/dt) N. Hence dH_q/dt - 2 C = N^T (dM/dt - 2 C_M) N. It is skew-symmetric because
+    dM/dt - 2 C_M is skew-symmetric.
 
     Reference for C_M: S. Echeandia and P. M. Wensing, "Numerical methods to compute the Coriolis matrix and
     Christoffel symbols for rigid-body systems", Journal of Computational and Nonlinear Dynamics 16 (2021).
@@ -121,14 +123,17 @@ def reduced_coriolis_matrix(robot: Mechanism, q: FloatArray, N: FloatArray, rate
 def floating_torque(robot: Mechanism, q: FloatArray, v: FloatArray, qdd: FloatArray) -> FloatArray:
     """Return the joint torques H_q qdd + C_q (n,) [N m] for joint accelerations qdd (n,) [rad/s^2].
 
-    The base reacts freely. The recursive Newton-Euler algorithm replaces the Coriolis matrix.
+    The base floats freely. The recursive Newton-Euler algorithm is used, so no Coriolis matrix is needed.
     """
     force = pin.rnea(robot.model, scratch(robot), q, v, np.concatenate([np.zeros(6), qdd]))
     return joint_torques(inertia_matrix(robot, q), force)
 
 
 class Centroidal(NamedTuple):
-    """The centre of mass (3,) [m], momentum (6,) [linear; angular] about it, and kinetic energy [J]."""
+    """The centre of mass (3,) [m], momentum (6,) and kinetic energy [J] of the whole system.
+
+    The momentum [linear; angular] is about the centre of mass, in inertial axes.
+    """
 
     com: FloatArray
     momentum: FloatArray
@@ -146,12 +151,13 @@ def centroidal(robot: Mechanism, q: FloatArray, v: FloatArray) -> Centroidal:
 def bias_accelerations(
     robot: Mechanism, M: FloatArray, q: FloatArray, v: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the accelerations (6,) of base and end effector at zero joint accelerations, the base reacting.
+    """Return the accelerations (6,) of a floating base and of the end effector at zero joint accelerations.
 
-    Each is the rate of a twist in inertial axes, of the base's centre of mass and of the end-effector frame's
-    origin; its linear part is the classical acceleration of the point, not the spatial acceleration. At zero
-    momentum they are dC_bm/dt qd and dJ*/dt qd. The root's acceleration follows from the base rows of the
-    equations of motion without an external force, the others from one pass of kinematics.
+    They are the time derivatives, in inertial axes, of the twists of the base's centre of mass and of the
+    end-effector frame's origin. The linear part is the classical acceleration of the point, not the spatial
+    acceleration. At zero momentum the accelerations are dC_bm/dt qd and dJ*/dt qd. The root's acceleration
+    follows from the base rows of the equations of motion without an external force. Forward kinematics then
+    gives both results.
     """
     model, data = robot.model, scratch(robot)
     acceleration = np.zeros(robot.nv)
@@ -183,10 +189,10 @@ def floating_motion(M: FloatArray) -> FloatArray:
 
 
 def joint_torques(M: FloatArray, force: FloatArray) -> FloatArray:
-    """Return N^T f (n,) [N m], the joint torques of a generalised force f (6 + n,) with the base reacting.
+    """Return the joint torques N^T f (n,) [N m] of a robot on a floating base.
 
-    f = [f_b; f_m] is the force of a motion with zero base acceleration. If the base is free instead, the
-    joint torques are f_m - M_bm^T M_b^-1 f_b.
+    f = [f_b; f_m] (6 + n,) is the generalised force of the motion with the same q, v and joint accelerations,
+    but with zero base acceleration. The torques are f_m - M_bm^T M_b^-1 f_b.
     """
     return np.asarray(force[6:] - over_base(M, force[:6]).dot(M[:6, 6:]))
 
@@ -209,16 +215,16 @@ MODES: Mapping[str, tuple[int, ...]] = {
     "translation-flying": (3, 4, 5),
     "flying": (),
 }
-"""The free rows of the base's twist in each mode. Wheels hold the attitude in "rotation-floating", thrusters
-in "rotation-flying"; the base's motion is the same."""
+"""The indices of the free rows of the base's twist in each mode. The attitude is held by wheels in
+"rotation-floating" and by thrusters in "rotation-flying"; the base's motion is the same in both modes."""
 
 
 def mode_coupling(H_b: FloatArray, H_bm: FloatArray, mode: str) -> FloatArray:
     """Return C_bm (6, n) of a mode: the base's twist per joint rate at zero momentum.
 
-    The rows of the motion that the mode holds are zero. No external force acts along the free rows f, so
-    their momentum stays zero, and C_bm[f] = -H_b[f, f]^-1 H_bm[f]. With a held attitude the linear momentum
-    is zero; with a held position the angular momentum about the base's centre of mass is zero.
+    The rows of the held motion are zero. No external force acts along the free rows f, so the momentum in
+    these rows stays zero, and C_bm[f] = -H_b[f, f]^-1 H_bm[f]. With a held attitude the linear momentum is
+    zero; with a held position the angular momentum about the base's centre of mass is zero.
 
     Reference: M. Wilde, S. Kwok Choon, A. Grompone, M. Romano, "Equations of motion of free-floating
     spacecraft-manipulator systems: an engineer's tutorial", Frontiers in Robotics and AI 5 (2018).
@@ -234,17 +240,17 @@ def mode_reaction(M: FloatArray, base_com: FloatArray, mode: str) -> FloatArray:
     """Return the root's velocity per joint rate (6, n) in a mode, in root axes; see `mode_coupling`."""
     if mode == "floating":
         return root_reaction(M)
-    to_root = np.eye(6)  # from a twist at the base's centre of mass, in root axes
+    to_root = np.eye(6)  # maps a twist of the base's centre of mass, root axes, to the root's velocity
     to_root[:3, 3:] = pin.skew(base_com)
     H_b, H_bm = to_root.T @ M[:6, :6] @ to_root, to_root.T @ M[:6, 6:]
     return np.asarray(to_root @ mode_coupling(H_b, H_bm, mode))
 
 
 def root_drift(M: FloatArray, q: FloatArray, momentum: FloatArray, mode: str = "floating") -> FloatArray:
-    """Return the root velocity (6,), root axes, at which the system has `momentum` with the joints at rest.
+    """Return the root velocity (6,), root axes, of a system with the given momentum and resting joints.
 
-    The momentum (6,) is in inertial axes, about the system's centre of mass. If the mode holds the base's
-    attitude, the angular momentum is ignored; if it holds the base's position, the result is zero.
+    `momentum` (6,) is in inertial axes, about the system's centre of mass. If the mode holds the base's
+    attitude, the angular momentum is ignored. If the mode holds the base's position, the result is zero.
     """
     to_root, whole = pin.XYZQUATToSE3(q[:7]).rotation.T, whole_body(M)
     linear, angular = to_root @ momentum[:3], to_root @ momentum[3:]
@@ -254,10 +260,10 @@ def root_drift(M: FloatArray, q: FloatArray, momentum: FloatArray, mode: str = "
 
 
 def whole_body(M: FloatArray) -> Any:
-    """Return the inertia (pinocchio.Inertia) of the system as one rigid body in the root frame, from M_b.
+    """Return the inertia (pinocchio.Inertia) of the system with locked joints in the root frame, from M_b.
 
-    M_b = [[m 1, -m [c]x], [m [c]x, I - m [c]x [c]x]], with the mass m, the centre of mass c and the inertia I
-    about it.
+    M_b = [[m 1, -m [c]x], [m [c]x, I - m [c]x [c]x]], where m is the mass, c the centre of mass, and I the
+    inertia about c.
     """
     mass = float(M[0, 0])
     com = np.array([M[1, 5], M[2, 3], M[0, 4]]) / mass

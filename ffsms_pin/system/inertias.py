@@ -1,4 +1,4 @@
-"""The treatment of inertias that no rigid body has, which are refused, kept as published, or repaired."""
+"""Functions that refuse, keep or repair an inertia that no rigid body has."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ Inertias = Literal["check", "keep", "repair"]
 
 
 def settle(model: str | Path, body: str, tensor: FloatArray, inertias: Inertias) -> tuple[FloatArray, str]:
-    """Return the inertia (3, 3) [kg m^2] to use for a body, and a text for a warning; "" without a warning.
+    """Return the inertia (3, 3) [kg m^2] to use for a body, and the text of a warning or "".
 
-    `model` is the file or the robot in an error's message, `body` the link.
+    `model` and `body` are the names of the robot (or its file) and of the link for error messages.
 
     Raises
     ------
@@ -45,7 +45,11 @@ def settled(changes: Mapping[str, str], inertias: Inertias) -> str:
 
 
 def positive(tensor: FloatArray) -> FloatArray:
-    """Return the nearest positive definite inertia (3, 3) of a rigid body; a thin rod's is not definite."""
+    """Return the nearest positive definite inertia (3, 3) [kg m^2] of a rigid body.
+
+    The nearest inertia may be that of a thin rod, with one zero principal inertia. It is then replaced by an
+    inertia with small positive principal second moments.
+    """
     nearest = urdf.nearest_inertia(tensor, 0.0)
     principal = np.linalg.eigvalsh(nearest)
     if principal[0] > 1e-9 * principal[2]:

@@ -37,7 +37,7 @@ from ffsms_pin.system.urdf_elements import tool_among
 from ffsms_pin.threads import Unchanging
 
 FOUR_TURNS = 25.2  # [rad] a larger position limit of a revolute joint is read as no limit
-# A URDF has no acceleration limit. The paper's are 28.65 deg/s^2 for 22.92 deg/s.
+# A URDF has no acceleration limits. The paper's limits are 28.65 deg/s^2 and 22.92 deg/s.
 ACCELERATION_PER_VELOCITY = 1.25  # [1/s]
 _LAST = (pin.FrameType.BODY, pin.FrameType.OP_FRAME)
 
@@ -52,7 +52,8 @@ class JointUnit(NamedTuple):
 class JointLayout:
     """A map of n joint positions to Pinocchio's q and back.
 
-    A continuous joint has two entries of q (cosine and sine), any other joint one; each has one entry of v.
+    A continuous joint has two entries of q (cosine and sine), any other joint has one. Every joint has one
+    entry of v.
 
     Attributes
     ----------
@@ -125,8 +126,8 @@ class JointLayout:
     def difference(self, q: FloatArray, positions: FloatArray) -> FloatArray:
         """Return the joint positions of q (nq,) minus `positions` (n,).
 
-        The difference of continuous joints is wrapped to [-pi, pi). The difference of other joints is not,
-        because they may turn by more than one turn.
+        The difference of continuous joints is wrapped to [-pi, pi). The difference of other joints is not
+        wrapped, because these joints may turn by more than one turn.
         """
         if self.plain:
             return q[7:] - positions
@@ -154,9 +155,9 @@ class JointLayout:
 class RobotLimits:
     """The limits of a robot's n joints, each an array of shape (n,); infinite if there is no limit.
 
-    URDFs contain various large numbers that mean "no limit". A limit above 1e12 becomes infinite, and in a
-    robot also a position limit of a revolute joint beyond four turns. A limit of rate, acceleration or torque
-    below 1e-12 is refused, because no joint could move within it.
+    URDFs contain various large numbers that mean "no limit". A limit above 1e12 becomes infinite. In a robot,
+    a position limit of a revolute joint beyond four turns becomes infinite, too. A limit of rate,
+    acceleration or torque below 1e-12 is refused, because no joint could move.
 
     Attributes
     ----------
@@ -224,7 +225,10 @@ def limits_of(model: Any, layout: JointLayout, acceleration: ArrayLike | None) -
 
 
 def within_turns(limits: RobotLimits, turns: NDArray[np.bool_]) -> RobotLimits:
-    """Return the limits, with position limits beyond four turns infinite where `turns` (n,) is True."""
+    """Return the limits, with infinite position limits in place of limits beyond four turns.
+
+    Only the limits of joints for which `turns` (n,) is True are replaced.
+    """
     lower, upper = (
         np.where(turns & (np.abs(bound) > FOUR_TURNS), np.copysign(np.inf, bound), bound)
         for bound in (limits.lower, limits.upper)
@@ -314,7 +318,7 @@ class Mechanism(Unchanging):
 
     @property
     def end_effectors(self) -> list[str]:
-        """The names of the frames at the arms' ends: each arm's end effector, or all its last frames."""
+        """The names of the end-effector frame and of the other arms' last frames."""
         return last_frames(self.model, self._frame_id)
 
     def checked_configuration(self, name: str, q: ArrayLike) -> FloatArray:
@@ -399,8 +403,8 @@ def _carried(model: Any, j: int) -> bool:
 def scratch(robot: Mechanism) -> Any:
     """Return the calling thread's Pinocchio data, for a calculation within `ffsms_pin.system`.
 
-    A later call may overwrite the data, so a function must copy its result. Code outside this package creates
-    its own data with `sms.model.createData()`.
+    A later calculation may overwrite the data, so a function must copy its result. Code outside
+    `ffsms_pin.system` creates its own data with `sms.model.createData()`.
     """
     return robot._scratch.data
 
@@ -408,8 +412,8 @@ def scratch(robot: Mechanism) -> Any:
 def last_frames(model: Any, chosen: int | None = None) -> list[str]:
     """Return the names of the last frames of the arms, which are on joints that carry no other joint.
 
-    If such a joint has several last frames, the result has the frame with index `chosen` if it is on the
-    joint, else the frame with a tool's name, else all of them.
+    If such a joint has several last frames, the result has the frame with index `chosen` if that frame is on
+    the joint, else the frame with a tool's name, else all last frames of the joint.
     """
     carriers = set(model.parents)
     onward = {frame.parentFrame for frame in model.frames}

@@ -118,7 +118,7 @@ class MovingFrames(NamedTuple):
 
 
 def moving_frames(robot: Mechanism, q: FloatArray, v: FloatArray) -> list[MovingFrames]:
-    """Return the frames of all bodies, the base first, in states q (N, nq) and v (N, 6 + n)."""
+    """Return the motions of all bodies' frames, the base first, in states q (N, nq) and v (N, 6 + n)."""
     model, layout = robot.model, robot.layout
     q, v = q.T, v.T
     frames = [MovingFrames(rotations(q[3:7]), q[:3], v[:3], v[3:6])]
@@ -157,8 +157,8 @@ def joint_axes(robot: Mechanism) -> list[FloatArray]:
 def torque_regressor(robot: Mechanism, q: FloatArray, v: FloatArray, acceleration: FloatArray) -> FloatArray:
     """Return the regressor (6 + n, 10 (1 + n)) of the generalised force at q, v and `acceleration` (6 + n,).
 
-    The force is in Pinocchio's velocity coordinates, without the force of the rotors' inertia
-    (`model.armature`).
+    The force is in Pinocchio's velocity coordinates. The torques due to the rotors' inertia
+    (`model.armature`) are not included.
     """
     Y = pin.computeJointTorqueRegressor(robot.model, scratch(robot), at_origin(q), v, acceleration)
     return np.array(Y)

@@ -77,7 +77,7 @@ class State(Unchanging):
     # -- kinematics
     @property
     def base_pose(self) -> Any:
-        """The pose of the base (a new pinocchio.SE3): the root's axes, with the base's centre of mass."""
+        """The pose of the base (a new pinocchio.SE3): origin at its centre of mass, axes of the root."""
         return dynamics.base_pose(self._robot, self.q)
 
     @property
@@ -102,7 +102,10 @@ class State(Unchanging):
 
     @property
     def J_m(self) -> FloatArray:
-        """The manipulator Jacobian (6, n), [J_Te; J_Re] of the paper: end-effector twist on a fixed base."""
+        """The manipulator Jacobian (6, n): end-effector twist per joint rate on a fixed base.
+
+        It is [J_Te; J_Re] of the paper.
+        """
         return self._J_e[:, 6:]
 
     @cached_property
@@ -207,11 +210,11 @@ class State(Unchanging):
         return frozen(regressors.momentum_regressor(self._robot, self.q, self.v))
 
     def torque_regressor(self, joint_accelerations: ArrayLike) -> FloatArray:
-        """Return the regressor (6 + n, 10 (1 + n)) of the generalised force, the base reacting.
+        """Return the regressor (6 + n, 10 (1 + n)) of the generalised force of a robot on a floating base.
 
         The base's acceleration is computed with the robot's own parameters. In the product with
-        `sms.inertial_parameters` the first six rows, the force on the base, are zero. The others are the
-        joint torques [N m], without those of the rotors' inertia (`model.armature`).
+        `sms.inertial_parameters` the first six rows, the force on the base, are zero. The last n rows are the
+        joint torques [N m], without the torques due to the rotors' inertia (`model.armature`).
 
         Parameters
         ----------
@@ -224,9 +227,9 @@ class State(Unchanging):
         return frozen(regressors.torque_regressor(self._robot, self.q, self.v, acceleration))
 
     def drift(self, momentum: ArrayLike) -> FloatArray:
-        """Return Pinocchio's root velocity (6,) at which the system has a momentum with the joints at rest.
+        """Return Pinocchio's root velocity (6,) of the system with the given momentum and resting joints.
 
-        `momentum` (6,) is in inertial axes, about the system's centre of mass.
+        `momentum` (6,) [linear; angular] is in inertial axes, about the system's centre of mass.
         """
         return dynamics.root_drift(self._M, self.q, vector("momentum", momentum, 6))
 
@@ -253,7 +256,7 @@ class State(Unchanging):
     def coupling_at(
         self, characteristic_length: float = 1.0, reference: ArrayLike | None = None, rows: Rows = "all"
     ) -> CouplingMetrics:
-        """Return the coupling metrics for another unit of length, point of the base, or choice of rows.
+        """Return the coupling metrics for another unit of length, reference point or choice of rows.
 
         Parameters
         ----------

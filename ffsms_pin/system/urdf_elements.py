@@ -20,11 +20,12 @@ from ffsms_pin.checks import LARGEST_POSITIVE, FloatArray
 from ffsms_pin.errors import InvalidUrdf
 from ffsms_pin.files import read_content
 
-# An infinite limit as text that every URDF reader accepts: the largest float.
+# The largest float as text, which stands for an infinite limit and which every URDF reader accepts.
 UNLIMITED = "1.7976931348623157e+308"
 MOVING = ("revolute", "continuous", "prismatic")  # the types of joint that have a degree of freedom
 
-# Endings of tool frames' names, the preferred first, as in "tool0" or "hand_tcp"; "ee_link"; "left_hand".
+# Endings of the names of tool frames, in order of preference. Examples: "tool0" and "hand_tcp" (first entry),
+# "ee_link" (second entry), "left_hand" (third entry).
 _ENDINGS = (r"tool\d*|tcp", r"eef?|end[_\-. ]?effector", r"hand")
 _TOOL_NAMES = [
     re.compile(rf"(.*[_\-.\s/])?({ending})([_\-.]?(link|frame|site))?", re.IGNORECASE) for ending in _ENDINGS
@@ -41,11 +42,11 @@ ROUNDING = 1e-6  # relative error of numbers in files, which are rounded to few 
 
 
 class Unreadable(ValueError):
-    """An element that cannot be read; the text follows the name of its link or joint in the message."""
+    """The error about an unreadable element; callers put the name of the link or joint before its text."""
 
 
 class Joint(NamedTuple):
-    """A joint of a URDF: name, type, parent link and child link, each "" if missing."""
+    """The name, type, parent link and child link of a joint in a URDF; a missing entry is ""."""
 
     name: str
     type: str
@@ -92,7 +93,10 @@ def is_number(text: str) -> bool:
 def number_of(
     element: Element, key: str, default: float | None = None, largest: float = LARGEST_POSITIVE
 ) -> float:
-    """Return the number in an element's attribute `key`, or `default`; raise `Unreadable` without both."""
+    """Return the number in an element's attribute `key`, or `default` if the attribute is missing.
+
+    Raises `Unreadable` if the attribute and the default are both missing.
+    """
     text = element.get(key)
     if text is not None:
         return _parse(text, key, largest)
@@ -129,9 +133,10 @@ def _parse(text: str, key: str, largest: float) -> float:
 
 
 def tool_among(frames: Sequence[str]) -> str | None:
-    """Return the only frame of one body, or its frame with a tool's name; None if no frame can be chosen.
+    """Return the end effector among the last frames of one body, or None if no frame can be chosen.
 
-    The most preferred ending in use decides. If several frames have this ending, no frame is chosen.
+    The only frame of a body is chosen. Of several frames, the frame whose name has the most preferred ending
+    is chosen, unless several names have this ending.
     """
     if len(frames) == 1:
         return frames[0]
@@ -162,7 +167,7 @@ class _Builder(ElementTree.TreeBuilder):
 
 
 def reached(start: str, joints: Iterable[Joint]) -> set[str]:
-    """Return the link `start` and all its descendants by the given joints."""
+    """Return the link `start` and all links that the given joints connect below it."""
     onward: dict[str, list[str]] = {}
     for joint in joints:
         onward.setdefault(joint.parent, []).append(joint.child)
@@ -177,7 +182,8 @@ def reached(start: str, joints: Iterable[Joint]) -> set[str]:
 def bare(robot: Element, part: str) -> Element:
     """Return a copy of a <robot> with its joints, and with only elements of the tag `part` in its links.
 
-    Pinocchio's parser prints messages about other elements to the terminal. The elements are not checked.
+    Other elements are left out because Pinocchio's parser prints messages about them to the terminal. The
+    copied elements are not checked.
     """
     copy, kept = Element("robot", robot.attrib), {"link": (part,), "joint": ("parent", "child", "origin")}
     for item in robot:
@@ -264,7 +270,8 @@ def inertia_problem(tensor: FloatArray) -> str | None:
 def nearest_inertia(tensor: FloatArray, least: float) -> FloatArray:
     """Return the inertia (3, 3) [kg m^2] nearest to `tensor` with principal second moments >= `least`.
 
-    The second moments are those of the mass, tr(I) / 2 - I; they are positive for a rigid body with volume.
+    The second moments of mass are tr(I) / 2 - I. Their principal values are positive for a rigid body with
+    volume.
     """
     moments = 0.5 * np.trace(tensor) * np.eye(3) - tensor
     values, axes = np.linalg.eigh(moments)
@@ -296,7 +303,7 @@ def refusal(tensor: FloatArray, any_tensor: bool = False) -> str:
 
 
 def unused(name: str, taken: Collection[str]) -> str:
-    """Append `_` to a name until it is not in `taken`."""
+    """Append `_` to a name until the name is not in `taken`."""
     while name in taken:
         name += "_"
     return name

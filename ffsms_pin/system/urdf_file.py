@@ -1,12 +1,12 @@
-"""The completion and the strict check of a URDF before Pinocchio reads it and drops faults silently.
+"""Functions that complete and check a URDF; Pinocchio's parser ignores many faults silently.
 
-Files of published robots leave out data that their authors' tools do not need, mostly joint limits. `lenient`
+Published URDFs lack data that their authors' tools do not need, mostly joint limits. `lenient`
 adds these data, locks joints, fixes joints that mimic others, and treats inertias that no rigid body has. It
 changes the <robot> element and returns sentences for warnings. Texts that are not numbers stay; `UrdfFile`
 checks them and names the element in its error.
 
 A file with unused declarations or wrong units loads, but the robot differs from the intended robot: a xacro
-macro that was not expanded has no mass, a misspelt element is left out, limits in degrees are read as no
+macro that was not expanded adds no mass, a misspelt element is ignored, and limits in degrees are read as no
 limits. `unused_declarations` and `declaration_warnings` report such declarations.
 """
 
@@ -43,9 +43,10 @@ _PARTS = {
     },
     "inertial": {"origin", "mass", "inertia"},
 }
-# Limits between four turns [rad] and this number look like degrees; larger numbers mean "no limit".
+# Limits between _TURNS (four turns in radians) and _MOST_DEGREES look like degrees. Larger limits mean "no
+# limit".
 _TURNS, _MOST_DEGREES = 25.2, 720.0
-_SHARE = 1.0 / 3.0  # the least share of a satellite in the total mass; the foot of an arm has a smaller one
+_SHARE = 1.0 / 3.0  # a root link with less than this share of the total mass is taken for the foot of an arm
 _MOST_NAMES = 6  # names listed in a sentence
 _UNITS = {"velocity": "rad/s", "effort": "N m"}
 _LIMITED = {"revolute", "prismatic"}
@@ -68,7 +69,10 @@ def lenient(
 
 
 def _lock(robot: Element, path: Path, locked: Mapping[str, float]) -> list[str]:
-    """Fix the joints in `locked` and all joints that mimic another joint; return sentences on the latter."""
+    """Fix the joints in `locked` and all joints that mimic another joint.
+
+    Returns a list with one sentence about the joints that mimic a moving joint, empty if there are none.
+    """
     joints = {joint.get("name", ""): joint for joint in robot.findall("joint")}
     moving = {name: joint for name, joint in joints.items() if joint.get("type") in urdf.MOVING}
     places: dict[str, float] = {}
@@ -83,7 +87,7 @@ def _lock(robot: Element, path: Path, locked: Mapping[str, float]) -> list[str]:
             continue
         if leader in locked:
             offset += factor * places[leader]
-        elif leader in moving:  # a leader that the file fixes has the position zero
+        elif leader in moving:  # a joint of type "fixed" has the position zero
             sentences.append(f"'{name}' at {offset:g} (it mimics '{leader}')")
         places[name] = offset
     for name, place in places.items():
@@ -241,9 +245,9 @@ def _listed(names: list[str]) -> str:
 
 
 def light_base(robot: Element) -> str:
-    """Return a sentence if the root link, which is read as the satellite, is too light for one; else "".
+    """Return a sentence if the root link, which is read as the satellite, is light for a satellite; else "".
 
-    The caller appends the remedy: a call that mounts the arm on a satellite.
+    The caller appends a call that mounts the arm on a satellite.
     """
     masses = {item.get("name", ""): _mass(item) for item in robot.iterfind("link")}
     joints = [joint_of(item) for item in robot.iterfind("joint")]
@@ -262,7 +266,7 @@ def light_base(robot: Element) -> str:
 
 
 def virtual_base(robot: Element) -> list[Element]:
-    """Return the links and joints of a virtual chain that makes the base float; empty if there is none.
+    """Return the links and joints of a chain of massless links that makes the base float, or an empty list.
 
     In files for simulators without a free-flyer, two or three prismatic and one to three revolute joints
     connect the root to the first link with a mass.
@@ -305,7 +309,7 @@ _Read = TypeVar("_Read")
 
 
 class Link(NamedTuple):
-    """The mass of a link [kg], and the edges [m] and pose of the first box among its shapes, if any."""
+    """The mass of a link [kg], and the edges [m] and pose of the first box among its shapes, or None."""
 
     mass: float | None
     box: tuple[FloatArray, Any] | None
@@ -344,7 +348,7 @@ class UrdfFile:
         return [name for name in self.links if name not in inner]
 
     def rigid_group(self, link: str) -> set[str]:
-        """Return `link` and its descendants by fixed joints."""
+        """Return `link` and all links that fixed joints connect below it."""
         return urdf.reached(link, (joint for joint in self.joints if not joint.moves))
 
     def _each(self, kind: str, read: Callable[[Element, str], _Read]) -> dict[str, _Read]:
@@ -398,7 +402,8 @@ class UrdfFile:
             if link not in self.links:
                 raise urdf.Unreadable(f"names a {end} link '{link}' that does not exist")
         if joint.moves and item.find("mimic") is not None:
-            message = "has a <mimic> of an unknown joint or of itself, or a factor that is not a number"
+            message = "has a <mimic> of an unknown joint or of itself, or with a multiplier or offset that is"
+            message += " not a number; correct or remove it"
             raise UnsupportedJoint(self.path, f"joint '{name}' {message}")
         urdf.origin_of(item)
         if joint.moves:

@@ -1,1 +1,1 @@
-"""The kinematics and dynamics of a robot at many joint positions at once, by the compiled kernel."""
+"""The kinematics and dynamics of a robot at a stack of joint positions, by the compiled kernel."""

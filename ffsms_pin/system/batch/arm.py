@@ -1,4 +1,4 @@
-"""Kinematics and momentum of the arm at many joint positions at once.
+"""The kinematics and momentum of the arm at a stack of joint positions.
 
 The tree (placements, axes, inertias) is read from Pinocchio's model once, and the compiled kernel evaluates
 all joint positions. All quantities are in base axes with the origin at the root frame, so they depend on the
@@ -21,14 +21,15 @@ from ffsms_pin.system.mechanism import Mechanism
 
 @dataclass(frozen=True, eq=False)
 class ArmValues:
-    """The arm at a stack of configurations, in base axes; column j of a Jacobian is per unit rate of joint j.
+    """The arm at a stack of configurations, in base axes with the origin at the root frame.
 
-    The axes of an array are the components, the joints, then the axes `...` of the stack.
+    The axes of an array are the components, the joints, then the axes `...` of the stack. Entry j of a joint
+    axis is the value per unit rate of joint j.
 
     Attributes
     ----------
     positions : ndarray, shape (n, ...)
-        Joint positions.
+        Joint positions [rad or m].
     axes, velocities : ndarray, shape (3, n, ...)
         Twist due to each joint's rate on a fixed base: angular velocity, and linear velocity at the origin.
     linear, angular : ndarray, shape (3, n, ...)
@@ -36,11 +37,11 @@ class ArmValues:
     spin, root : ndarray, shape (3, n, ...)
         Angular and linear velocity of the root of the floating base, by the momentum equation.
     arm, jstar : ndarray, shape (3, n, ...)
-        Velocity of the end effector on a fixed base, and with the base reacting (linear rows of J*).
+        Velocity of the end effector on a fixed base, and on the floating base (linear rows of J*).
     com : ndarray, shape (3, ...)
-        Centre of mass of the system; if the mode holds the base's position, that of the base.
+        Centre of mass of the system, or of the base if the mode holds the base's position [m].
     tip : ndarray, shape (3, ...)
-        Position of the end effector.
+        Position of the end effector [m].
     inverse : ndarray, shape (3, 3, ...)
         Inverse of the system's inertia about `com`; zero if the mode holds the base's attitude.
     tip_rotation : ndarray, shape (3, 3, ...)
@@ -48,7 +49,7 @@ class ArmValues:
     coupling : ndarray, shape (6, n, ...)
         The paper's C_bm, in base axes.
     points : ndarray, shape (3, n + 1, ...)
-        Joint origins and end effector.
+        Positions of the joints' origins, then of the end effector [m].
     rotations : ndarray, shape (3, 3, n, ...)
         Attitudes of Pinocchio's joint frames.
     """
@@ -80,16 +81,17 @@ class ArmValues:
         return [getattr(self, field.name) for field in fields(self)]
 
     def stacked(self) -> ArmValues:
-        """Return a copy with a second stack axis of length 1, as for one motion."""
+        """Return the arm with an axis of length 1 (one motion) before the last axis of each array."""
         return ArmValues(*(getattr(self, field.name)[..., None, :] for field in fields(self)))
 
 
 class ArmStack:
-    """A manipulator, prepared for evaluation at many joint positions at once.
+    """A manipulator, prepared for evaluation at a stack of joint positions.
 
-    If the mode holds the base, an infinite mass or inertia replaces the system's, so the momentum equation
-    and its derivatives are the same in all modes. With a held attitude `ArmValues.inverse` is zero; with a
-    held position `mass` is infinite and `ArmValues.com` is the base's centre of mass.
+    If the mode holds the base's position or attitude, the system's mass or inertia is taken as infinite. The
+    momentum equation and its derivatives are then the same in all modes. With a held attitude
+    `ArmValues.inverse` is zero; with a held position `mass` is infinite and `ArmValues.com` is the base's
+    centre of mass.
 
     Parameters
     ----------
@@ -100,7 +102,7 @@ class ArmStack:
     """
 
     def __init__(self, robot: Mechanism, mode: str = "floating") -> None:
-        #: Rows of C_bm that are free in the mode; `moves` is True if the base's position is free.
+        #: Indices of the rows of C_bm that are free in the mode. `moves` is True if the base can translate.
         self.free_rows = list(MODES[mode])
         self.moves = 0 in self.free_rows
         self.robot = robot
@@ -109,7 +111,7 @@ class ArmStack:
         pin.computeJointJacobians(model, data, pin.neutral(model))
         self.n = n = robot.n
         joints = range(2, model.njoints)
-        #: Index of the joint that carries the end effector, -1 for the base; `parents` are such indices, too.
+        #: Index of the joint that carries the end effector, -1 for the base; `parents` has the same indexing.
         self.last = robot.tip_joint - 2
         self.tip_in_last = frame.placement.translation.copy()
         self.parents = [int(model.parents[j]) - 2 for j in joints]

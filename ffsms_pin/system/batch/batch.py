@@ -1,4 +1,4 @@
-"""The class `Batch`: coupling, Jacobians and inertia at many joint positions at once.
+"""The class `Batch`: coupling, Jacobians and inertia at a stack of joint positions.
 
 Quantities are in base axes, twists ordered [linear; angular]. The reference points of the twists are the
 base's centre of mass and the origin of the end-effector frame.
@@ -40,9 +40,9 @@ def manipulability(sigma: FloatArray, rank: int) -> FloatArray:
     ellipsoid of end-effector twists at joint rates of unit norm. If an arm cannot move its end effector in
     all six directions, some singular values are zero at every configuration (three for the paper's planar
     arm), and the determinant is always zero. Therefore only the first `rank` values are multiplied, see
-    `generic_rank`. For n < 6 joints in space the result is sqrt(det(J*^T J*)), for three joints in the plane
-    the determinant of the rows [x, y, angle]; it is zero at singular postures only. Its unit is (m/rad)^3 for
-    six joints in space and (m/rad)^2 in the plane.
+    `generic_rank`; their product is zero at singular postures only. For n < 6 joints in space the product is
+    sqrt(det(J*^T J*)). For three joints in the plane it is the absolute determinant of the rows
+    [x, y, angle]. The unit is (m/rad)^3 for six joints in space and (m/rad)^2 in the plane.
 
     Reference: T. Yoshikawa, "Manipulability of robotic mechanisms", International Journal of Robotics
     Research 4 (1985).
@@ -51,14 +51,14 @@ def manipulability(sigma: FloatArray, rank: int) -> FloatArray:
 
 
 class Batch(Unchanging):
-    """The quantities that depend on the joints alone, at N joint positions; see `SpaceManipulator.batch`.
+    """The quantities that depend on joint positions alone, at N joint positions.
 
-    The convention is the paper's, in base axes: twists are ordered [linear; angular], and the reference point
-    of the base is the base body's centre of mass. Row i equals the value at
-    `sms.at(sms.configuration(joints[i]))` to rounding, and takes a tenth of the time or less. A quantity is
-    computed at its first use and kept read-only. C_bm, J* and the end effector's position are computed
-    together and take N (12 n + 3) numbers of 8 bytes. If the rows do not fit into memory, use several
-    batches.
+    `SpaceManipulator.batch` returns a batch. The convention is the paper's, in base axes: twists are ordered
+    [linear; angular], and the reference point of the base is the base body's centre of mass. Row i equals the
+    value at `sms.at(sms.configuration(joints[i]))` to rounding. A row takes at most a tenth of the time of
+    such a state. A quantity is computed at its first use and kept read-only. C_bm, J* and the end effector's
+    position are computed together and take N (12 n + 3) numbers of 8 bytes. If the rows do not fit into
+    memory, use several batches.
 
     Attributes
     ----------

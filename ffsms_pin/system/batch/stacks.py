@@ -10,9 +10,10 @@ import numpy as np
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.kernel import kernel
 
-_TINY = 1e-150  # added to angles, so that sin(x) / x is 1 at zero angle
+_TINY = 1e-150  # [rad] added to angles, so that sin(x) / x is 1 at zero angle
 _NEXT, _AFTER = np.array([1, 2, 0]), np.array([2, 0, 1])
-_FIRST, _SECOND = np.append(_NEXT, _AFTER), np.append(_AFTER, _NEXT)  # factors of a cross product's terms
+# Indices of the first and second factor of the six terms of a cross product.
+_FIRST, _SECOND = np.append(_NEXT, _AFTER), np.append(_AFTER, _NEXT)
 
 
 def dot(a: FloatArray, b: FloatArray) -> FloatArray:
@@ -82,8 +83,8 @@ def products(turns: FloatArray) -> FloatArray:
 def quaternions(R: FloatArray) -> FloatArray:
     """Return unit quaternions (x, y, z, w), shape (4, N), of rotations (3, 3, N).
 
-    The first quaternion has w >= 0, and the sign never jumps from a quaternion to the next. The column of
-    4 q q^T with the largest diagonal entry is used, so that no accuracy is lost near half a turn.
+    The first quaternion has w >= 0, and the dot product of adjacent quaternions is not negative. The column
+    of 4 q q^T with the largest diagonal entry is used, so that no accuracy is lost near half a turn.
 
     Reference: I. Y. Bar-Itzhack, "New method for extracting the quaternion from a rotation matrix", Journal
     of Guidance, Control, and Dynamics 23 (2000).
