@@ -364,7 +364,7 @@ class Rollouts:
 
     @cached_property
     def paired(self) -> Paired:
-        """The paper's measures of the steps of one motion that has its nodes and their midpoints."""
+        """The paper's measures of the steps of one motion; its instants are nodes and midpoints."""
         arm, rates = self.arm, self.rates[:, 0, 2::2]
         displacement = self.to_target[:, 0, :-1:2]
         velocity = apply_rates(arm.jstar[..., 0, :-1:2], rates)

@@ -90,7 +90,7 @@ class ClientEstimate:
         inertia_deviation: float = 0.0,
     ) -> None:
         self.refused = self.restarts = 0
-        self._refused: list[tuple[Client, float]] = []  # since the last accepted one
+        self._refused: list[tuple[Client, float]] = []  # since the last accepted measurement
         self._body, self._since, self._sensor = first, t, sensor
         self._assumed = first
         self._doubts = tuple(

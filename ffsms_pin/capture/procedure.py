@@ -124,7 +124,10 @@ class CaptureOptions(Procedure):
     def brake(
         self, after: AfterCapture, torque_limit: FloatArray, client: Client | None = None, coast: float = 0.0
     ) -> Braking:
-        """Return the braking with a grasped client, whose time zero is the present, or without a client."""
+        """Return the braking after a capture, or of the servicer alone if `client` is None.
+
+        The time zero of `client` is the present. For `torque_limit` and `coast` see `capture.brake`.
+        """
         room = None if client is None or self.room is None else self.room(after.q, client.start_pose)
         return brake(after, torque_limit, self.torque_share, coast=coast, room=room)
 

@@ -230,7 +230,10 @@ def _with_guide(client: Client, scene: Scene | None) -> Client:
 def _guided(
     obstacles: Sequence[opt.Obstacle], guide: Nozzle | Ring | None, scene: Scene | None, client: Any
 ) -> list[opt.Obstacle]:
-    """Return the obstacles and, for a guide on a client, its hull and its pieces for the end effector."""
+    """Return the obstacles and, for a client with a guide, the hull and the walls of the guide.
+
+    The walls are the convex pieces from which plans keep the end effector clear.
+    """
     if guide is None or scene is None or client is None:
         return list(obstacles)
     whole = opt.Obstacle(scene.hull, on=client, name=guide.name, grasp=scene.grasp)

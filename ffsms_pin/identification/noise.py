@@ -1,4 +1,4 @@
-"""The noise of the measurements, which sets weights and the bias of the regression."""
+"""The noise of the measurements, for the weights and the bias correction of the regression."""
 
 from __future__ import annotations
 

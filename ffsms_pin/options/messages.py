@@ -14,7 +14,7 @@ from ffsms_pin.options.tables import DEGREES, Keys, about, models_in, table_at
 LOADING = errors.ModelNotFound, errors.FrameNotFound, errors.InvalidUrdf, errors.AmbiguousEndEffector
 """The errors of `ffsms_pin.load` that do not name an argument."""
 
-_IN_A_FILE = "[robot] {key} = {listed}"  # advice of the library
+_IN_A_FILE = "[robot] {key} = {listed}"  # replaces "load(..., key=VALUE)" in messages of the library
 _REQUIREMENTS = {"bool_type": "must be true or false", "dict_type": "must be a table"}
 _WHOLE = ("model_type", "model_attributes_type", "list_type")  # errors of a table that is another value
 

@@ -150,7 +150,7 @@ def _grip(capture: Captured, ax: Axes, rows: slice) -> None:
         ax.plot([], [], " ", label=label)
     ax.set_ylim(0.0, 2.4 * max(float(force.max()), expected.most_force if expected is not None else 0.0))
     legend_above(ax)
-    if capture.caught:  # marks the latching, because the following braking loads the tool, too
+    if capture.caught:  # a line at the latch, because the braking after it loads the tool, too
         latched, early = capture.latched_at, capture.latched_at < 0.5 * sum(ax.get_xlim())
         ax.axvline(latched, color=NEUTRAL, linewidth=0.8)
         label = f" latched, {latched:.4g} s; \n braking begins "

@@ -48,9 +48,9 @@ _SYNONYMS = {"goal": "target", "waypoint": "via", "noise": "sensors", "controlle
 class Scenario:
     """The checked tables of a scenario file, and methods that make robot, problem, client and start.
 
-    Each table is an attribute, such as `scenario.plan`; the page "Scenario files" explains the keys. Tables
-    that a file leaves out are empty, or None if that differs from an empty table; the library's defaults
-    apply. Values are as in the file: SI units, radians, and degrees under keys that end in `_deg`.
+    Each table is an attribute, such as `scenario.plan`; the page "Scenario files" explains the keys. A table
+    that is missing in the file is empty, or None if an empty table would mean something else; the library's
+    defaults apply. Values are as in the file: SI units, radians, and degrees under keys that end in `_deg`.
 
     Attributes
     ----------
@@ -342,8 +342,8 @@ def schema() -> dict[str, Any]:
 def checked_tables(source: Path, content: Mapping[str, Any]) -> dict[str, Any]:
     """Check the tables of a scenario and return them.
 
-    `InvalidScenario` names the wrong table. An absent table is returned empty, or as None if that differs
-    from an empty table.
+    `InvalidScenario` names the wrong table. A missing table is returned empty, or as None if an empty table
+    would mean something else.
     """
     if "watchdog" in content and "guards" not in content:  # former name of the table
         content = {"guards" if name == "watchdog" else name: value for name, value in content.items()}

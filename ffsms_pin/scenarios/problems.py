@@ -122,7 +122,7 @@ def _with_rows(scenario: Scenario, kind: str, defaults: tuple[Any, ...]) -> list
     """Return terms or limits extended by those of [[kind]], which replace others of the same name."""
     ours = {part.name: part for part in defaults}
     more = [
-        # A clearance replaces the one between the same bodies and obstacles.
+        # The default clearance already has the values of such a row, see `Scenario.clearance`.
         ours["clearance"] if row["use"] == "clearance" else made_part(scenario, kind, i, row)
         for i, row in enumerate(getattr(scenario, kind), start=1)
     ]

@@ -72,7 +72,9 @@ class RunningEstimator:
         self._joints = self._rates = self._bias = np.empty(0)
         self._spinning = np.zeros(3)
         self._pose = pin.SE3.Identity()  # the root's pose at the instant of the latest measurement
-        self._modelled: deque[FloatArray] = deque()  # root velocities by the momentum equation since then
+        self._modelled: deque[FloatArray] = (
+            deque()
+        )  # root velocities by the momentum equation since that instant
         self._travel = np.zeros(6)  # integral of these velocities [m; rad]
 
     @property

@@ -375,7 +375,7 @@ def start(
     elif isinstance(reference, _HasConfigurations) and reference.q is not None:
         q = plant.checked_configuration("reference.q[0]", reference.q[0])
     else:
-        raise InvalidValue("q0", None, "must be given: this reference has no q")
+        raise InvalidValue("q0", None, "must be given, because the reference has no q")
     if v0 is not None:
         return q, vector("v0", v0, plant.nv)
     rates = first_sample(reference, plant.n)[1]

@@ -251,7 +251,7 @@ class Tracking:
                 distance, pair, time, required, place = least
                 values["least_clearance"] = LeastClearance(distance, pair, time, required, tuple(place))
         except (ValueError, TypeError, RecursionError):
-            raise ResultError(path, f"holds no verdict in {', '.join(_JSON)}") from None
+            raise ResultError(path, f"has invalid JSON in {', '.join(_JSON)}") from None
         values |= {name: str(arrays[name]) for name in _TEXTS}
         return cls(arrived=bool(arrays["arrived"]), **values)
 

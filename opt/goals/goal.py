@@ -241,7 +241,7 @@ def deadzone(x: Variable, allowed: float, firm: bool = False) -> Variable:
 
 
 REACH = 0.02  # [m] the paper's r_th
-ORIENTATION_REACH = 0.02  # [rad] about a degree, r_th for an arm of one metre; not from the paper
+ORIENTATION_REACH = 0.02  # [rad] about 1 deg: r_th divided by an arm length of 1 m; not from the paper
 TOLERANCE = 1e-3  # [m, rad, m/s, rad/s] at the deadline, a twentieth of r_th; not from the paper
 _REACHES = ("tolerance", "reach", "orientation_reach")
 _PLACES = "a position (3,) [m], a pinocchio.SE3 or a homogeneous matrix (4, 4)"

@@ -74,7 +74,7 @@ class AlphaBox(Inequality):
         return Rows(step.V.T, -ones, ones, 0.0 if kept else 10.0)
 
     def speed_bound(self, motion: Rollouts) -> SpeedBound:
-        """Return the bounds from all |alpha_i| <= 1."""
+        """Return the bounds on the speed along a path from |alpha_i| <= 1."""
         slope = 1.0 - self.slack(Variables(motion)).value[:, 0]
         most = np.ones(len(slope))
         return SpeedBound(np.zeros(len(slope)), slope, most, np.inf * most)

@@ -109,7 +109,7 @@ class BaseLimits(AllOf):
         return [_Most(name, most) for name, most in bounds if most < math.inf]
 
     def speed_bound(self, motion: Rollouts) -> SpeedBound | None:
-        """Return the bound from the base's angular speed; None if this speed is not limited."""
+        """Return the bound on the speed along a path from the base's angular speed; None without a limit."""
         if self.attitude_rate == math.inf:
             return None
         speed = np.linalg.norm(Variables(motion).base_angular_velocity.value[:, 0], axis=0)

@@ -69,7 +69,7 @@ class JointLimits(Limit):
         return Violation(amount, motion.times[binds], "; ".join(notes))
 
     def speed_bound(self, motion: Rollouts) -> SpeedBound:
-        """Return the bounds from the joints' rates and accelerations."""
+        """Return the bounds on the speed along a path from the joints' rate and acceleration limits."""
         robot: Any = motion.stack.robot
         limits = robot.limits if self.joint_bounds is None else self.joint_bounds
         still = np.zeros(len(limits.velocity))

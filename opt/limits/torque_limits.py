@@ -117,7 +117,10 @@ class TorqueLimits(MotorLimits):
         return reachable_rows(step, H, middle - slack, middle + slack)
 
     def speed_bound(self, motion: Rollouts) -> SpeedBound:
-        """Return the bounds from the torques, which are linear in s'' and s'^2 without momentum."""
+        """Return the bounds on the speed along a path from the torque limits.
+
+        Without momentum the torques are linear in s'' and s'^2.
+        """
         robot: Any = motion.stack.robot
         q, slope, most = motion.joints[:, 0], motion.rates[:, 0], robot.limits.torque
         bends = np.gradient(slope, motion.times, axis=1, edge_order=2)

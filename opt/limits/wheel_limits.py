@@ -67,7 +67,7 @@ class WheelLimits(MotorLimits):
         return reachable_rows(step, *map(np.array, zip(*kept, strict=True))) if kept else None
 
     def speed_bound(self, motion: Rollouts) -> SpeedBound | None:
-        """Return the bounds from momenta and torques of the wheels, without bearing friction."""
+        """Return the bounds on the speed along a path from the wheels' limits, without bearing friction."""
         wheels = motion.wheels
         if wheels is None:
             return None

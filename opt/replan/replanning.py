@@ -38,9 +38,10 @@ class Replanning(Observer):
 
     A closed loop calls `observe` with its measurements, then `sample`. Every `ReplanOptions.period` the rest
     of the motion is planned again, warm-started by the rest of the last plan. The initial state has the
-    measured base pose and the commanded joints, which stay within their limits without jumps. The model has
-    the estimated masses, the wheel momenta of `observe_wheels`, and no failed joints. Between re-plans, steps
-    follow the plan. After the deadline steps move straight to the goal from the measured state.
+    measured base pose, but the commanded joint positions, because these satisfy the limits and do not jump.
+    The model has the estimated masses and the wheel momenta of `observe_wheels`; failed joints are locked.
+    Between re-plans, the arm follows the plan. After the deadline, each step moves the end effector straight
+    to the goal from the measured state.
 
     A `Path` is followed by resolved rates near the first plan (`PathTracker`), with the newest estimate of a
     client to which the path is fixed. For a path the options are `period`, the time between two updates of
@@ -112,7 +113,8 @@ class Replanning(Observer):
         self._accelerations = np.zeros(n)
         self.failed_steps = self.failed_in_a_row = self.held_steps = 0
         self.pushed = False
-        # The least error [m or rad] after the deadline, its joints and its time; True if these are held.
+        # `_best`: the least error [m or rad] after the deadline, with its joint positions and its time.
+        # `_given_up`: True if these joint positions are held.
         self._best, self._given_up = (np.inf, problem.joints0, problem.duration), False
         self._noise: float | None = None
         self._wheels: FloatArray | None = None

@@ -390,7 +390,7 @@ def coarse_stage(model: Model, p: FloatArray) -> Candidates:
 
 
 def refine(pool: Candidates, fine: Model, keep: tuple[int, int, int], repeats: int = 1) -> Candidates:
-    """Select and refine motions of a pool in three stages; return the last ones, the best first.
+    """Select and refine motions of a pool in three stages; return those of the last stage, best first.
 
     The first stage uses the coarse spline, the second and third the fine spline. `keep` has the number of
     motions in each stage. `repeats` multiplies the iterations of each stage.
