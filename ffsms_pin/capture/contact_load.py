@@ -116,7 +116,10 @@ def contact_load(
     gains, free, locked = np.hstack([np.diag(K), np.diag(C)]), *_mobilities(sms, q, meet, t)
 
     def grip_loads(W: FloatArray, x: FloatArray, pull: FloatArray) -> FloatArray:
-        """Return loads (instants, 6, m) for initial states x (12, m) and accelerations `pull` (6, m)."""
+        """Return loads (instants, 6, m) for initial states x (12, m) and accelerations `pull` (6, m).
+
+        `W` (6, 6) maps the load to the relative acceleration, see `_mobilities`.
+        """
         A = np.block(
             [[np.zeros((6, 6)), np.eye(6), np.zeros((6, 6))], [-W @ gains, np.eye(6)], [np.zeros((6, 18))]]
         )

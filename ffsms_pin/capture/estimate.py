@@ -36,8 +36,8 @@ from ffsms_pin.errors import InvalidValue
 from ffsms_pin.threads import one_blas_thread
 
 _MOST_UNLIKELY = 32.90949040736021  # the 99.9 % quantile of chi-squared with 12 degrees of freedom
-# The number of latest refused measurements that are stored. The estimate restarts from a stored measurement
-# with which this number of later ones agree.
+# The last _REFUSED refused measurements are stored. The estimate restarts from a stored measurement if _AGREE
+# later refused measurements agree with it.
 _REFUSED, _AGREE = 5, 3
 # The state has twelve entries for the motion, five for the ratios of the inertia (X without its trace, in an
 # orthonormal basis), and the logarithms of the inertia's scale and of the mass.

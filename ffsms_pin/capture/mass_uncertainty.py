@@ -67,10 +67,10 @@ class MassUncertainty:
     ) -> tuple[SpaceManipulator, list[SpaceManipulator]]:
         """Return the most likely robot, and robots that deviate by one sigma in independent directions.
 
-        A free motion determines the ratios of the masses but not their scale. `shown` has the information
-        matrix G of r, and G r (`opt.Replanning.shown`). The vector r (n + 1,) has the relative changes of
-        ratios to the base's mass: the ratios of the arm's n masses, then the ratio of the base's inertia. The
-        posterior of all masses follows from `shown` and the standard deviations, to first order.
+        A free motion determines the ratios of the masses but not their scale. Let r (n + 1,) be the relative
+        changes of the ratios of the arm's n masses and of the base's inertia to the base's mass. `shown` has
+        the information matrix G of r, and the vector G r (`opt.Replanning.shown`). The posterior of all
+        masses follows from `shown` and the standard deviations, to first order.
         """
         n = sms.n
         sigmas = np.array([self.base, *[self.arm] * n, self.base_inertia])

@@ -163,7 +163,7 @@ class SurfaceContact:
     def wrench(
         self, tool: Any, tool_twist: FloatArray, client: Any, client_twist: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """Return the sum of all contact wrenches and the end effector's position, see `Load.wrench`."""
+        """Return the sum of all contact wrenches, and its point of application: the end-effector position."""
         total, point = np.zeros(6), np.array(tool.translation)
         for touch in self.touches(tool, tool_twist, client, client_twist):
             total[:3] += touch.force

@@ -278,7 +278,10 @@ def _check_agreement(sms: SpaceManipulator, recording: Recording) -> None:
 
 
 def _check_size(sms: SpaceManipulator, recording: Recording) -> None:
-    """Check the base's linear velocity against the model's at zero momentum, for zeros and millimetres."""
+    """Raise `InvalidValue` if the base's linear velocity is zero or in millimetres per second.
+
+    The velocity is compared with that of the model at zero momentum.
+    """
     rows = np.unique(np.linspace(0, len(recording.t) - 1, _SOME).astype(int))
     q, v = recording.q[rows], recording.v[rows]
     q[:, :3] = 0.0

@@ -104,7 +104,7 @@ def _limit_faults(
     elif limit is None:
         defaults = " and ".join(f"{key} {value:g} {measure}" for key, (value, measure) in usual.items())
         values = between | {key: spelt(value) for key, (value, _) in usual.items()}
-        blocks = kind != "revolute"  # `load` adds the same limits to a revolute joint
+        blocks = kind != "revolute"  # `load` gives a revolute joint the limits of this repair
         remedy = f"limited to +/-{reach:.4g} {unit}, {defaults}"
         added = partial(joint.append, ElementTree.Element("limit", values))
         yield Fault(where, f"it is {kind} but has no <limit>", blocks, remedy, added)

@@ -238,7 +238,7 @@ def _has_rows(value: Any) -> bool:
 
 
 def values_per_joint(kind: Kind) -> Either:
-    """Return the kind of one value for all joints, or a list with a value per joint.
+    """Return the kind of a value for all joints, or of a list with one value per joint.
 
     The length of the list is checked later, when the robot is known.
     """

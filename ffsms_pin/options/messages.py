@@ -100,7 +100,7 @@ def _place(where: tuple[int | str, ...], model: type[Keys], values: Any) -> tupl
 
 
 def _choice(table: type[Keys]) -> str:
-    """Return the key and value that choose a table as text, such as `law = "pd"`."""
+    """Return a text of the key and value that select a table, such as `law = "pd"`."""
     (choice,) = (choice for choice, other in table.choices.items() if other is table)
     return f'{table.chooser} = "{choice}"'
 

@@ -66,7 +66,11 @@ class RobotTable(FileKeys):
 
 
 class StartTable(FileKeys):
-    """The table [start]: the joints; base axes are inertial, the system's centre of mass at their origin."""
+    """The table [start]: the joints' positions and rates at the start.
+
+    At the start the base's axes are parallel to the inertial axes. The inertial origin is at the system's
+    centre of mass.
+    """
 
     joints: Annotated[Numbers, Angle("rad or m")]
     """joint positions at the start, one per joint"""

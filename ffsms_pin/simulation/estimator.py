@@ -72,9 +72,8 @@ class RunningEstimator:
         self._joints = self._rates = self._bias = np.empty(0)
         self._spinning = np.zeros(3)
         self._pose = pin.SE3.Identity()  # the root's pose at the instant of the latest measurement
-        self._modelled: deque[FloatArray] = (
-            deque()
-        )  # root velocities by the momentum equation since that instant
+        # Root velocities by the momentum equation since the latest measurement.
+        self._modelled: deque[FloatArray] = deque()
         self._travel = np.zeros(6)  # integral of these velocities [m; rad]
 
     @property
@@ -171,7 +170,7 @@ class RunningEstimator:
         dt, modelled = self._dt, self._modelled
         modelled.append(self._momentum_equation(q))
         self._travel += 0.5 * dt * (modelled[-2] + modelled[-1])
-        if len(modelled) > self._age + 1:  # before, the delayed measurement is the initial state
+        if len(modelled) > self._age + 1:  # until then each measurement shows the initial state
             passed = 0.5 * dt * (modelled[0] + modelled[1])
             self._travel -= passed
             modelled.popleft()
@@ -264,6 +263,6 @@ class PositionAndRate:
         K_pr = pr * R_p / determinant
         K_rp = pr * R_r / determinant
         K_rr = (rr * a - pr * pr) / determinant
-        # K R is the updated covariance, exactly, symmetric and positive semidefinite.
+        # The updated covariance is K R. In this form it stays symmetric and positive semidefinite.
         self._pp, self._pr, self._rr = K_pp * R_p, K_pr * R_r, K_rr * R_r
         return K_pp, K_pr, K_rp, K_rr

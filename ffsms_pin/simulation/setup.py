@@ -156,7 +156,7 @@ class _HasConfigurations(Protocol):
 
 @runtime_checkable
 class _HasMomentum(Protocol):
-    """A reference with a total momentum (6,), or None."""
+    """A reference with a `momentum`: the total momentum (6,), or None."""
 
     momentum: Any
 

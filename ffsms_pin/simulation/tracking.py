@@ -369,7 +369,7 @@ class Record:
 
 @runtime_checkable
 class _HasProblem(Protocol):
-    """A reference with its planning problem, or None."""
+    """A reference with a `problem`: its planning problem, or None."""
 
     problem: Problem | None
 

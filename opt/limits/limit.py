@@ -105,11 +105,11 @@ class Limit(ABC):
 
     @abstractmethod
     def residual(self, m: Any) -> Formula:
-        """Return the violation of the limit including its margin, at least zero; an empty list if none.
+        """Return the violation of the limit including its margin, zero if the margin is kept.
 
-        The residual is a variable computed from `m`, the `opt.Variables` of whole motions. It is divided by
-        the violation that has the same cost as a position error of one arm length. `m.extra_margin`, in the
-        limit's own unit, must be added to the margin.
+        A limit without a residual returns an empty list. The residual is a variable computed from `m`, the
+        `opt.Variables` of whole motions. It is divided by the violation that has the same cost as a position
+        error of one arm length. `m.extra_margin`, in the limit's own unit, must be added to the margin.
         """
 
     @abstractmethod

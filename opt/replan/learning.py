@@ -132,9 +132,7 @@ class ScaleFactors(Learner):
         weight = np.diag(self._scale**2)
         if self._first is None:
             self._first = Z.copy()
-            self._first[:, -7:-1] = (
-                0.0  # the unknown constant is the change of the momentum since this sample
-            )
+            self._first[:, -7:-1] = 0.0  # the unknown constant: the momentum's change since this sample
             weight *= 2.0  # the prior of that change is zero, with the noise of one sample
         self._last = Z
         self._filter.add(Z - self._first, weight)
