@@ -2,7 +2,7 @@
 
 A `Variable` is an array with slopes, its derivatives with respect to the quantities on which it depends. A
 `FrameVariable` is the position of a frame of the robot, with the frame's attitude. `Variables` has all
-variables of whole motions, `StepVariables` those of a single step.
+variables of whole motions, and `StepVariables` has the variables of a single step.
 """
 
 from __future__ import annotations
@@ -259,7 +259,10 @@ class Variable(NDArrayOperatorsMixin):
         return {name: along(slope) for name, slope in self.by_all().items()}
 
     def cosine(self, other: Variable, size: FloatArray, other_size: FloatArray) -> Variable:
-        """Return the cosine of the angle to another vector; the sizes (S, K) > 0 are both lengths."""
+        """Return the cosine of the angle to another vector.
+
+        `size` and `other_size` (S, K) are the lengths of the two vectors, above zero.
+        """
         here, there = self.value / size, other.value / other_size
         cosine = np.einsum("c...,c...->...", here, there)
 
@@ -410,7 +413,7 @@ class FrameVariable(Variable):
         return self._turned(a, lambda: -skew(a))  # a small rotation phi changes a by phi x a
 
     def rotation_vector_from(self, rotation: FloatArray) -> Variable:
-        """Return the rotation vector (3, S, K) from an attitude to that of the frame, inertial axes [rad].
+        """Return the rotation vector (3, S, K) from an attitude to the frame's attitude, inertial axes [rad].
 
         The attitude `rotation` is (3, 3) or (3, 3, K).
         """
@@ -426,7 +429,7 @@ class FrameVariable(Variable):
         return self._turned(r, slope)
 
     def angle_from(self, rotation: FloatArray) -> Variable:
-        """Return the angle (S, K) between an attitude (3, 3) or (3, 3, K) and that of the frame [rad]."""
+        """Return the angle (S, K) between an attitude (3, 3) or (3, 3, K) and the frame's attitude [rad]."""
         r = self._from(rotation)
         angle = np.sqrt(dot(r, r) + 1e-18)  # finite slopes at zero
         # Only the component of a rotation along its axis changes the angle.
@@ -556,7 +559,7 @@ class Variables:
 
     @cached_property
     def to_goal(self) -> Variable:
-        """The displacement (3, S, K) [m] to the goal from the end effector, `Rollouts.delay` [s] earlier."""
+        """The displacement (3, S, K) [m] to the goal from the end effector's position `delay` [s] before."""
         to_goal: Variable = self.goal - self.tip + self.rollouts.delay * self.velocity
         return to_goal
 

@@ -270,7 +270,7 @@ def _nearest_point(stack: ClearanceStack, motion: Rollouts, nearest: Least) -> t
 
 
 def _contact(problem: Problem, motion: Rollouts, k: int) -> FloatArray:
-    """Return the end effector's velocities at a row relative to those of the goal (6,)."""
+    """Return the end effector's twist (6,) at a row, relative to the goal's twist."""
     moving = [motion.velocity[:, 0, k], motion.angular_velocity[:, 0, k]]
     return np.asarray(np.concatenate(moving) - problem.place.twist)
 

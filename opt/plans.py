@@ -45,7 +45,7 @@ class PlanOptions(TypedDict, total=False):
 
     `clearance` and `collision` are fields of `opt.Clearance`; `momentum`, `joint_rates`, `locked` and
     `wheel_momentum` of `opt.Problem`; `time_limit` of `opt.SearchOptions`. `base_limits` is an
-    `opt.BaseLimits`. `effort` is the weight of `opt.Effort`, `base` that of `opt.BaseTurn`. `also` maps names
+    `opt.BaseLimits`. `effort` is the weight of `opt.Effort`, and `base` of `opt.BaseTurn`. `also` maps names
     of other frames to their goals at the deadline, see `opt.FrameGoal`.
     """
 

@@ -3,8 +3,8 @@
 The formulas of entropy, forces, momentum and their slopes (derivatives) are in
 `ffsms_pin/kernel/slopes.hpp` and `entropy.hpp`. Wheels that hold the base's attitude share a momentum by the
 pseudo-inverse, as in `ffsms_pin.control.WheelAllocation`. Without an external moment the wheels' momenta are
-h = h_0 - A^+ D u, with the momenta h_0 (w,) while the joints are at rest, the wheels' axes A (3, w), the
-angular momentum per joint rate D (3, n) (`held_momentum`) and the joint rates u (n,).
+h = h_0 - A^+ D u. Here h_0 (w,) are the momenta with the joints at rest, and A (3, w) are the wheels' axes.
+D (3, n) is the angular momentum per joint rate (`held_momentum`), and u (n,) are the joint rates.
 """
 
 from __future__ import annotations

@@ -326,7 +326,9 @@ def measure(problem: Problem, rates: FloatArray, note: str = "") -> Trajectory:
         broken["path"] = path.excess
         note = f"{note}; {path.note}" if note else path.note
     notes = [note, at_goal.misses or at_goal.late, *(violation.note for _, violation in violations)]
-    notes += [f"the term '{name}' is not a number" for name, share in shares.items() if share != share]
+    notes += [
+        f"the cost of the term '{name}' is not a number" for name, share in shares.items() if share != share
+    ]
     return Trajectory(
         t=motion.times[nodes],
         q=q,

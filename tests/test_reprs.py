@@ -33,7 +33,7 @@ def test_reprs() -> None:
     wanted = {
         repr(made["problem"]): "Problem(planar_3r to [0.45, 0.75, 0] m in 2 s, 20 steps; "
         "terms: coupling, smooth, effort; limits: joints, torques, clearance)",
-        repr(posed): "Problem(planar_3r to [0, 0, 0] m in an attitude in 2 s, 200 steps; "
+        repr(posed): "Problem(planar_3r to [0, 0, 0] m with an attitude in 2 s, 200 steps; "
         "terms: none; limits: none)",
         repr(moving): "Problem(planar_3r to [0.42, 0.7, 0] m, moving, in 2 s, 200 steps; "
         "terms: coupling, smooth, effort; limits: joints, torques, clearance)",

@@ -195,7 +195,7 @@ class Place:
     def words(self) -> str:
         """Describe the place, for messages."""
         where = "[" + ", ".join(f"{x:.4g}" for x in self.position) + "] m"
-        attitude = "" if self.rotation is None else " in an attitude"
+        attitude = "" if self.rotation is None else " with an attitude"
         free = "" if self.free_axis is None else ", free to turn about an axis"
         return where + attitude + free + (", on the base" if self.moves_with_base else "")
 
@@ -469,7 +469,7 @@ class Changed(Goal):
         return self._changed(self.goal.places(times + self.time_offset))
 
     def approach(self, duration: float) -> list[tuple[float, Place]]:
-        """Return the part of the other goal's approach that is still ahead."""
+        """Return the future part of the other goal's approach."""
         ahead = [
             (t - self.time_offset, place) for t, place in self.goal.approach(duration + self.time_offset)
         ]

@@ -114,7 +114,7 @@ class Meet(Goal):
         """Return times [s] and places on the corridor's axis, at decreasing speed; none without corridor."""
         # The approach usually ends at 0.9 of the duration, which is 0.6 of the time in the corridor. The end
         # effector then stays at the grasp in the last tenth of the duration. An approach that lasts until the
-        # deadline is used if it is within half of the reach in this tenth.
+        # deadline is used instead, if the end effector is then within half of the reach in this tenth.
         places, late = [], 0.6
         if 2.0 * (1.0 - late) ** 2 * self.standoff <= self.reach:
             late = 1.0

@@ -71,7 +71,7 @@ class Path(Goal):
     `Helix` and `RoundedSquare` are geometric curves."""
     times: Annotated[Numbers | None, Unit("s", "none: a geometric curve")] = None
     """The times of the samples, beginning at zero. Samples without times are a geometric curve. If the motion
-    ends before the last sample, it does not follow the rest of the path, and the plan has a note."""
+    ends before the last sample, the end of the path is not followed, and the plan has a note."""
     parameter: Any = None
     """The first and the last value of the function's parameter. The function is then a geometric curve.
     Default: (0, 1) for `opt.Line`, `Circle`, `Helix` and `RoundedSquare`."""
@@ -82,8 +82,8 @@ class Path(Goal):
     free_axis: Annotated[Vector3 | None, Unit("", "none")] = None
     """The axis, in the axes of the end-effector frame, about which rotation is free."""
     frame: Any = INERTIAL
-    """The axes of the curve: "inertial"; "base", those of the base link's frame; or the body axes of a Client
-    or a capture.ClientEstimate. In the last two cases the path moves with these axes."""
+    """The axes of the curve: "inertial"; "base", the base link's frame; or the body axes of a Client or a
+    capture.ClientEstimate. In the last two cases the path moves with these axes."""
     timing: Annotated[Literal["given", "fastest"], Unit()] = "given"
     """The time law of a geometric curve. "given": constant speed over the problem's duration, with a smooth
     start and end. "fastest": the least time, at most the problem's duration, within the limits that bound the
@@ -136,7 +136,7 @@ class Path(Goal):
         if not callable(self.curve):
             points = sampled_points(self.curve)
             if self.parameter is not None:
-                remedy = "must be left out if the curve is samples; set their `times`, or none"
+                remedy = "must be left out if the curve is samples, which may have `times`"
                 raise InvalidValue("parameter", self.parameter, remedy)
             if self.times is None:
                 along = lengths(points)
@@ -173,7 +173,7 @@ class Path(Goal):
 
     @property
     def on(self) -> str:
-        """The axes of the path's places: inertial axes, or those of the base."""
+        """The axes of the path's places: inertial axes, or base axes."""
         return BASE if isinstance(self.frame, str) and self.frame == BASE else INERTIAL
 
     def for_motion(self, sms: SpaceManipulator, q0: FloatArray, duration: float) -> Path:

@@ -333,7 +333,7 @@ def pose_errors(goal: Goal, m: Variables, frame: str) -> FloatArray:
 
 
 def end_miss(goal: Goal, error: FloatArray, frame: str) -> str:
-    """Return a message if a final distance and angle (2,) exceed the reaches of a goal; otherwise ''."""
+    """Return a message if a final distance and angle (2,) exceed a goal's reaches; else an empty text."""
     if error[0] <= goal.reach and error[1] <= goal.orientation_reach:
         return ""
     turned = goal.place(0.0).rotation is not None
@@ -396,7 +396,7 @@ class Corridor(PoseConstraint, Inequality):
     tolerance: float
     inside: float
     name = "corridor"
-    refusal = "the start is beside the corridor: {note}; move the start, or take a shorter standoff"
+    refusal = "the start is outside the corridor: {note}; move the start, or set a shorter standoff"
     margin = 4e-3  # [arm lengths] because a motion may cut the cone's edge between two instants
     step_margin = 0.0
     accuracy = 5e-5  # [m] because a motion may cut the cone's edge between two instants
@@ -448,7 +448,7 @@ class Alignment(Corridor):
 
     name = "alignment"
     accuracy = 1e-3  # [m] a tenth of a degree in a corridor of 0.5 m
-    refusal = "the start is in the corridor and turned: {note}; move the start, or take a shorter standoff"
+    refusal = "the start is misaligned in the corridor: {note}; move the start, or set a shorter standoff"
 
     def _depth_and_distance(self, m: Variables) -> tuple[Variable, Variable]:
         """Return the allowed minus the present angle, times `length`, and the distance from the grasp [m]."""

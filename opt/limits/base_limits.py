@@ -96,7 +96,7 @@ class BaseLimits(AllOf):
     def in_braking(self) -> BaseLimits | None:  # type: ignore[override]  # a class attribute in `Limit`
         """The limit while the arm brakes, because rows of a step do not bound null-space accelerations.
 
-        Its margin is half of that of the rows. It does not include `final_attitude`.
+        The limit's margin is half of the rows' margin. The limit does not include `final_attitude`.
         """
         share = 1.0 - 0.5 * _STEP_SHARE
         most = [share * bound for bound in (self.attitude, self.attitude_rate, self.translation)]

@@ -99,8 +99,8 @@ class Clearance(Limit):
         """Return distances minus the clearance (c, S, K) of all pairs, a variable for each stack."""
         return [self._slack(stack, m) for stack in self._stacks]
 
-    # `rows`, `residual` and `violation` are not those of `opt.Inequality`, because the evaluation of near
-    # pairs alone is much faster.
+    # The class does not inherit `rows`, `residual` and `violation` from `opt.Inequality`, because the
+    # evaluation of near pairs alone is much faster.
 
     def _slack(self, stack: ClearanceStack, m: Variables) -> Variable:
         poses = stack.along(m.rollouts)

@@ -154,7 +154,7 @@ class Inequality(Limit):
     """A limit as one formula: `slack(m)` >= 0.
 
     In a step the slack decreases at most at a rate proportional to the slack. If the slack depends on the
-    joint rates, for example that of a speed limit, it must be at or above zero at the step's end. In whole
+    joint rates, for example in a speed limit, the slack must be at or above zero at the step's end. In whole
     motions the violation of the safety margin is a penalty. The violation of a finished motion is the
     magnitude of its least slack if this slack is negative.
 
@@ -175,7 +175,7 @@ class Inequality(Limit):
     when: str = "always"
     trusted: float = 0.05
     active_below: float | None = None  # the slack below which the limit is active; None: 1.125 margins
-    accuracy: float = 1e-6  # the violation up to which the limit counts as satisfied
+    accuracy: float = 1e-6  # the largest violation of a satisfied limit
     largest_extra_margin: float = np.inf  # upper bound on the additional margin
 
     def __init_subclass__(cls, **options: Any) -> None:

@@ -26,7 +26,7 @@ from ffsms_pin.system import RobotLimits
 # The tolerance of DAQP. Bounds have a margin of 10 times the tolerance. Rows within 100 times the
 # tolerance of a bound are active at the start.
 _TOLERANCE = 1e-7
-_LEAST_STOP = 0.5  # [s] least value of the longest braking time, for joints that could stop faster
+_LEAST_STOP = 0.5  # [s] lower bound of the longest braking time of the joints
 
 
 class _Rows(NamedTuple):
@@ -75,7 +75,7 @@ class ControlQP:
     def solve(self, hessian: FloatArray, gradient: FloatArray, p: FloatArray) -> FloatArray:
         """Minimise 1/2 x^T hessian x + gradient^T x over feasible steps x from p; return x (M, n).
 
-        Locked joints do not move. If DAQP fails, the step is the unconstrained minimum scaled to the limits.
+        Locked joints do not move. If DAQP fails, the unconstrained minimum is scaled down to the limits.
         """
         free = self._free
         step = np.zeros(p.size)
@@ -180,9 +180,9 @@ def _rows(problem: Problem, spline: RateSpline) -> list[_Rows]:
     for bounds in (limit.joint_bounds for limit in problem.limits):
         if bounds is None:
             continue
-        # The finished motion has linear rates between nodes, so its positions differ from those of the spline
-        # by less than `guard`. The error of the trapezoidal rule is dt^2 / 12 times the variation of the
-        # acceleration, which is a few times the acceleration limit.
+        # The finished motion has linear rates between nodes, so its positions differ from the spline's
+        # positions by less than `guard`. The error of the trapezoidal rule is dt^2 / 12 times the variation
+        # of the acceleration, and this variation is a few times the acceleration limit.
         guard = np.minimum(2.0 * problem.dt**2 * bounds.acceleration, 0.1 * (bounds.upper - bounds.lower))
         guard = np.where(np.isfinite(guard), guard, 0.0)
         low, high = bounds.lower - problem.joints0, bounds.upper - problem.joints0

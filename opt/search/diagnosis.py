@@ -39,7 +39,7 @@ def with_limit_notes(
 ) -> Trajectory:
     """Return a failed plan with notes of its active limits.
 
-    `again(problem)` returns the plan of a quick search for another problem.
+    `again(problem)` returns a plan for another problem.
     """
     motion, notes = problem.motion(plan.joint_rates), [plan.note]
     for limit in (limit for limit in problem.limits if limit.name in plan.binding):
@@ -145,7 +145,7 @@ def reasons(problem: Problem, plan: Trajectory, binding: Kinds, goals: JointGoal
     if not within_workspace(problem):
         distance, least, most = workspace_distances(problem)
         outside = (
-            f"binding: the workspace, since the end effector can be {least:.3f} to {most:.3f} m from the "
+            f"binding: the workspace, because the end effector can be {least:.3f} to {most:.3f} m from the "
             f"system's centre of mass and the target is {distance:.3f} m from it"
         )
         return [outside, _time_within_reach(problem) if problem.goal.moves else ""]
@@ -195,7 +195,7 @@ def _cannot_stay(problem: Problem, plan: Trajectory) -> str:
     if np.isfinite(largest):
         needed = f"holding the end effector takes {largest:.2g} times the joints' rate limits"
     return (
-        "the end effector is at the target at the deadline, but no motion was found that stays at it; "
+        "the end effector is at the target at the deadline, but no motion was found that stays there; "
         f"with joints at rest the rotating robot carries the end effector off by {drift:.2g} m/s; in the "
         f"postures of this plan, {needed}"
     )

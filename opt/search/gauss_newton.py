@@ -76,7 +76,7 @@ class Model:
 
     @cached_property
     def damping(self) -> FloatArray:
-        """The Hessian (Mn, Mn) of damping: of rates, or of accelerations if `spline.changes`."""
+        """The Hessian (Mn, Mn) of the damping of rates, or of accelerations if `spline.changes`."""
         n, squares = self.problem.sms.n, np.eye(self.spline.size)
         if self.spline.changes:
             # For M control points over the time T, |p|^2 is M / T times the integral of the squared rates.
@@ -186,9 +186,8 @@ def motions_of(
 ) -> Rollouts:
     """Roll out control points p (S, M, n) at the spline's instants; `goal` replaces the problem's goal.
 
-    The base's attitude R satisfies dR/dt = R [omega]x, where omega is the sum of spin @ u, for the joint
-    rates u, and of the contribution of the total momentum. R is integrated by collocation at the Gauss points
-    of the spline.
+    The base's attitude R is integrated by collocation at the Gauss points of the spline: dR/dt = R [omega]x.
+    The angular velocity omega is spin @ u for the joint rates u, plus the contribution of the total momentum.
     """
     stack, rates0 = problem.stack, problem.joint_rates
     # The joints are the first axis, also in memory.
@@ -328,7 +327,7 @@ def gradients_and_hessians(
 
 
 _SHORTER = 0.3  # length of the second trial step as a share of the full step, if the full step fails
-_SATISFIED = 0.5  # residual, as a share of a limit's margin, up to which a limit counts as satisfied
+_SATISFIED = 0.5  # largest residual of a satisfied limit, as a share of the limit's margin
 
 
 def descend(motions: Candidates, weights: Weights, iterations: int) -> Candidates:
@@ -390,7 +389,7 @@ def coarse_stage(model: Model, p: FloatArray) -> Candidates:
 
 
 def refine(pool: Candidates, fine: Model, keep: tuple[int, int, int], repeats: int = 1) -> Candidates:
-    """Select and refine motions of a pool in three stages; return those of the last stage, best first.
+    """Select and refine motions of a pool in three stages; return the final motions, the best first.
 
     The first stage uses the coarse spline, the second and third the fine spline. `keep` has the number of
     motions in each stage. `repeats` multiplies the iterations of each stage.

@@ -102,7 +102,7 @@ def _goals_from_start(problem: Problem) -> list[_GoalFromStart]:
 def joint_goals(problem: Problem, joints: FloatArray) -> JointGoals:
     """Compute joint goals whose straight moves end near the goal, by Newton's method from postures (K, n).
 
-    The iteration ends early if half of the moves end at the goal. The slopes of Newton's method are those of
+    The iteration ends early if half of the moves end at the goal. The slopes of Newton's method follow from
     J* at the end of the move. If the base rotates far, the slopes include the change of the base's rotation
     along the move (`straight_ends`). With angular momentum the moves are rolled out in time.
     """
@@ -132,8 +132,8 @@ def joint_goals(problem: Problem, joints: FloatArray) -> JointGoals:
         if k == iterations - 1 or (k >= 5 and np.median(distance) < 1e-3 * arm.length):
             break
         J = columns.transpose(2, 0, 1) * problem.free
-        # Close to the target (a tenth of the arm's length) the damping is reduced. Moves to nearly singular
-        # postures then converge fast, too.
+        # At less than a tenth of the arm's length from the target the damping is reduced. Moves to nearly
+        # singular postures then converge fast, too.
         near = np.clip(np.sqrt(dot(error, error)) / (0.1 * arm.length), 1e-4, 1.0)
         step = least_squares(J, error.T, _DAMPING * (arm.length * near)[:, None, None] ** 2)
         step *= np.minimum(1.0, large / np.maximum(np.abs(step).max(axis=1), 1e-9))[:, None]
@@ -154,9 +154,10 @@ def straight_ends(
     """Return the ends of straight moves to joint goals (K, n) without momentum.
 
     The results are the arm at the end, the base's rotation from the start (3, 3, K), and a correction of
-    slopes (3, n, K), which is None without `exact`. The correction is the slope of the base's rotation with
-    respect to the joint goals, minus the base's angular velocity per joint rate at the end. It is not zero,
-    because another joint goal changes the whole move. Axes are those of the base at the start.
+    slopes (3, n, K). Without `exact` the correction is None. It is the slope of the base's rotation with
+    respect to the joint goals, minus the base's angular velocity per joint rate at the end. The
+    correction is not zero, because another joint goal changes the whole move. All results are in the base's
+    axes at the start.
     """
     stack, start = problem.stack, problem.joints0
     # With four instants the error of a small base rotation is 1e-4 rad.
@@ -265,7 +266,7 @@ def straight_profile(spline: RateSpline) -> FloatArray:
 
 
 def straight_moves(problem: Problem, spline: RateSpline, goals: FloatArray) -> FloatArray:
-    """Return control points (K, M, n) of straight moves of `straight_profile` to joint goals (K, n).
+    """Return control points (K, M, n) of straight moves with `straight_profile` to joint goals (K, n).
 
     If the duration is too short for a joint, it moves as far as its rate and acceleration limits allow.
     """
@@ -371,7 +372,7 @@ def workspace_distances(problem: Problem) -> tuple[float, float, float]:
 def reach_range(problem: Problem) -> tuple[float, float]:
     """Return the least and greatest distance [m] of the end effector from the system's centre of mass.
 
-    The distances are those of all postures in `joint_range`. They are computed once for each problem.
+    All postures in `joint_range` are considered. The distances are computed once for each problem.
     """
     reach = _reach_ranges.get(problem)
     if reach is None:

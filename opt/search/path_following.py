@@ -300,10 +300,9 @@ def rest_note(path: Path) -> str:
 def redundant_motion(
     problem: Problem, options: SearchOptions | None, progress: Callable[[float], None] | None
 ) -> Preference | None:
-    """Return a preferred motion for a rollout of smaller merit; None if no such motion is found.
+    """Return a preferred motion that reduces the merit of the rollout; None if no such motion is found.
 
-    The merit is compared with that of a rollout without preference. For long motions the time steps of the
-    descent are larger than those of the problem.
+    For long motions the time steps of the descent are larger than the problem's time steps.
     """
     begun, limit = time.perf_counter(), math.inf
     if options is not None and options.time_limit is not None:
@@ -452,8 +451,9 @@ def explain_path(problem: Problem, nodes: PathNodes, plan: Trajectory) -> Trajec
         reasons.append(_binding(problem, plan))
     if leaves and begins_fast:
         reasons.append(
-            f"the path's velocity differs by {1e3 * _begin_speed(problem, nodes):.3g} mm/s from that of the "
-            "end effector at the start; set opt.Path(..., approach_time=2.0), or a curve that begins at rest"
+            f"the path's velocity differs by {1e3 * _begin_speed(problem, nodes):.3g} mm/s from the end "
+            "effector's velocity at the start; set opt.Path(..., approach_time=2.0), or a path that "
+            "starts at rest"
         )
     elif not out_of_reach:
         shortest = _sufficient_duration(problem, nodes)
@@ -561,7 +561,7 @@ def _follows_slowed(problem: Problem, scale: float) -> bool:
 def slowing(problem: Problem, rates: FloatArray) -> float:
     """Return the factor on the duration with which joint rates (N + 1, n) satisfy the limits of the joints.
 
-    The limits are those of joint rates, accelerations and torques.
+    These are the limits of joint rates, accelerations and torques.
     """
     limits = problem.sms.limits
     velocity = float((np.abs(rates) / limits.velocity).max())

@@ -129,7 +129,7 @@ class Search:
         self._started = time.perf_counter()
 
     def run(self, strategies: Sequence[Strategy]) -> Trajectory:
-        """Run strategies in order; return the best plan that arrives, otherwise that of least error."""
+        """Run strategies in order; return the best plan that arrives, or else the plan of least error."""
         for i, strategy in enumerate(strategies):
             if self.out_of_time():
                 break
@@ -147,7 +147,7 @@ class Search:
         """Return the sort key of a plan: failure, flaw, and error [m, rad, m/s, rad/s].
 
         The flaw of a plan that fails is a violated limit. The flaws of a plan that reaches its goal are an
-        error above the tolerance, joints that move at the deadline of a fixed goal, and chatter.
+        error above the tolerance, joints that move at the deadline of a goal without velocity, and chatter.
         """
         error = arrival_error(self.problem.goal, plan)
         if not plan.reached:
@@ -286,7 +286,7 @@ def cheap_cost(search: Search) -> float:
 def straight_if_near(search: Search) -> None:
     """Plan the straight move if the start is within the goal's reach.
 
-    If this plan arrives, it is sufficient: a cheaper motion would be a detour.
+    If this plan arrives, the search ends, because a cheaper motion would be a detour.
     """
     goal = search.problem.goal
     if starts_within(search.problem, goal.reach, goal.orientation_reach):
@@ -378,7 +378,7 @@ def step_rollouts(search: Search) -> None:
 
 
 def straight_moves_to_goal(search: Search, most: int = 6) -> None:
-    """If no plan arrives, polish up to `most` straight moves that end at the goal, whatever their cost."""
+    """If no plan arrives, polish up to `most` straight moves that end at the goal, regardless of cost."""
     search.fresh = []
     if search.hopeless or search.arrived():
         return
@@ -481,7 +481,7 @@ STRATEGIES = (
     Strategy("moving end", moving_end),
     Strategy("deadline alone", at_the_deadline_alone),
 )
-# The strategies of a quick search, which returns the first plan that arrives, whatever its cost.
+# The strategies of a quick search, which returns the first plan that arrives, regardless of its cost.
 QUICK = (
     _NEAR,
     Strategy("first starts", partial(straight_starts, near=4, far=4)),

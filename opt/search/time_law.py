@@ -1,7 +1,7 @@
 """The fastest time law along a joint path: forward and backward passes over a grid of the path's share.
 
-At the share s of the path, the joints q(s) have rates q' ds/dt and accelerations q' u + q'' x, where x is the
-square of ds/dt, u = d^2 s/dt^2, and q' = dq/ds. Without momentum the joint torques of a free-floating robot
+At the share s of the path, with q' = dq/ds, the joints have rates q' ds/dt and accelerations q' u + q'' x.
+Here x is the square of ds/dt, and u = d^2 s/dt^2. Without momentum the joint torques of a free-floating robot
 are linear in u and x, too. So each limit is a row a u + b x <= c. A backward pass computes the largest x from
 which the end can be reached. A forward pass then uses the largest u.
 
@@ -22,7 +22,7 @@ from ffsms_pin.opt.goals.curves import TimeLaw
 from ffsms_pin.opt.limits.limit import SpeedBound
 from ffsms_pin.opt.problem import Problem
 
-_LEAST = 1e-12  # a smaller coefficient of u counts as zero
+_LEAST = 1e-12  # a smaller coefficient of u is taken as zero
 
 
 class LimitRows(NamedTuple):

@@ -1,10 +1,10 @@
 """The final poses of joint motions of a tumbling robot, and their slopes for changes of the whole motion.
 
-The base's attitude R satisfies R' = R [omega]x, where omega is the sum of the contributions of the joint
-rates and of the total angular momentum L. A change of the joint motion rotates the whole robot by an
-additional rotation vector theta, which satisfies theta' = c + A theta. The vector c is the change of omega by
-the joints. The second summand, A theta = R J R^T (L x theta) with the inverse inertia J, arises because the
-momentum in base axes depends on the base's attitude. Both equations are integrated by collocation at the
+The base's attitude R satisfies R' = R [omega]x. The angular velocity omega has a contribution of the joint
+rates, and a contribution of the total angular momentum L. A change of the joint motion rotates the
+whole robot by an additional rotation vector theta, which satisfies theta' = c + A theta. The vector c is the
+change of omega by the joints. The term A theta = R J R^T (L x theta), with the inverse inertia J, arises
+because L in base axes depends on the base's attitude. Both equations are integrated by collocation at the
 Gauss points of a spline.
 """
 
@@ -33,7 +33,7 @@ def tumbling_ends(
     """Return the final states of K motions of a tumbling robot.
 
     The results are the arm, the base's rotation (3, 3, K), and the slopes (3, n, K) of the robot's final
-    rotation vector with respect to the joint goals. Axes are those of the base at the start.
+    rotation vector with respect to the joint goals. All results are in the base's axes at the start.
 
     Parameters
     ----------

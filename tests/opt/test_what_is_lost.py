@@ -97,4 +97,4 @@ def test_a_plan_says_which_term_is_not_a_number(planar: ffsms.SpaceManipulator) 
     problem = problem_of(planar, terms=[opt.Smooth(), Undefined()])
     with np.errstate(invalid="ignore"):
         plan = measure(problem, np.zeros((problem.steps + 1, 3)))
-    assert "the term 'undefined' is not a number" in plan.note
+    assert "the cost of the term 'undefined' is not a number" in plan.note

@@ -219,7 +219,7 @@ def test_a_start_beside_the_corridor_is_refused(planar: ffsms.SpaceManipulator) 
     goal = opt.Meet(ffsms.Client(50.0, [4.0, 5.0, 6.0], pose), axis=AXIS)
     plan = opt.plan(planar, q0, goal, 6.0, 0.05, time_limit=1e-9)
     assert not plan.reached
-    assert plan.note.startswith("the start is beside the corridor")
+    assert plan.note.startswith("the start is outside the corridor")
 
 
 def test_a_client_that_spins_too_fast_is_told_so(planar: ffsms.SpaceManipulator) -> None:
