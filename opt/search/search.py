@@ -344,7 +344,7 @@ def descend_from_starts(search: Search, keep: tuple[int, int, int], repeats: int
 
 
 def within_limits(search: Search) -> None:
-    """If no motion arrives, correct the motion of least error until it satisfies the limits."""
+    """Correct the motion of least error until it satisfies the limits, if no motion arrives."""
     if not search.fresh or search.arrived():
         return
     nearest = search.best(search.fresh)
@@ -378,7 +378,7 @@ def step_rollouts(search: Search) -> None:
 
 
 def straight_moves_to_goal(search: Search, most: int = 6) -> None:
-    """If no plan arrives, polish up to `most` straight moves that end at the goal, regardless of cost."""
+    """Polish up to `most` straight moves that end at the goal, regardless of cost, if no plan arrives."""
     search.fresh = []
     if search.hopeless or search.arrived():
         return
@@ -443,7 +443,7 @@ def at_the_deadline_alone(search: Search) -> None:
 
 
 def straight_line(search: Search) -> None:
-    """If no plan reaches the target, roll out steps of the method "resolved-rate" straight to the target."""
+    """Roll out steps of the method "resolved-rate" straight to the target, if no plan reaches it."""
     problem = search.problem
     if any(candidate.plan.reached for candidate in search.found) or not _supports_rollouts(problem):
         return
