@@ -227,7 +227,7 @@ class Problem:
         check_own_parts((*self.terms, *self.limits), self.motion(np.zeros((2, sms.n))))
 
     def __repr__(self) -> str:
-        place = self.place.words() + (", moving," if self.goal.moves else "")
+        place = self.place.text() + (", moving," if self.goal.moves else "")
         summary = f"{self.sms.model.name} to {place} in {self.duration:.4g} s, {self.steps} steps"
         names = [", ".join(part.name for part in parts) or "none" for parts in (self.terms, self.limits)]
         return f"Problem({summary}; terms: {names[0]}; limits: {names[1]})"

@@ -61,7 +61,7 @@ class PoseError(NamedTuple):
         """The angle of the rotation (S, K) [rad]."""
         return np.sqrt(dot(self.vector, self.vector))
 
-    def words(self) -> str:
+    def text(self) -> str:
         """Describe the largest distance, and the largest angle if the attitude is constrained."""
         angle = "" if self.rotation is None else f", turned by {np.degrees(self.angle.max()):.2f} deg,"
         return f"{1e3 * self.distance.max():.1f} mm{angle}"
@@ -192,7 +192,7 @@ class Place:
         assert self.rotation is not None
         return np.asarray(np.einsum("xy,zy...->xz...", self.rotation, relative))
 
-    def words(self) -> str:
+    def text(self) -> str:
         """Describe the place, for messages."""
         where = "[" + ", ".join(f"{x:.4g}" for x in self.position) + "] m"
         attitude = "" if self.rotation is None else " with an attitude"

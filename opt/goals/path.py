@@ -430,5 +430,5 @@ def path_errors(problem: Problem, rates: FloatArray) -> PathErrors:
     begins = np.maximum(every * nodes - _FINER, 0)
     largest = np.maximum.reduceat(errors, begins, axis=1)
     share = max(float(errors[0].max()) / path.tolerance, float(errors[1].max()) / path.orientation_tolerance)
-    note = f"between nodes the end effector is up to {missed.words()} off the path"
+    note = f"between nodes the end effector is up to {missed.text()} off the path"
     return PathErrors(largest[0], largest[1], max(share - 1.0, 0.0) * path.tolerance, note)

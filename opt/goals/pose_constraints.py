@@ -110,7 +110,7 @@ class PoseTolerance(PoseConstraint, Inequality):
         if violation.amount == 0.0:
             return violation
         at = self.at_active_instants(Variables(motion))
-        return violation._replace(note=self.message.format(self.pose_error(at).words(), at.times[0]))
+        return violation._replace(note=self.message.format(self.pose_error(at).text(), at.times[0]))
 
 
 def arrivals(goal: Goal, frame: str = "tip") -> list[PoseTolerance]:
