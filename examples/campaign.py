@@ -33,7 +33,7 @@ plant.base_mass = { uniform = [0.9, 1.1] }
 folder = Path("campaign")
 folder.mkdir(exist_ok=True)
 (folder / "scenario.toml").write_text(SCENARIO)
-campaign(Campaign.read(folder / "scenario.toml", runs=8, compare=True), folder, jobs=1)
+campaign(Campaign.read(folder / "scenario.toml", runs=4, compare=True), folder, jobs=1)
 
 numbers = report(read_table(folder))
 for method, of_method in numbers.items():

@@ -74,7 +74,8 @@ class Excitation(Term):
         variances = np.diag(C)
         shares = np.where(variances < _SHOWN**2, variances ** (_WORST - 1), 0.0)
         if not shares.any():
-            raise InvalidValue("plan", plan, "must move the arm: it shows none of the unknown parameters")
+            expected = "must move the arm enough to excite at least one unknown parameter"
+            raise InvalidValue("plan", plan, expected)
         values, vectors = np.linalg.eigh((C * shares) @ C)  # -dF/dM of F = sum of variances^4
         chosen = vectors[:, -directions:] * np.sqrt(np.maximum(values[-directions:], 0.0))
         y = root @ Y @ chosen
