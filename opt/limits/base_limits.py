@@ -16,8 +16,8 @@ from ffsms_pin.opt.rollouts import Rollouts
 from ffsms_pin.options import Angle, Bound, Unit
 
 _UNITS = {"attitude": "rad", "attitude_rate": "rad/s", "translation": "m", "final_attitude": "rad"}
-# [rad] The least bound from which the scale of a rotation limit is computed. With the scale of a bound of a
-# tenth of a degree the penalty would be too stiff during a search.
+# [rad] The scale of a smaller bound on a rotation is computed from this value. Otherwise the penalty for
+# a bound of 0.1 degree would be too stiff during a search.
 _NARROW = 0.02
 _STEP_SHARE = 0.03  # safety margin of single steps as a share of a limit, for the motion within a step
 

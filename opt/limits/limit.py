@@ -170,7 +170,7 @@ class Inequality(Limit):
     rate: float = 2.0  # [1/s] the largest relative rate of decrease of the slack, for braking
     step_margin: float = 2e-3  # the safety margin of a step, for the motion within it
     softness: float = 1.0  # the violation of a step's row per unit of its slack variable [unit/m]; 0: hard
-    # "always", "deadline" or "last tenth": the time at which the limit is active. Before that the slack of a
+    # "always", "deadline" or "last tenth": the time at which the limit is active. Earlier, the slack of a
     # step may be negative by `trusted` [unit/s] times the remaining time.
     when: str = "always"
     trusted: float = 0.05

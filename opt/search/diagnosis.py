@@ -274,7 +274,7 @@ def keep_limits(model: Model, goals: FloatArray) -> NDArray[np.bool_]:
         return np.zeros(0, dtype=bool)
     problem, spline = model.problem, model.spline
     p = moves_to(problem, spline, goals)
-    # Moves that are shortened because of the duration are scaled to full length, except for joints at rest.
+    # If the duration is too short for a move, the move is scaled to full length, except for joints at rest.
     displacements = goals - problem.joints0
     done = spline.position_points.of(p, problem.joint_rates)[:, -1]
     p *= np.divide(displacements, done, out=np.ones_like(displacements), where=np.abs(done) > 1e-6)[:, None]

@@ -229,7 +229,7 @@ class _Middle(NamedTuple):
 
 
 _GRID = Grid(16, 3, 3)  # grid of the spline that changes redundant motion
-_STEPS, _STEP = 500, 0.05  # least number of time steps in a descent, and their largest length [s]
+_STEPS, _STEP = 500, 0.05  # a descent has at most 500 time steps, or steps of 0.05 s if these are more
 _ROUNDS = 3  # rounds of a descent and a rollout
 _ITERATIONS = 4  # iterations of a descent
 

@@ -317,7 +317,7 @@ def straight_starts(search: Search, near: int, far: int, enough: float = 0.0, in
     ]
     search.drawn += max(near, far)
     goals = search.add_joint_goals(np.vstack([problem.joints0, *postures] if first else postures))
-    # All moves that end within 0.05 arm lengths of the goal are used, and at least the nearer half of them.
+    # Moves that end within 0.05 arm lengths of the goal are used, and at least the nearer half of all moves.
     half = (len(goals.distance) - 1) // 2
     reach = max(0.05 * problem.stack.length, float(np.sort(goals.distance)[half]))
     joints = goals.joints[goals.distance <= reach]

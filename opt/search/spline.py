@@ -32,7 +32,7 @@ class Grid(NamedTuple):
     gauss: int
 
 
-# Splines of 10 and of 17 control points per joint; 10 are enough for a motion that reverses twice.
+# Splines with 9 and with up to 17 free control points per joint; 9 suffice for a motion that reverses twice.
 COARSE, FINE = Grid(6, 3, 2), Grid(12, 5, 3)
 
 
@@ -191,7 +191,7 @@ def rate_spline(steps: int, dt: float, grid: Grid, free_end: bool = False) -> Ra
     late = grid.intervals + 2
 
     count = len(knots) - 3
-    # Control points of the derivative, a linear spline, and of the integral, a cubic one (de Boor, ch. X).
+    # Control points of the derivative, a linear spline, and of the integral, a cubic spline (de Boor, X).
     slope = 2.0 * np.diff(np.eye(count), axis=0) / (knots[3:-1] - knots[1:-3])[:, None]
     integral = np.tril(np.tile((knots[3:] - knots[:-3]) / 3.0, (count + 1, 1)), -1)
     inner_knots, more_knots = knots[1:-1], np.concatenate([knots[:1], knots, knots[-1:]])

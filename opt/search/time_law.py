@@ -55,7 +55,7 @@ def fastest_law(rows: LimitRows) -> TimeLaw | None:
     """Return the time law of least time from rest to rest; None if the limits cannot be satisfied."""
     count = len(rows.shares)
     steps = np.diff(rows.shares)
-    reachable = np.zeros(count)  # the largest x from which the end can be reached at rest
+    reachable = np.zeros(count)  # the largest x from which the end of the path can be reached at rest
     for i in range(count - 2, -1, -1):
         A, B, C = _stretch(rows, i, steps[i])
         # At the end of the interval 0 <= x + 2 step u <= reachable[i + 1].
