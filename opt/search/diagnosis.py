@@ -269,7 +269,7 @@ def too_short(problem: Problem, goals: JointGoals) -> float:
 
 
 def keep_limits(model: Model, goals: FloatArray) -> NDArray[np.bool_]:
-    """Return the mask (K,) of straight moves to joint goals (K, n) that satisfy all but the joint limits."""
+    """Return the mask (K,) of straight moves to goals (K, n) that satisfy all limits except joint limits."""
     if not len(goals):
         return np.zeros(0, dtype=bool)
     problem, spline = model.problem, model.spline

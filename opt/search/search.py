@@ -166,9 +166,9 @@ class Search:
     def best(self, candidates: Sequence[Candidates] | None = None) -> Candidates:
         """Return the best of the candidates (default: all finished motions).
 
-        It is the motion of least effort among those that arrive with nearly the least cost
+        The best motion has the least effort among the motions that arrive with nearly the least cost
         (`SearchOptions.cost_tolerance`). Effort is the cost of the tie-breakers (`Term.tie_breaker`). If no
-        motion arrives, it is the motion with the least error.
+        motion arrives, the best motion has the least error.
         """
         candidates = self.found if candidates is None else candidates
         arrived = [candidate for candidate in candidates if self.arrives(candidate.plan)]
@@ -527,7 +527,7 @@ def solve(
 ) -> Trajectory:
     """Plan a motion by optimisation of the whole motion (docs/planner.md).
 
-    The plan is the motion of least effort among those that arrive with nearly the least cost
+    The plan is the motion of least effort among the motions that arrive with nearly the least cost
     (`SearchOptions.cost_tolerance`). After a numerical failure the plan has a `note`.
 
     Parameters
@@ -542,7 +542,7 @@ def solve(
     Raises
     ------
     InvalidValue
-        If the start overlaps an obstacle, or the target lies inside one.
+        If the start overlaps an obstacle, or the target is inside an obstacle.
     """
     instance("problem", problem, Problem)
     instance("options", options, SearchOptions, optional=True)
@@ -597,7 +597,7 @@ def shortest(problem: Problem, tolerance: float = 0.05, options: SearchOptions |
     Trajectory
         The plan. Its `shortest_duration` is its duration [s]. Its `note` has the longest duration for which
         no plan was found, and the least time under the joint limits. If no plan is found for the duration of
-        the problem, nor for the duration proposed by the diagnosis, the failed plan is returned.
+        the problem or for the duration that the diagnosis proposes, the failed plan is returned.
     """
     instance("problem", problem, Problem)
     if isinstance(problem.goal, Path):
