@@ -1,4 +1,4 @@
-"""The page on the agreement with other engines, computed while the site is built."""
+"""The page that compares results with other engines, computed while the site is built."""
 
 from __future__ import annotations
 
@@ -25,30 +25,32 @@ from ffsms_pin.urdf import model_path  # noqa: E402
 STATES = 20
 HEAD = f"""# Agreement with other engines
 
-MuJoCo, adam and Basilisk are independent of this library and have other formulations. The tables compare
-their results, converted to the paper's conventions, with ours. All numbers were computed while this page
-was built; `tests/validation` keeps them below 1e-11 for matrices and 1e-9 for motions.
+MuJoCo, adam and Basilisk are independent of ffsms-pin and use other formulations of the dynamics. The
+tables compare their results, converted to the paper's conventions, with the results of ffsms-pin. All
+numbers were computed while this page was built. The tests in `tests/validation` fail if a difference
+exceeds 1e-11 for matrices or 1e-9 for motions.
 
 ## Matrices
 
-MuJoCo and adam compute the matrices of the same robots at {STATES} random states, with any base pose, a
-tumbling base and moving joints. The table has the largest differences from ours, relative to the largest
-entry. adam reads a URDF, so it has only the robots of a single file. Basilisk returns no matrices; its
-motions are compared below.
+MuJoCo and adam compute the matrices of the same robots at {STATES} random states, with a random base pose,
+a tumbling base and moving joints. The table has the largest difference of each quantity between the engine
+and ffsms-pin, divided by the quantity's largest entry. adam reads a URDF, so it computes only robots that
+are described by a single file. Basilisk returns no matrices; the next section compares its motions.
 
 """
 MOTIONS = """
 ## Ten seconds of motion
 
-All robots start at rest. The joint torques are the same sinusoids for ten seconds, constant over each
-step. All engines integrate by a Runge-Kutta method of order 4, MuJoCo with steps of 0.5 ms and Basilisk
-with steps of 5 ms; we use the step of the compared engine. The table has the difference of the final
-joint rates relative to the length of their vector.
+All robots start at rest. The joint torques are the same sinusoidal functions of time in all engines,
+constant within each step. All engines integrate by a Runge-Kutta method of order 4, MuJoCo with steps of
+0.5 ms and Basilisk with steps of 5 ms. For each comparison
+ffsms-pin uses the step of the other engine. The table has the norm of the difference of the final joint
+rates, divided by the norm of the final joint rates.
 
 In Basilisk a robot is a rigid hub with a chain of spinning bodies (`spinningBodyNDOFStateEffector`) for
-each arm, solved by back-substitution; `to_basilisk` in `examples/basilisk_robot.py` builds it. This
-represents all six robots, but no robot with a prismatic joint or with an arm that branches beyond the
-base.
+each arm, solved by back-substitution. `to_basilisk` in `examples/basilisk_robot.py` builds the Basilisk
+robot. Prismatic joints, and arms that branch beyond the base, cannot be represented; none of the six
+robots has them.
 
 """
 
@@ -56,10 +58,11 @@ PUBLISHED_RUN = """
 
 ## A published run
 
-The paper's author published a run of a planar robot under PD control in MATLAB, from rest with straight
-joints to (-30, 0, 0) deg in 20 s. The published final base pose was read from plots, with an accuracy of
-millimetres. The gains are 1 N m/rad and 1 N m s/rad; other gains under which the robot settles change the
-final base pose by less than 1e-5.
+The paper's author published a MATLAB simulation of a planar robot under PD control. The robot starts at
+rest with zero joint positions, and the desired joint positions are (-30, 0, 0) deg. The simulation ends
+after 20 s. The published final base pose was read from plots, with an accuracy of millimetres. The gains
+are 1 N m/rad and 1 N m s/rad. Other gains under which the robot comes to rest change the final base pose by
+less than 1e-5.
 
 | engine | base x [m] | base y [m] | base angle [rad] |
 |---|---|---|---|
@@ -86,16 +89,16 @@ def page() -> str:
 
 
 def _published_run() -> str:
-    """Return the section on the run that the paper's author published."""
+    """Return the section that compares the final base pose of the published run."""
     with TemporaryDirectory() as folder:
         sms = planar_robot(Path(folder))
-        ends = {"ours": our_base_end(sms), "MuJoCo": mujoco_base_end(sms), "published": PUBLISHED}
+        ends = {"ffsms-pin": our_base_end(sms), "MuJoCo": mujoco_base_end(sms), "published": PUBLISHED}
     rows = [f"| {name} | {x:.5g} | {y:.5g} | {angle:.5g} |" for name, (x, y, angle) in ends.items()]
     return PUBLISHED_RUN + "\n".join(rows)
 
 
 def _motions() -> list[str]:
-    lines = ["| robot | fastest joint at the end [rad/s] | MuJoCo | Basilisk |", "|---|---|---|---|"]
+    lines = ["| robot | largest final joint rate [rad/s] | MuJoCo | Basilisk |", "|---|---|---|---|"]
     for name in ROBOTS:
         sms = robot(name)
         motion = push(sms)

@@ -39,7 +39,7 @@ html_theme = "furo"
 html_title = f"ffsms-pin {__version__}"
 exclude_patterns = ["_build", "jupyter_execute", "lessons/README.md", "records"]
 suppress_warnings = [
-    "mystnb.unknown_mime_type",  # Meshcat's scenes; the page shows the HTML beside it
+    "mystnb.unknown_mime_type",  # of Meshcat's scenes; the page shows their HTML output
     "ref.python",  # a name such as `duration` fits several attributes, so it is not a link
 ]
 
@@ -93,5 +93,5 @@ def _check_offline(app: Any, exception: Exception | None) -> None:
 
 
 def _bars(app: Any, what: str, name: str, obj: Any, options: Any, lines: list[str]) -> None:
-    """Escape bars in a docstring, because |x| is a length and not a substitution of reStructuredText."""
+    """Escape bars in a docstring, because |x| is a norm here and not a substitution of reStructuredText."""
     lines[:] = [line.replace("|", "\\|") for line in lines]

@@ -1,8 +1,8 @@
 """Film a page of the viewer, `python docs/film.py PAGE.html FILM.gif`, or take one picture, `... FILE.png`.
 
-Headless Chromium, controlled by chromedriver, draws one picture of the page for each exact time, so the
-film does not depend on the speed of the machine. Each picture has a clock and, in a capture, the name of the
-phase. The README's film is made by
+Headless Chromium, controlled by chromedriver, draws the page at each time of the film, so the film does not
+depend on the speed of the machine. Each picture has a clock and, in a capture, the name of the phase. These
+commands make the README's film:
 
     ffsms-pin run capture --out results/capture
     ffsms-pin view results/capture --speed 3 --show robot,panels,client,tracked_path --html capture.html
@@ -43,7 +43,7 @@ _PHASES = {"": "approach", "hold point": "closing in", "rest": "at rest"}  # by 
 
 @contextmanager
 def opened(page: Path, width: int, height: int) -> Iterator[webdriver.Chrome]:
-    """Open a page in a window of a size [pixels], and stop its motion."""
+    """Open a page in a window of the given size [pixels], and stop the animation."""
     options = webdriver.ChromeOptions()
     options.binary_location = shutil.which("chromium") or shutil.which("google-chrome") or ""
     for flag in _FLAGS:
@@ -60,7 +60,7 @@ def opened(page: Path, width: int, height: int) -> Iterator[webdriver.Chrome]:
 
 
 def screenshot(page: Path, time: float, width: int, height: int, bare: bool = False) -> Image.Image:
-    """Take a picture of a page at a time of its motion [s], with its controls or `bare`."""
+    """Return a picture of a page at a time of its motion [s]; if `bare`, without the controls."""
     with opened(page, width, height) as browser:
         if bare:
             return scene(browser, time, width, height)
@@ -72,7 +72,7 @@ def screenshot(page: Path, time: float, width: int, height: int, bare: bool = Fa
 
 
 def scene(browser: webdriver.Chrome, time: float, width: int, height: int) -> Image.Image:
-    """Draw the scene alone, without the controls, at a time of its motion [s]."""
+    """Return a picture of the scene without the controls, at a time of its motion [s]."""
     fill = "fit({left: 0, top: 0, right: arguments[1], bottom: arguments[2]}, arguments[1], arguments[2]); "
     show = "seek(arguments[0]); return viewer.capture_image()"
     address = browser.execute_script(fill + show, time, width, height)  # a data URL of a PNG image
@@ -80,7 +80,10 @@ def scene(browser: webdriver.Chrome, time: float, width: int, height: int) -> Im
 
 
 def pictures(page: Path, rate: float, width: int, height: int, until: float = np.inf) -> list[Image.Image]:
-    """Draw a page's motion at its speed until a time [s], with `rate` pictures per second of film."""
+    """Return the pictures of a film of a page, until a time of its motion [s].
+
+    The film has the speed of the page and `rate` pictures per second.
+    """
     with opened(page, width, height) as browser:
         script = "return [facts.t.at(-1), facts.speed, facts.marks]"
         end, speed, marks = browser.execute_script(script)
@@ -96,7 +99,7 @@ def pictures(page: Path, rate: float, width: int, height: int, until: float = np
 
 
 def write_clock(image: Image.Image, clock: str, phase: str) -> None:
-    """Write clock and phase into the lower left corner of a picture."""
+    """Write the clock and the phase into the lower left corner of a picture."""
     font = Path(mpl.get_data_path()) / "fonts/ttf/DejaVuSans.ttf"
     size = max(6, round(image.height / 20))
     draw, at = ImageDraw.Draw(image), (size, image.height - 2 * size)

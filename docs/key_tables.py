@@ -1,4 +1,4 @@
-"""The tables of docs/scenario-keys.md: unit, default and meaning of each key, from the models of the keys."""
+"""The tables of docs/scenario-keys.md, made from the models of the keys: unit, default and meaning."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def key_tables() -> dict[str, str]:
 
 
 def with_key_tables(page: str) -> str:
-    """Return a page with new tables under its headings, such as `## [plan]`."""
+    """Return the page with the current tables under its headings, such as `## [plan]`."""
     made = key_tables()
     before, *sections = re.split(r"^(?=## )", page, flags=re.M)
     done = [before]
@@ -37,7 +37,11 @@ def with_key_tables(page: str) -> str:
 
 
 def _add(found: dict[str, str], name: str, models: list[type[Keys]]) -> None:
-    """Add a table of the file: first keys of all choices, then other keys with the names of their choices."""
+    """Add the Markdown table of a table `name` of the file to `found`.
+
+    If the table has several models, each is a choice. The keys of all choices come first, then the other keys
+    with the names of their choices.
+    """
     choices: dict[tuple[str, ...], list[str]] = {}
     for model in models:
         (choice,) = get_args(model.model_fields[model.chooser].annotation) if model.chooser else ("",)

@@ -21,6 +21,7 @@ def long_description(readme: str, source: str | None = None) -> str:
     Parameters
     ----------
     readme : str
+        Text of the README.
     source : str, optional
         Address of the repository.
     """

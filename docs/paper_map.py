@@ -1,4 +1,4 @@
-"""The page with the code and the test of each equation, table and figure of the paper."""
+"""The page that lists the code and the test of each equation, table and figure of the paper."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from typing import Any
 ROWS = Path(__file__).with_name("paper-map.toml")
 HEAD = """# From the paper to the code
 
-The tables list the equations, tables and figures of results of Das, Choi and Kim (AAS 25-705) in order, with
-the code that computes them and the test that checks this code. Names of code are relative to `ffsms_pin`,
-files of tests to `tests`. Equations are numbered in the order of the paper, appendix included. The labels in
-brackets are those of the paper's source, which the docstrings quote. [Reproduce the
-paper](reproduce-the-paper.md) has the figures.
+The tables list, in order, the equations, tables and figures with results of the paper by Das, Choi and Kim
+(AAS 25-705). Each row has the code that computes the result and the test that checks this code. Names of
+code are relative to `ffsms_pin`, and files of tests are relative to `tests`. Equations are numbered in the
+order of the paper, including the appendix. The docstrings quote the labels in brackets, which come from the
+paper's source. [Reproduce the paper](reproduce-the-paper.md) shows the figures.
 
 """
 

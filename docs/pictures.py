@@ -1,6 +1,7 @@
-"""Make the pictures of pages by the code of the pages: `python docs/pictures.py docs/PAGE.md...`.
+"""Make the pictures of the documentation.
 
-`python docs/pictures.py FILE.png...` copies pictures that a command wrote into the documentation.
+`python docs/pictures.py docs/PAGE.md...` runs the code of pages and stores the pictures that the code makes.
+`python docs/pictures.py FILE.png...` copies picture files into the documentation.
 """
 
 from __future__ import annotations
@@ -19,11 +20,11 @@ _MOST = 100_000  # largest size of a picture in bytes
 
 
 def store(made: Image.Image, path: Path) -> None:
-    """Write a picture in its own colours, or in 256 of them if it would be too large."""
+    """Write a picture to a file, with only 256 colours if the file would be too large."""
     picture = made.convert("RGB")
     picture.save(path, optimize=True)
     if path.stat().st_size > _MOST:
-        # The default, median cut, draws thin lines in the colours of other lines.
+        # Pillow's default method, median cut, gives thin lines the colours of other lines.
         picture.quantize(256, Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE).save(path, optimize=True)
 
 

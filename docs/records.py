@@ -1,10 +1,10 @@
-"""The measured numbers of the pages: records of the outputs of commands, in docs/records.
+"""The records of measured numbers in docs/records: outputs of commands, which the pages show.
 
     python docs/records.py run NAME [COMMAND...]   run the command and store its output as a record
     python docs/records.py                         write all records into the pages
     python docs/records.py check                   print the faults of the pages, as the build does
 
-Between `<!-- record: NAME -->` and `<!-- end -->` a page has the output in docs/records/NAME.md, with the
+A page shows the record docs/records/NAME.md between `<!-- record: NAME -->` and `<!-- end -->`, with the
 command, the day and the machine. The site marks records whose command has changed since the run.
 """
 
@@ -26,7 +26,8 @@ KEPT = ROOT / "docs" / "records"
 CHANGED = "\n**The command has changed since.**\n"
 _BLOCK = re.compile(r"(<!-- record: ([\w-]+) -->\n).*?(<!-- end -->)", re.S)
 _TABLE = re.compile(r"(?:^\|.*\n){2,}\n?(?=(\*Copied from `.+, \d{4}.*\*$|<!-- not measured -->)?)", re.M)
-# A number with a unit in a sentence; a source of a paragraph's numbers, or the mark of chosen numbers.
+# _NUMBER matches a number with a unit in a sentence. _SOURCE matches a command or a test as the source of a
+# paragraph's numbers, or the mark of chosen numbers.
 _NUMBER = re.compile(r"\b(\d+(?:\.\d+)?) (?:%|mm|mN|deg(?:rees)?\b|rad|s\b|ms|us|MB|GB|N\b|times|of \d)")
 _SOURCE = re.compile(r"`(?:tests/[\w/]+\.py|(?:python|pytest|make|ffsms-pin) [^`]+)`|<!-- given -->")
 _APART = re.compile(r"^```[\s\S]*?^```|^\|.*|^ {4}.*|^\*Copied from .*|<!-- (?!given).*? -->", re.M)
@@ -35,7 +36,7 @@ _PLACEHOLDER = re.compile(r"@@.*@@|\bTODO\b|\bTBD\b|\bFIXME\b|\?\?\?")
 
 
 class Record(NamedTuple):
-    """The output of a command, with the day, the machine, and the hash of the command's code."""
+    """The output of a command, with the day, the machine, and a hash of the command's code (`source`)."""
 
     command: str
     day: str
@@ -59,7 +60,7 @@ class Record(NamedTuple):
 
 
 def read(name: str) -> Record:
-    """Read the record of a name."""
+    """Return the stored record `name`."""
     path = KEPT / f"{name}.md"
     if not path.is_file():
         raise SystemExit(f"no record {name!r}: python docs/records.py run {name} COMMAND makes it")
@@ -68,20 +69,20 @@ def read(name: str) -> Record:
 
 
 def run(name: str, command: str) -> None:
-    """Run a command and store its output as a record; if the command fails, store nothing."""
+    """Run a command and store its output as a record; a failed command leaves the record unchanged."""
     sys.path.insert(0, str(ROOT / "benchmarks"))
     from machine import facts
 
-    found = facts()
+    about = facts()
     done = subprocess.run(command, shell=True, cwd=ROOT, stdout=subprocess.PIPE, text=True, check=True)
-    machine = f"{found['processor']}, {found['cores']} cores, Python {found['python']}"
+    machine = f"{about['processor']}, {about['cores']} cores, Python {about['python']}"
     record = Record(command, date.today().isoformat(), machine, source_of(command), done.stdout.strip("\n"))
     KEPT.mkdir(exist_ok=True)
     (KEPT / f"{name}.md").write_text(record.text(), "utf-8")
 
 
 def source_of(command: str) -> str:
-    """Return a hash of the files and packages that a command names, and of the scripts that these import."""
+    """Return a hash of the code of a command: the files and packages in it, and the scripts they import."""
     seen: set[Path] = set()
     todo = [path for word in command.split() if (path := ROOT / word).is_file()]
     modules = [word.replace(".", "/") for word in command.split()]  # for python -m
@@ -97,7 +98,7 @@ def source_of(command: str) -> str:
 
 
 def _code(path: Path) -> str:
-    """Return the text of a file; for Python without docstrings, comments and empty lines."""
+    """Return the text of a file; the text of Python has no docstrings, comments and empty lines."""
     text = path.read_text("utf-8")
     if path.suffix != ".py":
         return text
@@ -113,7 +114,7 @@ def _code(path: Path) -> str:
 
 
 def _imported(path: Path) -> list[Path]:
-    """Return the files in the folder of a script that the script imports."""
+    """Return the files beside a script that the script imports."""
     names: list[str] = []
     for node in ast.walk(ast.parse(path.read_text("utf-8"))):
         if isinstance(node, ast.Import):
@@ -130,51 +131,52 @@ def pages() -> list[Path]:
 
 
 def with_records(text: str) -> str:
-    """Return the text of a page with its records replaced by the stored ones."""
-    return _BLOCK.sub(lambda found: found[1] + read(found[2]).block() + found[3], text)
+    """Return the text of a page with the stored records between its marks."""
+    return _BLOCK.sub(lambda match: match[1] + read(match[2]).block() + match[3], text)
 
 
 def marked(text: str) -> str:
-    """Return the text of a page with marks on records whose command has changed since the run."""
-    return _BLOCK.sub(lambda found: found[0] + (CHANGED if read(found[2]).changed() else ""), text)
+    """Return the text of a page with a note at each record whose command has changed since the run."""
+    return _BLOCK.sub(lambda match: match[0] + (CHANGED if read(match[2]).changed() else ""), text)
 
 
 def faults(path: Path) -> list[str]:
-    """Return the faults of the numbers of a page, one line each."""
+    """Return a line for each number or table of a page without a record or source."""
     text = path.read_text("utf-8")
-    found = [f"{word[0]!r} is a placeholder" for word in _PLACEHOLDER.finditer(text)]
+    messages = [f"{match[0]!r} is a placeholder" for match in _PLACEHOLDER.finditer(text)]
     if with_records(text) != text:
-        found.append("does not show its records as they are kept: python docs/records.py")
+        messages.append("shows old records; write the stored records into the pages: python docs/records.py")
     for table in _TABLE.finditer(_BLOCK.sub("", text)):
         head, _, *rows = table[0].splitlines()
         numbers = sum(bool(_DECIMAL.search(row)) for row in rows) * 2 > len(rows)
         if numbers and not table[1] and not head.startswith("| key |"):
-            found.append(f"the table {head[:60]!r} has numbers of no record (see docs/records.py)")
-    return [f"{path.relative_to(ROOT)}: {line}" for line in found + unsaid(text)]
+            messages.append(f"the table {head[:60]!r} has numbers of no record (see docs/records.py)")
+    return [f"{path.relative_to(ROOT)}: {line}" for line in messages + unrecorded(text)]
 
 
-def unsaid(text: str) -> list[str]:
-    """Return messages about numbers in sentences that are in no record, if the paragraph has no source.
+def unrecorded(text: str) -> list[str]:
+    """Return a message for each number of a sentence that is in no record of the page.
 
-    `<!-- given -->` marks a paragraph whose numbers were chosen, or follow from others.
+    Paragraphs that name a test or a command as their source are not checked. `<!-- given -->` marks a
+    paragraph whose numbers were chosen or follow from other numbers; it is not checked, either.
     """
-    shown = "".join(read(found[2]).output for found in _BLOCK.finditer(text))
-    known = [float(one) for one in re.findall(r"\d+(?:\.\d+)?", shown)]
-    found = []
+    shown = "".join(read(match[2]).output for match in _BLOCK.finditer(text))
+    known = [float(number) for number in re.findall(r"\d+(?:\.\d+)?", shown)]
+    messages = []
     for paragraph in re.split(r"\n\n|\n(?=[*-] |\d+\. )", _APART.sub("", _BLOCK.sub("", text))):
         for number in [] if _SOURCE.search(paragraph) else _NUMBER.findall(paragraph):
             rounding = 0.5 * 10.0 ** -len(number.partition(".")[2])
             if not any(abs(float(number) - value) <= rounding for value in known):
-                found.append(f"{number} is in no record of the page: {' '.join(paragraph.split())[:60]!r}")
-    return found
+                messages.append(f"{number} is in no record of the page: {' '.join(paragraph.split())[:60]!r}")
+    return messages
 
 
-def main(words: list[str]) -> int:
+def main(arguments: list[str]) -> int:
     """Run the command line that the module's docstring describes; return the exit code."""
-    if words[:1] == ["run"]:
-        name = words[1]
-        run(name, " ".join(words[2:]) or read(name).command)
-    if words == ["check"]:
+    if arguments[:1] == ["run"]:
+        name = arguments[1]
+        run(name, " ".join(arguments[2:]) or read(name).command)
+    if arguments == ["check"]:
         wrong = [line for path in pages() for line in faults(path)]
         sys.stderr.writelines(f"{line}\n" for line in wrong)
         return bool(wrong)

@@ -71,7 +71,8 @@ __all__ = [
     "viewer",
 ]
 
-# Names that are imported at their first use, because together they take three times as long as all others.
+# Names that are imported at their first use, because their import takes three times as long as that of all
+# other names.
 _MODULES = {
     "Client": "client",
     "ComputedTorque": "control",

@@ -26,9 +26,10 @@ _ROUNDING = 1e-9  # relative tolerance of limits
 
 
 def position_range(trajectory: Trajectory) -> tuple[FloatArray, FloatArray]:
-    """Return the exact minimum and maximum position of each joint (n,).
+    """Return the exact minimum and maximum position (n,) of each joint [rad or m].
 
-    Within a step the position is a parabola in time, so its extremum is at an end or at a zero of the rate.
+    Within a step the position is a parabola in time, so the extremum is at an end of the step or where the
+    rate is zero.
     """
     positions, rates = trajectory.joint_positions, trajectory.joint_rates
     acceleration = trajectory.joint_accelerations
@@ -42,8 +43,8 @@ def position_range(trajectory: Trajectory) -> tuple[FloatArray, FloatArray]:
 def base_motion(sms: SpaceManipulator, q: FloatArray) -> FloatArray:
     """Return the base's displacement (k, 6) from its start along configurations q (k, nq), inertial axes.
 
-    Each row has the displacement of the base's centre of mass [m] and the rotation vector [rad], whose length
-    is at most pi.
+    Each row has the displacement of the base's centre of mass [m] and the rotation vector of the base [rad],
+    whose length is at most pi.
     """
     if q.ndim != 2 or q.shape[1] != sms.nq:
         raise InvalidValue("q", q, f"must have shape (k, {sms.nq})")
@@ -54,7 +55,7 @@ def base_motion(sms: SpaceManipulator, q: FloatArray) -> FloatArray:
 
 
 def base_numbers(sms: SpaceManipulator, q: FloatArray) -> dict[str, float]:
-    """Return the largest and final displacement and rotation of the base along configurations q (k, nq)."""
+    """Return the largest and final translation [m] and rotation [deg] of the base along q (k, nq)."""
     motion = base_motion(sms, q)
     translation = np.linalg.norm(motion[:, :3], axis=1)
     rotation = np.degrees(np.linalg.norm(motion[:, 3:], axis=1))
@@ -67,11 +68,11 @@ def base_numbers(sms: SpaceManipulator, q: FloatArray) -> dict[str, float]:
 
 
 def plan_numbers(sms: SpaceManipulator, made: Trajectory) -> dict[str, Any]:
-    """Return the summary numbers of a plan; keys end in their unit.
+    """Return the summary numbers of a plan; each key ends in the unit of its value.
 
-    `path_over_straight` is the length of the end effector's path divided by the distance between its ends.
-    The joint effort is the integral of the squared joint rates, the torque effort the integral of the squared
-    torques H_q qdd + C_q.
+    `path_over_straight` is the length of the end effector's path divided by the distance between the path's
+    ends. The joint effort is the integral of the squared joint rates. The torque effort is the integral of
+    the squared torques H_q qdd + C_q.
     """
     # Joint rates are linear between nodes, so the integral of their squares is exact.
     first, last = made.joint_rates[:-1], made.joint_rates[1:]
@@ -94,7 +95,7 @@ def plan_numbers(sms: SpaceManipulator, made: Trajectory) -> dict[str, Any]:
 
 
 def plan_summary(plan: Trajectory) -> dict[str, Any]:
-    """Return the settings and results of a plan for the summary of a run; keys end in their unit."""
+    """Return the settings and results of a plan for the summary of a run; keys end in the values' units."""
     late = plan.t >= ARRIVAL_SHARE * plan.duration - 1e-9
     goal, path = None if plan.problem is None else plan.problem.goal, {}
     if isinstance(goal, Path):
@@ -119,9 +120,10 @@ def plan_summary(plan: Trajectory) -> dict[str, Any]:
 
 
 def planned_clearance(sms: SpaceManipulator, plan: Trajectory, mode: str) -> dict[str, Any]:
-    """Return the least clearance of a plan, between the robot's bodies and to obstacles.
+    """Return the least clearance of a plan, and the mode in which it was checked.
 
-    `mode` is the `collision` of `opt.Clearance`.
+    The clearance is between the robot's bodies, or between a body and an obstacle. `mode` is the argument
+    `collision` of `opt.Clearance`.
     """
     checked = {"checked": chosen_mode(sms) if mode == "auto" else mode}
     if plan.problem is None:
@@ -144,7 +146,7 @@ def path_numbers(plan: Trajectory, flown: Tracking | None = None) -> dict[str, f
 
 
 def why_not_reached(made: Trajectory) -> str:
-    """Return the errors and the note of a plan that misses its target; "" if `reached` is true."""
+    """Return a text with the errors and the note of a plan that misses its target; "" if it is reached."""
     if made.reached:
         return ""
     late = made.t >= ARRIVAL_SHARE * made.duration - 1e-9
@@ -157,8 +159,8 @@ def why_not_reached(made: Trajectory) -> str:
     turned = float(made.orientation_error[late].max())
     if turned > made.orientation_reach:
         reasons.append(
-            f"its attitude is up to {np.degrees(turned):.3g} deg off in this time"
-            f" ({np.degrees(made.orientation_reach):.3g} deg are allowed)"
+            f"the end effector's attitude is up to {np.degrees(turned):.3g} deg off in the last tenth of the"
+            f" time ({np.degrees(made.orientation_reach):.3g} deg are allowed)"
         )
     return "; ".join(filter(None, [*reasons, made.note]))
 
@@ -199,7 +201,7 @@ def tracked_numbers(
         "momentum_drift_angular_kg_m2_per_s": float(np.linalg.norm(momentum[:, 3:], axis=1).max()),
         "kinetic_energy_max_J": scale,
         "energy_error_max_J": energy,
-        # Relative to the largest kinetic energy.
+        # The error is divided by the largest kinetic energy.
         "energy_error_relative": energy / scale if scale > 0.0 else 0.0,
         "base": base_numbers(plant, tracking.q),
         **_actuator_numbers(plant, tracking),
@@ -209,7 +211,7 @@ def tracked_numbers(
 def attempt_numbers(
     sms: SpaceManipulator, plan: Trajectory, tracking: Tracking, stopped: str
 ) -> dict[str, Any]:
-    """Return the final errors of a run; `stopped` is the reason for a stop, empty for a complete run."""
+    """Return the final errors of a run; `stopped` is the reason for a stop, "" for a complete run."""
     ended = len(tracking.t) > 0
     return {
         "stopped": stopped,
@@ -221,7 +223,10 @@ def attempt_numbers(
 
 
 def wrist_numbers(tracking: Tracking, sensor: WristSensor, pushes: Sequence[Wrench]) -> dict[str, Any]:
-    """Return the largest loads at a wrist sensor and its limits; `pushes` disturb the end effector."""
+    """Return the largest loads at a wrist sensor and the limits of the sensor.
+
+    `pushes` are wrenches that disturb the end effector.
+    """
     load = tracking.contact_wrench if tracking.contact_wrench.size else np.zeros((len(tracking.t), 6))
     for push in pushes:
         load = load + [push.value(float(t)) for t in tracking.t]
@@ -235,11 +240,11 @@ def joint_numbers(
 ) -> list[dict[str, Any]]:
     """Return for each joint the extremes of the plan, the largest torque of the closed loop, and the limits.
 
-    `torque_limit` (n,) is that of the control law [N m or N].
+    `torque_limit` (n,) is the torque limit of the control law [N m or N].
     """
     limits = sms.limits
     lowest, highest = position_range(plan)
-    rate = np.abs(plan.joint_rates).max(axis=0)  # rates are linear between nodes, so a node has the largest
+    rate = np.abs(plan.joint_rates).max(axis=0)  # rates are linear between nodes, so the maximum is at a node
     acceleration = np.abs(plan.joint_accelerations).max(axis=0)
     torque = np.abs(tracking.tau).max(axis=0)
     ends = np.abs([limits.lower, limits.upper])
@@ -270,7 +275,7 @@ def joint_numbers(
 
 
 def clearance_numbers(least: LeastClearance | None) -> dict[str, Any]:
-    """Return a motion's least clearance, its pair, time and position; all None without a clearance limit."""
+    """Return a motion's least clearance, and its pair, time and position; None for all without a limit."""
     if least is None:
         return {"wanted_m": None, "least_m": None, "pair": None, "time_s": None, "place_m": None}
     required, distance = least.required, least.distance
@@ -279,7 +284,7 @@ def clearance_numbers(least: LeastClearance | None) -> dict[str, Any]:
 
 
 def _frame_numbers(tracking: Tracking) -> dict[str, dict[str, float]]:
-    """Return the final errors of the frames with goals besides the end effector, by frame."""
+    """Return the final errors of frames that have goals besides the end effector, by name of the frame."""
     last = tracking.frame_error[-1]
     return {
         name: {"final_error_m": float(error[0]), "final_error_deg": float(np.degrees(error[1]))}
@@ -288,7 +293,7 @@ def _frame_numbers(tracking: Tracking) -> dict[str, dict[str, float]]:
 
 
 def planned_actuators(sms: SpaceManipulator, plan: Trajectory) -> dict[str, Any]:
-    """Return the predicted use of wheels and thrusters that hold the base; empty without a prediction."""
+    """Return a plan's predicted use of wheels and thrusters; empty without a prediction."""
     numbers: dict[str, Any] = {}
     if sms.wheels is not None and plan.wheel_momentum.any():
         largest = np.abs(plan.wheel_momentum).max(axis=0)
@@ -303,7 +308,7 @@ def planned_actuators(sms: SpaceManipulator, plan: Trajectory) -> dict[str, Any]
 
 
 def _actuator_numbers(plant: SpaceManipulator, tracking: Tracking) -> dict[str, Any]:
-    """Return a summary of wheels and thrusters; empty without a base law."""
+    """Return the use of wheels and thrusters in a simulation; empty without a base law."""
     numbers: dict[str, Any] = {}
     if plant.wheels is not None and tracking.wheel_momentum.shape[1]:
         numbers["wheels"] = [
@@ -335,8 +340,8 @@ def end_effector_deviation(
 ) -> FloatArray:
     """Return the distance (k,) [m] from the simulated to the planned end effector at each planning step.
 
-    A distance is taken at the first control instant at or after each node. If this instant is not a node, the
-    plan is propagated to it exactly from the last node.
+    Each distance is measured at the first control instant at or after a node of the plan. If this instant is
+    between two nodes, the plan is propagated from the earlier node to the instant.
     """
     plant = sms if plant is None else plant
     momentum = plan.momentum if plan.momentum.any() else None

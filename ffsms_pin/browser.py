@@ -1,4 +1,4 @@
-"""The opening of pages in the user's web browser."""
+"""A function that opens a page in the user's web browser."""
 
 from __future__ import annotations
 
@@ -9,6 +9,6 @@ from pathlib import Path
 
 
 def open_in_browser(page: Path) -> bool:
-    """Open a file in the browser, and return whether a display and a browser were available."""
+    """Open a file in the browser; return False if no display or no browser is available."""
     display = any(os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY"))
     return (display or sys.platform in ("darwin", "win32")) and webbrowser.open(page.resolve().as_uri())

@@ -1,4 +1,4 @@
-"""The checks of arguments, which return a clean value or raise `InvalidValue` with the wrong value.
+"""Checks of arguments, which return a checked value or raise `InvalidValue` with the wrong value.
 
 Numbers are checked once, in the functions that users call, for a plausible range. Magnitudes are limited to
 1e9, where float64 still resolves a tenth of a micrometre; no value in orbit is as large (the space station's
@@ -23,16 +23,18 @@ Indices: TypeAlias = NDArray[np.signedinteger[Any]]
 
 LARGEST = 1e9
 SMALLEST_POSITIVE, LARGEST_POSITIVE = 1e-12, 1e12
-# [m] Largest length within a robot or a client: tethers of 30 km have flown, an asteroid of 1e12 kg has 1 km.
+# [m] Largest length within a robot or a client. Tethers of 30 km have flown; an asteroid of 1e12 kg is 1 km
+# wide.
 LONGEST = 1e5
-_LARGEST_INERTIA = 1e18  # [kg m^2]: an asteroid of 1e12 kg has 1e17
+_LARGEST_INERTIA = 1e18  # [kg m^2]; the inertia of an asteroid of 1e12 kg is 1e17
 _SMALLEST_RADIUS = 1e-6  # [m] smallest radius of gyration
-# A centre of mass at this many radii of gyration costs the inertia ten of its sixteen float64 digits.
+# Largest distance of a centre of mass from the frame's origin, in radii of gyration. At this distance an
+# inertia about the origin determines the inertia about the centre of mass to six digits only.
 _MOST_RADII = 1e5
 _FLOAT64 = np.dtype(np.float64)
-# Errors of NumPy for values that are no arrays, such as rows of different lengths.
+# Errors of NumPy for values that are not arrays, such as rows of different lengths.
 _NO_ARRAY = (TypeError, ValueError, OverflowError, RuntimeError)
-MOST_STEPS = 10_000_000  # largest number of steps of a run in memory: some 3 GB for seven joints
+MOST_STEPS = 10_000_000  # largest number of steps of a run, which take some 3 GB of memory for seven joints
 
 
 def _floats(name: str, value: Any) -> FloatArray:
@@ -174,7 +176,7 @@ def positive(name: str, value: Any, unit: str = "") -> float:
 def positives(
     name: str, value: ArrayLike, size: int, unit: str = "", largest: float = LARGEST
 ) -> tuple[float, ...]:
-    """Return finite numbers above zero as a tuple, so that equal values compare equal."""
+    """Return `size` finite numbers above zero as a tuple; unlike arrays, tuples can be compared by ==."""
     numbers = tuple(vector(name, value, size, unit, largest).tolist())
     if min(numbers) <= 0.0:
         raise InvalidValue(name, value, f"must be above zero{unit and f' [{unit}]'}")
@@ -182,7 +184,7 @@ def positives(
 
 
 def limit(name: str, value: Any, unit: str = "") -> float:
-    """Return a number above zero; infinity means no limit."""
+    """Return a limit, which is a number above zero or infinity for no limit."""
     return math.inf if isinstance(value, float) and value == math.inf else positive(name, value, unit)
 
 
@@ -254,7 +256,7 @@ def optional_callable(name: str, value: Any) -> None:
 
 
 def one_of(name: str, value: Any, choices: Collection[str]) -> str:
-    """Check that `value` is one of `choices`, which may be a dictionary's keys."""
+    """Return `value` if it is one of `choices`, else raise `InvalidValue`."""
     if not isinstance(value, str) or value not in choices:
         raise InvalidValue(name, value, "must be " + " or ".join(f'"{choice}"' for choice in choices))
     return value
@@ -290,7 +292,7 @@ def common_length(rows: Mapping[str, Sequence[Any]]) -> int:
 
 
 def per_joint(name: str, value: Any, n: int, unit: str = "") -> FloatArray:
-    """Return numbers (n,) from one number or n numbers."""
+    """Return n numbers (n,), from a single number for all joints or from n numbers."""
     if dimensions(name, value) == 0:
         return np.full(n, number(name, value))
     return vector(name, value, n, unit)
@@ -305,7 +307,7 @@ def one_each(
     least: float = SMALLEST_POSITIVE,
     largest: float = LARGEST,
 ) -> FloatArray:
-    """Return read-only numbers (count,) between `least` and `largest`, from one or `count` numbers.
+    """Return read-only numbers (count,) between `least` and `largest`, from a single number or `count`.
 
     Infinity is accepted if `largest` is infinite.
     """
@@ -314,7 +316,7 @@ def one_each(
     if array.dtype.kind not in "fiu" or array.shape not in ((), (count,)):
         raise InvalidValue(name, value, f"must be one number or ({count},){of}")
     numbers = np.full(count, array, dtype=np.float64)
-    if not ((numbers >= least) & (numbers <= largest)).all():  # true for NaN, too
+    if not ((numbers >= least) & (numbers <= largest)).all():  # also refuses NaN
         message = f"must be {'above' if least else 'at least'} zero{of}"
         raise InvalidValue(
             name, value, message if largest == math.inf else f"{message}, and at most {largest:g}"
@@ -323,7 +325,7 @@ def one_each(
 
 
 def rotation(name: str, value: Any) -> FloatArray:
-    """Copy `value` as a rotation matrix (3, 3); raise `InvalidValue` for reflections and scaled matrices."""
+    """Return a copy of a rotation matrix (3, 3); raise `InvalidValue` for reflections and scaled matrices."""
     turn = matrix(name, value, 3, 3)
     if np.abs(turn.T @ turn - np.eye(3)).max() > 1e-6 or np.linalg.det(turn) < 0.0:
         raise InvalidValue(name, value, "must have a rotation matrix, without scaling or reflection")

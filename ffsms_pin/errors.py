@@ -1,4 +1,4 @@
-"""The errors of the library: a root class, and a subclass for each cause with the values as attributes."""
+"""The errors of the library: a root class, and a subclass for each cause."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ def meant(name: str | Path, known: Iterable[str], before: str = "") -> str:
 
 
 def advised(message: str, advice: str, known: Container[str] | None = None) -> str:
-    """Replace the advice for Python in an error's text, such as `load(..., key=VALUE)`, by other advice.
+    """Replace advice on Python calls in an error's text, such as `load(..., key=VALUE)`, by other advice.
 
     `advice` is a format with {key}, {option} (the key as an option of the command line), {value}, and
     {listed} (the value in TOML). Advice on keys that are not in `known` is not replaced.
@@ -106,9 +106,9 @@ class PartError(FfsmsError, ValueError):
 
 
 class ModelNotFound(FfsmsError, FileNotFoundError):
-    """A robot's name is neither that of a packaged model nor a file.
+    """A robot is neither the name of a packaged model nor the path of a file.
 
-    `remedy` is the advice in the message; default: a similar name.
+    `remedy` is the advice in the message. Default: a question with a similar name.
     """
 
     def __init__(self, name: str | Path, packaged: Sequence[str], remedy: str = "") -> None:
@@ -148,7 +148,7 @@ class InvalidInertia(InvalidUrdf):
 
 
 class UnsupportedJoint(InvalidUrdf):
-    """A joint cannot be used, such as one with several degrees of freedom, or the robot has no joint."""
+    """The robot has no joint, or a joint that cannot be used, such as one with several degrees of freedom."""
 
 
 class FrameNotFound(FfsmsError, KeyError):
@@ -206,7 +206,7 @@ def installed(extra: str) -> bool:
 
 
 def require(extra: str, needed_for: str) -> None:
-    """Raise `DependencyMissing`, with the command that installs the extra, if a module of it is missing.
+    """Raise `DependencyMissing`, with the command that installs the extra, if one of its modules is missing.
 
     Parameters
     ----------
@@ -293,7 +293,7 @@ class TasksFailed(FfsmsError, RuntimeError):
     failures : dict of int to Exception
         The errors by index of the task in the sequence.
     results : list
-        The results of all tasks; None for those that failed.
+        The results of all tasks; None for failed tasks.
     """
 
     def __init__(self, failures: dict[int, Exception], results: list[Any]) -> None:
@@ -314,7 +314,7 @@ class FfsmsWarning(UserWarning):
 
 
 def length_text(metres: float) -> str:
-    """Return a length with its unit: millimetres below 1 m, metres from there on."""
+    """Return a length with its unit: millimetres below 1 m, else metres."""
     return f"{1e3 * metres:.3g} mm" if abs(metres) < 1.0 else f"{metres:.4g} m"
 
 
@@ -335,8 +335,8 @@ _LIBRARIES = frozenset({"numpy", "scipy", "pinocchio", "coal", "proxsuite", "daq
 def numerical_errors(task: str) -> Iterator[None]:
     """Convert errors of NumPy, SciPy, Pinocchio and solvers into `NumericalError`; also a decorator.
 
-    It wraps functions that users call, such as `opt.plan` or `simulate`. Exceptions of a user's own function,
-    controller or term pass unchanged.
+    `numerical_errors` wraps functions that users call, such as `opt.plan` or `simulate`. Exceptions of a
+    user's own function, controller or term pass unchanged.
     """
     try:
         yield

@@ -1,4 +1,4 @@
-"""The atomic writing of files, and the reading of files with errors that describe a faulty file."""
+"""Functions that write files atomically, and read files with errors that describe a faulty file."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ from numpy.typing import NDArray
 
 from ffsms_pin.errors import FfsmsError, InvalidValue, ResultError
 
-LARGEST_TEXT = 2**26  # [bytes] of a robot, a scenario or a summary: hundreds of times the usual size
-LARGEST_DATA = 2**31  # [bytes] of a table or a mesh: an hour at 1 kHz in CSV
+LARGEST_TEXT = 2**26  # [bytes] size of a robot, scenario or summary file; hundreds of times the usual size
+LARGEST_DATA = 2**31  # [bytes] size of a table or mesh; a CSV table of an hour at 1 kHz
 
-_LONGEST_NAME = 255  # [bytes] of one part of a path, the limit of file systems
+_LONGEST_NAME = 255  # [bytes] length of a file's or folder's name, the limit of file systems
 _KINDS = {
     stat.S_IFDIR: "a folder",
     stat.S_IFIFO: "a pipe",
@@ -95,11 +95,11 @@ def read_content(path: str | os.PathLike[str], largest: int = LARGEST_TEXT) -> b
     """Return the bytes of a file; errors as in `check_readable`."""
     check_readable(path, largest)
     with open(path, "rb") as file:
-        return file.read(min(largest, os.fstat(file.fileno()).st_size))  # read() allocates the whole size
+        return file.read(min(largest, os.fstat(file.fileno()).st_size))  # read(largest) allocates `largest`
 
 
 def read_json(path: str | os.PathLike[str]) -> dict[str, Any]:
-    """Read a mapping from a JSON file; raise `ResultError` if it cannot be read or holds no mapping."""
+    """Return the object in a JSON file; raise `ResultError` if the file is unreadable or has no object."""
     try:
         with wrap_os_error(path, "read"):
             content = json.loads(read_content(path))
@@ -111,7 +111,7 @@ def read_json(path: str | os.PathLike[str]) -> dict[str, Any]:
 
 
 def read_toml(path: str | os.PathLike[str]) -> dict[str, Any]:
-    """Read a TOML file; raise `ResultError` if it cannot be read or is not TOML."""
+    """Return the table in a TOML file; raise `ResultError` if the file is unreadable or not TOML."""
     try:
         with wrap_os_error(path, "read"):
             return tomllib.loads(read_content(path).decode("utf-8-sig"))
@@ -175,12 +175,12 @@ def check_shapes(
     shapes: Mapping[str, tuple[str | int, ...]],
     kinds: Mapping[str, str] | None = None,
 ) -> None:
-    """Raise `ResultError` unless arrays have the expected kinds of data and shapes that fit together.
+    """Raise `ResultError` unless arrays have the expected kinds of data and consistent shapes.
 
     A dimension in `shapes` is a number, the name of a size ("N", "n", "nq"), or a name plus a number
     ("N+1"). The first array with a named size sets its value. If both "n" (joints) and "nq" are named, nq
     must be 7 + n to 7 + 2 n, because a free base has 7 entries of q, a continuous joint 2 and any other
-    joint 1. `kinds` maps the names of arrays that are not numeric to NumPy's letter of their data type.
+    joint 1. `kinds` maps the names of arrays that are not numeric to NumPy's letter for their kind of data.
     """
     sizes: dict[str, int] = {}
     for name, dimensions in shapes.items():
@@ -196,7 +196,7 @@ def check_shapes(
             if len(array.shape) == len(dimensions):
                 sizes.setdefault(size_name, array.shape[k] - int(added or 0))
             size = sizes.get(size_name)
-            # A negative size remains as it is, so that no array fits.
+            # A negative size is not changed, so no array can have the expected shape.
             expected.append(size if size is None or size < 0 else size + int(added or 0))
         if array.shape != tuple(expected):
             fit = ", ".join("any" if size is None else "more" if size < 0 else str(size) for size in expected)
@@ -218,7 +218,7 @@ def check_times(path: str | os.PathLike[str], t: NDArray[np.float64], least: int
 
 
 def numbers_by_name(path: str | os.PathLike[str], name: str, text: str, rows: bool = False) -> dict[str, Any]:
-    """Parse a JSON object of numbers, or of lists of numbers if `rows`, into arrays."""
+    """Parse a JSON object of numbers; if `rows` is True, parse an object of lists into arrays (k,)."""
     try:
         table = json.loads(text)
         if rows:
@@ -290,7 +290,7 @@ def regular_target(path: str | os.PathLike[str]) -> Path:
 
 
 def check_writable(path: str | os.PathLike[str]) -> Path:
-    """Resolve the links of a path; raise `ResultError` if the file cannot be written, before a long run."""
+    """Check before a long run that a file can be written, and return its path with all links resolved."""
     target = regular_target(path)
     with wrap_os_error(path):
         temporary = hidden_path(target.parent, target.name)

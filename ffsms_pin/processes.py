@@ -32,7 +32,7 @@ def map_in_processes(
     jobs: int | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> list[T]:
-    """Return the results of `work(task)` in the order of the tasks, each computed on a copy of the task.
+    """Return the results of `work(task)` in the order of the tasks; `work` gets a copy of each task.
 
     Parameters
     ----------

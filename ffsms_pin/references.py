@@ -17,13 +17,14 @@ Sample: TypeAlias = tuple[FloatArray, FloatArray, FloatArray]
 
 @runtime_checkable
 class Reference(Protocol):
-    """A desired joint motion towards a target.
+    """A desired joint motion towards a target, such as a planned `Trajectory`.
 
-    A planned `Trajectory` is a reference. A reference that also derives from `Observer` observes the run.
-    Three more attributes are used if a reference has them:
+    A reference that also derives from `Observer` observes the run. `simulate` uses three more attributes if a
+    reference has them:
 
     - ``q``, an array of rows (nq,): its first row is the start of the plant if `simulate` has no `q0`.
-    - ``momentum``, (6,) or None: the total momentum of the plant at the start, unless `simulate` has another.
+    - ``momentum``, (6,) or None: the total momentum of the plant at the start, unless `simulate` has a
+      `momentum`.
     - ``base_mode``, a mode of `opt.Problem`, default "floating". Unless `simulate` has `v0` or `momentum`,
       the base starts with zero velocity in the directions that the mode holds.
     """
@@ -47,9 +48,9 @@ class Reference(Protocol):
 class Observer(Protocol):
     """An observer of a closed loop, such as a re-planning reference or an adaptive controller.
 
-    Derive from this class and override the methods that you need; the others do nothing. `simulate` calls the
-    methods of its reference and its controller. An object that has some of these methods but does not derive
-    from this class is rejected, because a misspelt method would never be called.
+    Derive from this class and override the methods that you need; the other methods do nothing. `simulate`
+    calls the methods of its reference and its controller. An object that has some of these methods but does
+    not derive from this class is rejected, because its methods would never be called.
 
     Attributes
     ----------
@@ -57,7 +58,8 @@ class Observer(Protocol):
         True if the motion is re-planned from the measured state. By default noisy measurements are then
         filtered by an `Estimator`.
     needs_wrist : bool
-        True if `observe_wrench` must be called: a run without a `WristSensor` is then rejected.
+        True if the observer needs the calls of `observe_wrench`. A run without a `WristSensor` is then
+        rejected.
     failed_in_a_row : int
         The number of consecutive planning steps without a solution, for `Guards.failed_steps`.
     """
@@ -79,11 +81,11 @@ class Observer(Protocol):
         return
 
     def observe_wrench(self, t: float, wrench: FloatArray) -> None:
-        """Process the `WristSensor`'s wrench (6,) on the end effector, in its axes [N; N m]."""
+        """Process the `WristSensor`'s wrench (6,) on the end effector, end-effector frame [N; N m]."""
         return
 
     def joint_failed(self, joint: int, locked: bool) -> None:
-        """Process the failure of a joint (index from 0), which is `locked` or else has no motor torque."""
+        """Process the failure of a joint (index from 0): `locked`, or without motor torque."""
         return
 
     def observe_robot(self, robot: Any) -> None:

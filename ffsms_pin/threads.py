@@ -1,4 +1,4 @@
-"""The limit of one BLAS thread, a lock for single-threaded objects, and a base class of constant objects."""
+"""A limit to one BLAS thread, a lock for single-threaded objects, and a base class of constant objects."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def one_blas_thread() -> Iterator[None]:
 
 @lru_cache(maxsize=2)
 def _controller(with_scipy: bool) -> Any:
-    """Return the controller of all loaded BLAS libraries, from a cache because it takes milliseconds."""
+    """Return the controller of all loaded BLAS libraries, cached because it takes milliseconds to create."""
     from threadpoolctl import ThreadpoolController
 
     return ThreadpoolController()
@@ -47,14 +47,14 @@ class InUse(FfsmsError, RuntimeError):
 class OneThread:
     """A context manager that only one thread at a time can enter; a second thread raises `InUse`.
 
-    A copy is not reserved for any thread.
+    Copies and unpickled objects are not reserved for a thread.
 
     Parameters
     ----------
     text : str
         The text of the error.
     for_good : bool
-        True to reserve the object for its first thread, also after the block.
+        True to reserve the object for the first thread that enters it, also after that thread leaves it.
     """
 
     def __init__(self, text: str, for_good: bool = False) -> None:

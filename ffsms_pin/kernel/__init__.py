@@ -2,8 +2,8 @@
 
 `kernel` is the compiled module; its headers are C++17 and do not depend on Python. Arrays are of float64,
 components first, configurations last: a function takes (components, ...) and returns (components, B), which
-the caller reshapes. For processors with AVX2 the same sources are compiled a second time, if the compiler
-can; the results have the same bits.
+the caller reshapes. If the compiler supports AVX2, the same sources are compiled a second time for processors
+with AVX2; the results have the same bits.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
-// The robot as numbers: a base and a tree of revolute and prismatic joints, each with the body it carries.
+// The robot as numbers: a base, and a tree of revolute and prismatic joints with a body on each joint.
 // Kinematics and momentum of the arm at one configuration, or at one configuration per lane of a pack.
 //
-// All quantities are in base axes with the root's origin at zero, and so depend on the joint positions alone.
-// Column j is per unit rate of joint j.
+// All quantities are in base axes with the root's origin at zero, so they depend on the joint positions
+// alone. Column j of a Jacobian is the value per unit rate of joint j.
 #pragma once
 
 #include "vec3.hpp"
@@ -32,9 +32,9 @@ struct Joint {
   int own_axis;         // index of the frame axis that is the joint axis; -1: no frame axis
   Vec3<double> axis;    // unit vector in the joint frame
   Placed place;         // pose of the joint frame in the parent's frame
-  bool moves_tip;       // true if it carries the end effector
-  Body body;            // the body it carries
-  double carried_mass;  // mass of all bodies that it moves [kg]
+  bool moves_tip;       // true if the joint moves the end effector
+  Body body;            // the body on the joint
+  double carried_mass;  // mass of all bodies that the joint moves [kg]
 };
 
 struct Tree {
@@ -46,12 +46,13 @@ struct Tree {
   Vec3<double> base_com;      // the base's centre of mass, root axes [m]
   Vec3<double> base_moment;   // the base's mass times base_com [kg m]
   Mat3<double> base_inertia;  // the base's inertia about the root's origin [kg m^2]
-  // True if the mode lets the base translate, and rotate; otherwise the mass or inertia is taken as infinite.
+  // True if the base can translate, and if it can rotate, in the mode of the base. If the base's position is
+  // held, the mass is taken as infinite; if its attitude is held, the inertia.
   bool moves, turns_freely;
   double inverse_mass;  // 1 / total_mass, or 0 if the base's position is held [1/kg]
 };
 
-// Sets the values that follow from the joints, the end effector, the mode and the base.
+// Computes the members that follow from the joints, the end effector, the mode and the base.
 inline void complete(Tree& tree, const Body& base) {
   tree.total_mass = base.mass;
   tree.base_com = base.lever;
@@ -86,7 +87,7 @@ struct Arm {
   Mat3<T> inertia[kMostJoints];
   // Momentum on a fixed base; the angular momentum is about the origin.
   Vec3<T> linear[kMostJoints], angular[kMostJoints];
-  Vec3<T> com;      // centre of mass of the system; that of the base if the base's position is held
+  Vec3<T> com;      // centre of mass of the system, or of the base if the base's position is held
   Mat3<T> inverse;  // inverse of the system's inertia about com; zero if the attitude is held
   // Angular and linear velocity of the root of the floating base, from the momentum equation.
   Vec3<T> spin[kMostJoints], root[kMostJoints];

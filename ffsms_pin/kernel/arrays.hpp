@@ -1,5 +1,5 @@
-// Conversions between Python's arrays and the types of the headers; in arrays of doubles the components come
-// first, the configurations last.
+// Conversions between Python's arrays and the types of the headers. The first axes of an array of doubles are
+// the components, the last axes are the configurations.
 #pragma once
 
 #include <nanobind/nanobind.h>
@@ -24,7 +24,7 @@ using Vector = Table<double, -1>;
 using Matrix = Table<double, -1, -1>;
 using Indices = Table<Index, -1>;
 using Out = nb::ndarray<nb::numpy, double, nb::c_contig>;
-static_assert(sizeof(Pack) == kLanes * sizeof(double), "a pack is what lies in memory");
+static_assert(sizeof(Pack) == kLanes * sizeof(double), "a pack must be stored as contiguous doubles");
 
 inline void expect(bool holds, const char* what) {
   if (!holds) throw std::invalid_argument(what);
@@ -35,7 +35,7 @@ void expect_size(const Array& array, Size size) {
   expect(array.size() == size, "an array has a wrong shape");
 }
 
-// Returns a new array, not filled, that Python owns once it is returned.
+// Returns a new uninitialised array whose memory Python frees.
 template <typename... Sizes>
 Out new_array(Sizes... sizes) {
   const Size shape[] = {static_cast<Size>(sizes)...};
@@ -76,7 +76,7 @@ void bind_step(nb::module_& m);
 
 namespace nanobind::detail {
 
-// Converts a contiguous array to a struct that has only doubles, as many as the array.
+// Converts a contiguous array to a struct that has only doubles, the same number as the array.
 template <class Kind>
 struct type_caster<Kind, enable_if_t<ffsms::kOfNumbers<Kind>>> {
   NB_TYPE_CASTER(Kind, const_name("numpy.ndarray"))

@@ -5,7 +5,8 @@
 namespace ffsms {
 namespace {
 
-// The arm and obstacles at one of many joint positions (n, count); `move` and `look` select and evaluate it.
+// The arm and the obstacles at one of the joint positions (n, count). `move` selects the joint positions, and
+// `look` evaluates the arm.
 struct ArmAt {
   const Tree& tree;
   const Matrix& joints;
@@ -49,17 +50,17 @@ struct ArmAt {
   }
 };
 
-constexpr double kExact = 1e-7;  // [m] largest difference of upper and lower bounds of an exact distance
+constexpr double kExact = 1e-7;  // [m] largest difference of the bounds of a distance that is taken as exact
 
 // Returns distances (V) and nearest points (V, 3, 3), in the first body's axes, of V entries (pair of bodies,
 // configuration). A distance that is not below `near` is a lower bound without points.
 //
-// Also returns the entries with pairs of parts that coal must measure, because the parts overlap or a part
-// has no corners: for each, the entry's index, these pairs with a lower bound each, and the pose (12,) of the
-// second body relative to the first, its attitude and then its position.
+// If parts overlap or a part has no corners, coal must measure the distance. For each such entry the third
+// result has the index of the entry, the pairs of parts with their lower bounds, and the pose (12,) of the
+// second body relative to the first (attitude, then position).
 //
-// `reaches` (pairs, n) bounds the rate of each distance per unit rate of each joint. With these bounds most
-// pairs need not be measured again from one configuration to the next.
+// `reaches` (pairs, n) are upper bounds of the rate of each distance per unit rate of each joint. With these
+// bounds most pairs need not be measured again at the next configuration.
 nb::tuple near_parts(const Tree& tree, Matrix joints, Table<double, 3, 3, -1, -1> turns,
                      Table<double, 3, -1, -1> origins, Indices columns, Indices at, Vector near,
                      Table<double, -1, 17> bodies, Table<double, -1, 17> parts, Table<Index, -1, 2> ends,
@@ -149,7 +150,7 @@ nb::tuple near_parts(const Tree& tree, Matrix joints, Table<double, 3, 3, -1, -1
 }
 
 // Returns distances (V) and nearest points (V, 3, 3) of the paper's points. A row of `ends` has the index of
-// a point (the joints' origins, then the end effector), and that of another point, or -1 for the box.
+// a point (the joints' origins, then the end effector), and the index of another point, or -1 for the box.
 nb::tuple near_points(const Tree& tree, Matrix joints, Indices columns, Indices at, Table<Index, -1, 2> ends,
                       const Box& box) {
   ArmAt seen(tree, joints);
@@ -167,9 +168,9 @@ nb::tuple near_points(const Tree& tree, Matrix joints, Indices columns, Indices 
   return nb::make_tuple(distance, points);
 }
 
-// Returns gradients (n, V) of distances by the joint positions with a fixed base, and (3, 3, V) the nearest
-// points on the first and second body and the normal, in base axes. A row of `bodies` (m, 3) has the two
-// bodies of a pair, and the body in whose axes the given `points` (V, 3, 3) are.
+// Returns the gradients (n, V) of distances by the joint positions on a fixed base, and in base axes the
+// nearest points and the normal (3, 3, V). A row of `bodies` (m, 3) has the two bodies of a pair, and the
+// body in whose axes the entries of `points` (V, 3, 3) are.
 nb::tuple distance_slopes(const Tree& tree, Matrix joints, Table<Index, -1, 3> bodies, Indices columns,
                           Indices at, Table<double, -1, 3, 3> points) {
   ArmAt seen(tree, joints);

@@ -26,8 +26,8 @@ using GivenResidual =
   throw std::invalid_argument(name + " of a residual or a motion has a wrong shape");
 }
 
-// Returns an array with axes of these sizes, where zero means that the array has no such axis. An axis of
-// length 1 is repeated.
+// Returns an array with axes of the given sizes. A size of zero stands for a missing axis. An axis of length
+// 1 is repeated.
 Strided strided(const Slope& array, const Size (&sizes)[5], const char* name) {
   Strided out = {array.data(), {}};
   Size axis = array.ndim();
@@ -50,8 +50,8 @@ const Index* checked(const Indices& array, Size count, Size end, const char* nam
 }
 
 // Returns attitudes (9, 2 N + 1) at the nodes and in the middles of N steps, from angular velocities
-// (3, 2 N + 1) in base axes at the same instants. A whole step uses Simpson's rule and one commutator, the
-// first half of a step the parabola through the same three points.
+// (3, 2 N + 1) in base axes at the same instants. A whole step uses Simpson's rule and one commutator. The
+// first half of a step uses the parabola through the same three points.
 Out attitudes(const Mat3<double>& start, const Table<double, 3, -1>& omega, double dt) {
   const Size count = omega.shape(1);
   Out out = new_array(9, count);
@@ -69,9 +69,9 @@ Out attitudes(const Mat3<double>& start, const Table<double, 3, -1>& omega, doub
   return out;
 }
 
-// Integrates a system with a total momentum under joint accelerations (n, N), each constant for dt. Returns
-// the states (12 + 2 n, N + 1) at the nodes, beginning with `start`: attitude and position of the root, joint
-// positions and rates.
+// Integrates a system with a total momentum under joint accelerations (n, N) that are constant within each
+// step of length dt. Returns the states (12 + 2 n, N + 1) at the nodes, the first equal to `start`. A state
+// has the attitude and position of the root, then the joint positions and rates.
 Out roll_out(const Tree& tree, const Vector& start, const Matrix& accelerations, const Momentum& momentum,
              double dt) {
   const int n = tree.n, rows = 12 + 2 * n;
@@ -116,7 +116,7 @@ Out roll_out(const Tree& tree, const Vector& start, const Matrix& accelerations,
 Quadrature quadrature_of(const GivenQuadrature& given) {
   const auto& [to_points, over, late] = given;
   const Size intervals = over.shape(0), gauss = over.shape(1);
-  expect(gauss <= kMostGauss, "the kernel takes at most 8 points an interval");
+  expect(gauss <= kMostGauss, "the kernel takes at most 8 Gauss points per interval");
   expect_size(to_points, intervals * gauss * gauss);
   return {static_cast<int>(intervals), static_cast<int>(gauss), late, to_points.data(), over.data()};
 }
@@ -164,13 +164,13 @@ Residual residual_of(const GivenResidual& given, Size n, Size motions, Size inst
     const bool all = (i >= kVectors && i < kOwnJoint) || i == kCoupling;
     const Size components = i < kVectors ? 3 : i == kCoupling ? 6 : 0;
     out.by[i] = strided(found->second, {rows, components, all ? n : 0, S, count}, kNames[i]);
-    expect(i < kOwnJoint || i >= kEntropy || rows == n, "slopes by own joints are of one number a joint");
+    expect(i < kOwnJoint || i >= kEntropy || rows == n, "own slopes need a residual with one row per joint");
   }
   return out;
 }
 
-// Adds the sums of the chosen ones of S motions (rows, S, K) to gradients (S, M n) and Hessians
-// (S, M n, M n).
+// Adds the sums of selected motions to gradients (S, M n) and Hessians (S, M n, M n). `motions` (rows, S, K)
+// has S motions, and `chosen` has the indices of the selected motions.
 void sums(const Tree& tree, const Table<double, 3, -1, -1>& maps, const GivenQuadrature& quadrature,
           const Table<double, -1, -1, -1>& motions, const std::vector<GivenResidual>& residuals,
           const Indices& chosen, const InOut& gradient, const InOut& hessian,
@@ -186,7 +186,7 @@ void sums(const Tree& tree, const Table<double, 3, -1, -1>& maps, const GivenQua
   checked(chosen, chosen.shape(0), S, "a chosen motion");
   expect_size(gradient, S * size);
   expect_size(hessian, S * size * size);
-  // The memory, a megabyte, is kept between calls, because allocating it would take as long as the sums.
+  // The memory (about 1 MB) is kept between calls, because its allocation would take as long as the sums.
   thread_local std::vector<double> room;
   room.resize(std::max(room.size(), Sums::needed(tree, spline, by)));
   const MotionRows all = {motions.data(), S * K, entropy, momentum.value_or(Vec3<double>{})};

@@ -21,7 +21,7 @@ using Twist = Table<double, 6>;
 // slack variable, 0 for a hard limit.
 using Rows = std::tuple<nb::ndarray<const double, nb::ndim<2>, nb::device::cpu>, Vector, Vector, double>;
 
-// The state of a step besides the columns and V; see opt/step/state.py.
+// The values of a step's state except the columns and V; see opt/step/state.py.
 struct State {
   Vec3<double> tip, com;
   Momentum drift, tip_drift;  // twists
@@ -71,7 +71,7 @@ Out rate_bounds(const Table<double, 4, -1>& limits, const Vector& joints, const 
     const double down = greatest_rate(joints(j) - limits(0, j), -rates(j), velocity, acceleration, dt);
     const double up = greatest_rate(limits(1, j) - joints(j), rates(j), velocity, acceleration, dt);
     bounds.data()[j] = -down;
-    bounds.data()[n + j] = std::max(up, -down);  // without room to brake both are the lower bound
+    bounds.data()[n + j] = std::max(up, -down);  // if the joint cannot stop in time, both bounds are equal
   }
   return bounds;
 }
@@ -88,7 +88,7 @@ nb::tuple stacked_rows(const Matrix& V, const std::vector<Rows>& limits) {
     return &A[A.size() - size];
   };
   for (const auto& [G, lower, upper, give] : limits) {
-    // Each side of a soft limit is a row of its own.
+    // A soft limit has a row for its lower bound and a row for its upper bound.
     const bool gives = give != 0.0;
     for (int side = 0; side < (gives ? 2 : 1); ++side) {
       for (Size r = 0; r < lower.shape(0); ++r) {

@@ -5,8 +5,8 @@
 
 namespace ffsms {
 
-// Subtracts the sum over k of factor k times row k, k < count, from the entries `begin` to `end` of a row. It
-// takes four rows at a time, so each entry is loaded and stored a quarter as often.
+// Subtracts the sum over k of factor k times row k, k < count, from the entries `begin` to `end` of a row.
+// The sum is taken over four rows at a time, so each entry is loaded and stored a quarter as often.
 inline void subtract_rows(double* row, const double* factors, const double* rows, int step, int wide,
                           int count, int begin, int end) {
   int k = 0;

@@ -12,8 +12,8 @@ namespace ffsms {
 
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
-// The nearest points on the first and second body, and the unit normal: the direction of motion of the second
-// body in which the distance grows fastest.
+// The nearest points on the first and second body, and the unit normal. The distance grows fastest if the
+// second body moves along the normal.
 struct Nearest {
   Vec3<double> here, there, normal;
 };
@@ -26,9 +26,10 @@ struct Cover {
   Vec3<double> half;  // half the box's sides
   Mat3<double> axes;  // the box's axes, as columns
 };
-static_assert(sizeof(Cover) == 17 * sizeof(double), "Python hands covers over as rows of 17 numbers");
+static_assert(sizeof(Cover) == 17 * sizeof(double), "Python passes covers as rows of 17 numbers");
 
-// Returns the distance of a ball from the box; `way` is the vector from the box's centre to the ball's.
+// Returns the distance of a ball from the box, or minus infinity if the ball's centre is in the box. `way` is
+// the vector from the box's centre to the ball's centre.
 inline double outside(const Cover& box, const Vec3<double>& way, double radius) {
   const Vec3<double> along = transposed(box.axes) * way;
   Vec3<double> far;
@@ -37,8 +38,9 @@ inline double outside(const Cover& box, const Vec3<double>& way, double radius) 
   return dot(far, far) > 0.0 ? std::sqrt(dot(far, far)) - radius : -kInfinity;
 }
 
-// Returns a lower bound of the distance of two covers, by the balls, and if that is below `near` by the
-// boxes, too. `seen` is the pose of the second body relative to the first.
+// Returns a lower bound of the distance of two covers: the distance of the balls, and if this distance is
+// below `near`, the larger distance of each ball from the other cover's box. `seen` is the pose of the second
+// body relative to the first.
 inline double bound(const Cover& one, const Cover& other, const Placed& seen, double near) {
   const Vec3<double> way = seen.origin + seen.turn * other.centre - one.centre;
   double least = std::sqrt(dot(way, way)) - one.radius - other.radius;
@@ -70,8 +72,10 @@ struct Hull {
   }
 };
 
-// Points `apart` of the Minkowski difference of two parts, second minus first, with the points `here` of the
-// first part; and the point of their hull nearest to the origin, with its weights.
+// The simplex of the algorithm of Gilbert, Johnson and Keerthi. `apart` are points of the Minkowski
+// difference of two parts (second minus first), and `here` are the corresponding points of the first part.
+// `nearest` is the point of the hull of `apart` nearest to the origin, the sum of `apart` with the weights
+// `weight`.
 struct Simplex {
   int count = 0;
   Vec3<double> here[4], apart[4], nearest;
@@ -83,8 +87,8 @@ struct Simplex {
     here[count] = a;
     apart[count] = w;
     for (int face = 0; face < 1 << count; ++face) {
-      // Edges of the face from the new point; those of points not on the face are zero. The nearest point is
-      // orthogonal to all edges.
+      // The edges of the face from the new point; an edge to a point that is not on the face is zero. The
+      // vector to the nearest point is orthogonal to all edges.
       Vec3<double> edge[3], gram[3], side, part;
       for (int i = 0; i < 3; ++i) {
         edge[i] = face >> i & 1 ? apart[i] - w : Vec3<double>{};
@@ -121,8 +125,8 @@ struct Gap {
 };
 
 // Returns bounds of the distance of two convex parts by the algorithm of Gilbert, Johnson and Keerthi. The
-// bounds meet unless the parts overlap, are at least `stop` apart, or one has no corners. `way` is an initial
-// guess of a separating direction, or zero, and is replaced by the direction found.
+// bounds are equal to rounding unless the parts overlap, are at least `stop` apart, or one part has no
+// corners. `way` is an initial guess of a separating direction, or zero; the result replaces it.
 inline Gap gap(const Hull& one, const Hull& other, const Placed& seen, double stop, Vec3<double>& way) {
   constexpr int kTries = 64;
   constexpr double kRounding = 1e-12, kTouching = 1e-9;  // [m]
@@ -157,8 +161,8 @@ struct Box {
   Vec3<double> centre, half;
 };
 
-// Returns the distance of the point `there` from the face of a box beyond which it is furthest, negative
-// inside, and sets the normal.
+// Returns the signed distance of the point `there` from a face of a box, negative inside, and sets the normal
+// to that of the face. The face is the one with the largest signed distance.
 inline double from_box(const Box& box, Nearest& found) {
   const Vec3<double> place = transposed(box.rotation) * (found.there - box.centre);
   int face = 0;
@@ -170,7 +174,7 @@ inline double from_box(const Box& box, Nearest& found) {
   return std::fabs(place[face]) - box.half[face];
 }
 
-// Returns the distance of the two points, and sets the normal.
+// Returns the distance of the points `here` and `there`, and sets the normal to the direction between them.
 inline double from_point(Nearest& found) {
   constexpr double kLeast = 1e-12;  // [m] below this distance the normal is not a unit vector
   const Vec3<double> apart = found.there - found.here;
@@ -179,8 +183,9 @@ inline double from_point(Nearest& found) {
   return distance;
 }
 
-// Adds to the gradient (n, `stride` apart) of a distance the part due to the motion of a point of a body,
-// with a fixed base. `side` is 1 for the second body of the pair and -1 for the first.
+// Adds the part of a distance's gradient by the joint positions that is due to the motion of a point of a
+// body on a fixed base. The n entries of `gradient` are `stride` doubles apart. `side` is 1 for the second
+// body of the pair and -1 for the first.
 inline void add_slopes(const Tree& tree, const Arm<double>& arm, std::int64_t body, const Vec3<double>& point,
                        const Vec3<double>& normal, double side, double* gradient, std::int64_t stride) {
   if (body >= tree.n) return;  // an obstacle, which no joint moves

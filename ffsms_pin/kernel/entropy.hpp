@@ -16,10 +16,10 @@ namespace ffsms {
 
 constexpr int kMostRows = 6;  // of C_bm and of J*
 
-// Two columns are taken as orthogonal below these squares: of their cosine, and of their product relative to
-// the whole matrix.
+// Two columns are taken as orthogonal if the square of their cosine is below kAcross, or the square of their
+// dot product relative to the whole matrix is below kNegligible.
 constexpr double kAcross = 1e-31, kNegligible = 1e-34;
-// More sweeps than any matrix has needed; six are usual.
+// Largest number of sweeps, which no matrix has needed; six are usual.
 constexpr int kMostSweeps = 30;
 
 // Makes two columns (m) orthogonal by a rotation, and applies it to two columns (n) of V. Lanes with
@@ -108,10 +108,11 @@ int singular_values(int rows, int n, const T* C, T* V, T* sigma, const T& scale 
   return k;
 }
 
-// Smaller singular values are replaced by this one, at which x log x is zero to rounding and its slope
-// finite.
+// Smaller singular values are replaced by this value, at which x log x is zero to rounding and has a finite
+// slope.
 constexpr double kLeastValue = 1e-12;
-// The same relative to the largest: below this share, the directions of singular vectors are rounding errors.
+// Singular values below this share of the largest are replaced by the share, because the directions of their
+// singular vectors are rounding errors.
 constexpr double kLeastShare = 1e-8;
 
 // Returns H_norm of C (rows, n), and computes its gradient (rows, n).

@@ -1,5 +1,5 @@
-// The module: the class Tree, and functions at many configurations, from arrays (rows, ...) to new arrays
-// (rows, B). Shapes are checked in the bindings, the headers compute.
+// The Python module: the class Tree, and functions that map arrays (rows, ...) of many configurations to new
+// arrays (rows, B). The bindings check shapes; the headers compute.
 #include <nanobind/stl/optional.h>
 
 #include "arrays.hpp"
@@ -20,7 +20,7 @@ void make(Tree* self, const Table<double, -1, 17>& joints, const Table<double, -
   const int n = static_cast<int>(joints.shape(0));
   expect(n >= 1 && n <= kMostJoints, "the kernel takes 1 to 64 joints");
   expect(bodies.shape(0) == joints.shape(0) + 1, "an array has a wrong shape");
-  expect(last >= -1 && last < n, "the end effector's joint is not there");
+  expect(last >= -1 && last < n, "the end effector's joint does not exist");
   Tree& tree = *new (self) Tree{};
   tree.n = n;
   tree.last = last;
@@ -31,7 +31,7 @@ void make(Tree* self, const Table<double, -1, 17>& joints, const Table<double, -
     Joint& joint = tree.joints[j];
     const double* row = joints.data() + 17 * j;
     joint.parent = static_cast<int>(row[0]);
-    expect(joint.parent >= -1 && joint.parent < j, "a joint comes before the one that carries it");
+    expect(joint.parent >= -1 && joint.parent < j, "a joint comes before its parent");
     joint.turns = row[1] != 0.0;
     joint.axis = of_numbers<Vec3<double>>(row + 2);
     joint.place = of_numbers<Placed>(row + 5);
@@ -81,7 +81,7 @@ Out stack(std::initializer_list<Given> given, int rows, const Use& use) {
   return out;
 }
 
-// The same with the arm evaluated at the joint positions, which are the first argument.
+// Returns rows as above, with the arm evaluated at the joint positions, which are the first argument.
 template <class Use>
 Out at_each(const Tree& tree, std::initializer_list<Given> given, int rows, const Use& use) {
   const In& positions = given.begin()->array;
@@ -106,14 +106,14 @@ std::pair<int, int> sizes(const In& matrices) {
 
 NB_MODULE(_kernel, m) {
   using namespace ffsms;
-  nb::set_leak_warnings(false);  // objects in Python's own caches at its end are not leaks
-  m.doc() = "The compiled kernel; ffsms_pin.kernel is its face.";
+  nb::set_leak_warnings(false);  // objects in Python's caches at the exit of the interpreter are not leaks
+  m.doc() = "The compiled kernel; import it from ffsms_pin.kernel.";
   nb::class_<Tree>(m, "Tree", "The robot in plain numbers.")
       .def("__init__", &make)
       .def_ro("n", &Tree::n)
       .def("__getstate__", [](const Tree& self) { return nb::bytes(&self, sizeof self); })
       .def("__setstate__", [](Tree& self, const nb::bytes& state) {
-        expect(state.size() == sizeof(Tree), "a tree of another build");
+        expect(state.size() == sizeof(Tree), "the tree was pickled by another build of the kernel");
         std::memcpy(static_cast<void*>(&self), state.data(), sizeof(Tree));
       });
 

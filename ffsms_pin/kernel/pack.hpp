@@ -162,10 +162,10 @@ FFSMS_INLINE void sine_cosine(const T& x, T& sine, T& cosine) {
   cosine = select(far, each([](double lane) { return std::cos(lane); }, x), cosine);
 }
 
-// -- rows of numbers, each `count` doubles after the last, at one configuration or at those of a pack
+// -- rows of numbers, `count` doubles apart, at one configuration or at the configurations of a pack
 
-// Reads values that consist of components T, such as Vec3: rows of all first components, then of all second
-// components, and so on.
+// Reads values that consist of components T, such as Vec3. The rows have all first components, then all
+// second components, and so on.
 template <class T>
 struct Reader {
   const double* row;

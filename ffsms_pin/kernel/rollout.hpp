@@ -49,14 +49,15 @@ inline Spin spin_at(const Tree& tree, const double* positions, const double* rat
   return {spin, arm.inverse};
 }
 
-// Returns du/dt for R(t) = R(0) exp(u) and the angular velocity omega, by the series of the inverse
-// derivative of the exponential to order 4.
+// Returns du/dt for R(t) = R(0) exp(u) and the angular velocity omega in axes of R(t), by the series of the
+// inverse derivative of the exponential to order 4.
 inline Vec3<double> rotation_vector_rate(const Vec3<double>& u, const Vec3<double>& omega) {
   const Vec3<double> bracket = cross(u, omega);
   return omega + 0.5 * bracket + (1.0 / 12.0) * cross(u, bracket);
 }
 
-// The same for the angular velocity of `spin` with an angular momentum in axes of R(0).
+// Returns du/dt as `rotation_vector_rate`, for the angular velocity that follows from `spin` and an angular
+// momentum in axes of R(0).
 inline Vec3<double> chart_rate(const Spin& spin, const Vec3<double>& u, const Vec3<double>& momentum) {
   return rotation_vector_rate(u, spin.reaction + spin.inverse * (transposed(exp3(u)) * momentum));
 }
@@ -74,11 +75,11 @@ inline Mat3<double> tumbled(const Mat3<double>& R, const Spin& start, const Spin
 
 // -- along a spline, by quadrature of the angular velocity
 
-// Weights of the integrals from the start of each interval to its Gauss points, and over the interval. The
-// instants of a motion are the points of all intervals, then the start of the interval `late`, then the end
-// of the last interval.
 constexpr int kMostGauss = 8;
 
+// The weights of the integrals from the start of each interval to its Gauss points, and over the interval.
+// The instants of a motion are the Gauss points of all intervals, then the start of the interval `late`, then
+// the end of the last interval.
 struct Quadrature {
   int intervals, gauss, late;
   const double *to_points, *over;  // (intervals, gauss, gauss), (intervals, gauss)
@@ -94,8 +95,8 @@ struct Turning {
   Mat3<double> inverse, attitude;
 };
 
-// Computes the attitudes at all instants from the attitude at the start and the angular velocities at the
-// points, without momentum.
+// Computes the attitudes at all instants for zero angular momentum, from the attitude at the start and the
+// angular velocities at the Gauss points.
 inline void turn_along(const Quadrature& by, const Mat3<double>& start, Turning* at) {
   const int g = by.gauss;
   const auto put = [&](int k, const Mat3<double>& R) { at[k].attitude = R; };
@@ -113,11 +114,11 @@ inline void turn_along(const Quadrature& by, const Mat3<double>& start, Turning*
   put(by.points() + 1, R);
 }
 
-// The same with an angular momentum, whose part of the angular velocity depends on the attitude. In each
-// interval the rotation vector u from the interval's start, R exp(u), is found by collocation at the points:
-// at most kIterations fixed-point iterations, until u changes by less than kSettled. For a u longer than
-// kLong the series in u would diverge, so the bounded integral of the angular velocity replaces u in the
-// series.
+// Computes the attitudes at all instants for an angular momentum in inertial axes. The part of the angular
+// velocity due to the momentum depends on the attitude R exp(u), where R is the attitude at the start of an
+// interval. The rotation vectors u at the Gauss points follow from collocation, by at most kIterations
+// fixed-point iterations until u changes by less than kSettled. For a u longer than kLong the series in u
+// would diverge, so the bounded integral of the angular velocity replaces u in the series.
 inline void tumble_along(const Quadrature& by, const Mat3<double>& start, const Vec3<double>& momentum,
                          Turning* at) {
   constexpr int kIterations = 40;

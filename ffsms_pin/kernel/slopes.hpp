@@ -55,7 +55,7 @@ void moved(const Tree& tree, const Arm<T>& arm, const T* rates, const Vec3<T>& s
   }
 }
 
-// Returns the sum of the columns times the rates.
+// Returns the sum over the joints of column times rate.
 template <class T>
 Vec3<T> summed(const Tree& tree, const Vec3<T>* columns, const T* rates) {
   Vec3<T> out = {};
@@ -218,7 +218,7 @@ void dynamics(const Tree& tree, const Arm<T>& arm, const T* rates, const T* acce
     torques[j] = dot(arm.axis[j], moment[j]) + dot(arm.velocity[j], force[j]) +
                  dot(arm.root[j], whole_force) + dot(arm.spin[j], whole_moment);
   }
-  // The moment about the base's centre of mass if that is held, else about the system's centre of mass.
+  // The moment about the base's centre of mass if this point is held, else about the system's centre of mass.
   held_moment = whole_moment - cross(arm.com, whole_force);
   held_force = Vec3<T>{};
   if (!tree.moves) {

@@ -24,7 +24,8 @@ inline double stoppable_rate(double room, double rate, double acceleration, doub
   return std::min(rate - turning * turning * dt / (2.0 * std::max(room, 1e-300)), 0.0);
 }
 
-// The same within the limits of rate and acceleration; if they conflict, the acceleration limit holds.
+// Returns the largest rate at the step's end from which a joint can stop before a limit at distance `room`,
+// within the limits of rate and acceleration. If these limits conflict, the acceleration limit is kept.
 inline double greatest_rate(double room, double rate, double velocity, double acceleration, double dt) {
   const double limit = std::min(acceleration, kFastest), change = dt * limit;
   const double most = std::min(stoppable_rate(std::max(room, 0.0), rate, limit, dt), velocity);
@@ -41,7 +42,8 @@ inline double dot(const double* a, const double* b, int n) {
 // the speed at the start is only 2.5 times the mean, and 0.3 % of the distance remains at 0.9 T, where const8
 // begins.
 constexpr double kArrivalPower = 2.5;
-// Below this cosine a path would be a spiral of many turns; its length is computed with this cosine instead.
+// With a smaller cosine than this, a path would be a spiral of many turns. The length of the path is then
+// computed with this cosine.
 constexpr double kLeastApproach = 0.2;
 
 // Returns the speed at the end of the next step with which the remaining path ends at the deadline. The
@@ -62,7 +64,8 @@ inline double ideal_cosine(double entropy, double kappa) {
   return std::min(1.0, std::max(-1.0, (x + std::log(-std::expm1(-x))) / kappa));
 }
 
-// Returns the unit vector orthogonal to `towards` that is nearest to `hint`, or any if `hint` is parallel.
+// Returns the unit vector orthogonal to `towards` that is nearest to `hint`. If `hint` is parallel to
+// `towards`, any orthogonal unit vector is returned.
 inline Vec3<double> lateral_direction(const Vec3<double>& towards, const Vec3<double>& hint) {
   Vec3<double> across = hint - dot(hint, towards) * towards;
   if (std::sqrt(dot(across, across)) < 1e-9) {  // the cross product with the axis furthest from `towards`
@@ -142,16 +145,16 @@ inline bool solve(double* A, int size) {
 struct StepGiven {
   int n;
   const double *J, *V;                   // J* (6, n), and the basis of the joint rates (n, n)
-  const double *rates, *drift;           // joint rates (n), and the end effector's twist (6) without them
+  const double *rates, *drift;           // joint rates (n), and the end effector's twist (6) at zero rates
   const double* acceleration;            // acceleration limits (n)
   Vec3<double> way, side;                // vector to the target [m]; lateral direction, or zero for none
   Mat3<double> attitude;                 // attitude of the end effector
   std::optional<Mat3<double>> rotation;  // desired attitude
-  double cosine, time_left, dt;          // cosine of the angle between motion and way; [s]
+  double cosine, time_left, dt;          // cosine of the angle between motion and `way`; times [s]
 };
 
-// Unit vectors to the target, along the desired motion, and orthogonal to the first; the desired angular
-// velocity, and the speed.
+// The desired motion of the end effector: unit vectors to the target (`towards`), along the velocity
+// (`direction`), and orthogonal to `towards` (`side`); the angular velocity; the speed.
 struct WantedMotion {
   Vec3<double> towards, direction, side, spin;
   double speed;
@@ -162,8 +165,8 @@ struct StepWeights {
   double direction, speed, orientation, effort, change, clearance;
 };
 
-// Returns the scheduled speed along a direction, by the three rows of J from `row` on, limited to the speed
-// that the joints can reach in one step; a larger speed would be reached at the expense of the direction.
+// Returns the scheduled speed along a direction, at most the speed that the joints can reach in one step. A
+// larger speed would be reached at the expense of the direction. `row` is the first of three rows of J.
 inline double reached_speed(const StepGiven& by, int row, double path_left, const Vec3<double>& direction) {
   const double* J = by.J + row * by.n;
   double speed = dot(direction, of_numbers<Vec3<double>>(by.drift + row)), gain = 0.0;
@@ -182,7 +185,7 @@ inline WantedMotion wanted_motion(const StepGiven& by) {
   const double distance = std::sqrt(dot(by.way, by.way));
   if (!(distance < kArrived)) {
     out.towards = by.way / distance;
-    if (dot(by.side, by.side) == 0.0) {  // not given: the end effector's velocity selects it
+    if (dot(by.side, by.side) == 0.0) {  // no direction is given: the velocity selects it
       for (int i = 0; i < 3; ++i) out.side[i] = dot(by.J + i * by.n, by.rates, by.n) + by.drift[i];
     }
     out.side = lateral_direction(out.towards, out.side);
@@ -190,7 +193,7 @@ inline WantedMotion wanted_motion(const StepGiven& by) {
     out.direction = by.cosine * out.towards + sine * out.side;
     // A path at a constant angle to the direction of the target is 1 / cos times the straight distance. A
     // step is at most half as long as the straight step to the point nearest to the target, because a longer
-    // step at an angle to the target would go round it and not approach it.
+    // step at an angle to the target would pass the target instead of approaching it.
     const double along = std::max(by.cosine, kLeastApproach);
     out.speed =
         std::min(reached_speed(by, 0, distance / along, out.direction), 0.5 * distance * along / by.dt);

@@ -2,15 +2,16 @@
 // spline (flattened, the joints last) from derivatives of residuals by the motion of end effector, base and
 // arm.
 //
-// The base reacts to the joints: it rotates, and moves about the centre of mass. A residual therefore depends
-// on the joint positions, rates and accelerations at its instant, and on a rotation of the whole system about
-// the centre of mass. This rotation is the integral of the change of the base's angular velocity. The
-// quadrature of the attitude also gives its derivatives by the control points, one interval after the other.
+// The base reacts to the joints: it rotates, and translates relative to the centre of mass. A residual
+// therefore depends on the joint positions, rates and accelerations at its instant, and on a rotation of the
+// whole system about the centre of mass. This rotation is the integral of the change of the base's angular
+// velocity. The quadrature of the attitude also gives the derivatives of the rotation by the control points,
+// one interval after the other.
 //
-// With an angular momentum, its part of the angular velocity changes with the inertia and with the rotation
-// itself. The small rotation theta of the whole system, inertial axes, follows theta' = c + A theta with A
-// theta = R J (h x R^T theta), where R is the attitude, J the inverse inertia and h the angular momentum,
-// both in base axes, and c depends on the joints alone.
+// With an angular momentum h, the angular velocity also changes with the inertia and with the rotation
+// itself. The small rotation theta of the whole system, inertial axes, has the time derivative c + A theta
+// with A theta = R J (h x R^T theta). R is the attitude, J and h are the inverse inertia and the angular
+// momentum in base axes, and c depends on the joints alone.
 #pragma once
 
 #include <algorithm>
@@ -28,9 +29,10 @@ struct Strided {
   explicit operator bool() const { return data != nullptr; }
 };
 
-// The quantities by which residuals have derivatives. First vectors in inertial axes: three that also depend
-// on the joint rates, two more that a rotation of the whole system rotates, and two rotations. The "own"
-// derivatives of a residual with one row per joint are those by the same joint alone.
+// The names of the derivatives of residuals. The first seven are derivatives by vectors in inertial axes:
+// three vectors that also depend on the joint rates (kRated), two more vectors that a rotation of the whole
+// system rotates (kLevered), and two rotations. If a residual has one row per joint, its "own" derivatives
+// are the derivatives of row j by joint j.
 constexpr const char* kNames[] = {"by_velocity",      "by_spin",          "by_base_spin", "by_tip",
                                   "by_base",          "by_turn",          "by_base_turn", "by_joints",
                                   "by_rates",         "by_accelerations", "own_joint",    "own_rate",
@@ -38,15 +40,15 @@ constexpr const char* kNames[] = {"by_velocity",      "by_spin",          "by_ba
 constexpr int kBaseSpin = 2, kRated = 3, kTip = 3, kLevered = 5, kVectors = 7;
 constexpr int kJoints = 7, kOwnJoint = 10, kEntropy = 13, kCoupling = 14, kSlopes = 15;
 
-// A residual with some rows, at `count` instants of each motion (dense) or at `count` entries (motion,
-// instant). Missing derivatives are zero.
+// A residual (rows) at `count` instants of each motion (dense), or at `count` entries (motion, instant).
+// Missing derivatives are zero.
 struct Residual {
   Index rows, count;
   const Index *instants, *motion;  // `motion` is null if dense
   const double* weight;
   Strided value, by[kSlopes];
 
-  // Returns true if each row depends on its own joint alone.
+  // Returns true if row j depends on joint j alone.
   bool alone() const {
     const auto there = [](const Strided& slope) { return static_cast<bool>(slope); };
     return std::none_of(by, by + kOwnJoint, there) && std::none_of(by + kEntropy, by + kSlopes, there);
@@ -67,8 +69,8 @@ struct Value {
 };
 
 // The rows of all motions, `stack` numbers each: joint positions and rates (n each), the base's attitude (9),
-// its angular velocity due to the momentum (3), and with `entropy` the derivative of H_norm by C_bm (6 n).
-// The angular momentum is in inertial axes.
+// the base's angular velocity due to the momentum (3), and if `entropy` is true the derivative of H_norm by
+// C_bm (6 n). The angular momentum is in inertial axes.
 struct MotionRows {
   const double* first;
   std::size_t stack;
@@ -76,7 +78,8 @@ struct MotionRows {
   Vec3<double> momentum;
 };
 
-// Maps (3, K, M) from M control points of a joint to its position, rate and acceleration at K instants.
+// The matrices (3, K, M) that map M control points of a joint to its position, rate and acceleration at K
+// instants.
 struct SplineMaps {
   int size;
   const double* maps;
@@ -89,8 +92,8 @@ struct Instant {
   Mat3<T> attitude, inverse;  // of the base; of the system's inertia
   Vec3<T> momentum;           // angular momentum
 
-  // Returns the derivative by a rotation of the whole system, through the angular velocity due to the
-  // momentum, of a function with the derivative g by the angular velocity.
+  // Returns the derivative of a function by a rotation of the whole system. The function has the derivative g
+  // by the angular velocity, and the rotation changes the angular velocity due to the momentum.
   Vec3<T> own_moment(const Vec3<T>& g) const { return cross(inverse * g, momentum); }
 };
 // The derivatives of the vectors by a joint's position (travel) and rate, and of H_norm by its position.
@@ -156,8 +159,8 @@ class Sums {
 
   const double* map(int which, Index k) const { return spline_.maps + (which * K_ + k) * spline_.size; }
 
-  // Computes how many of the first control points matter at each instant. The base's rotation within an
-  // interval depends on all points of the interval and of the intervals before it.
+  // Computes the number of first control points on which each instant depends. The base's rotation within an
+  // interval depends on all control points of this interval and of the intervals before it.
   void find_extents() {
     const int g = quadrature_.gauss, Q = quadrature_.points();
     Index widest = 0;
@@ -241,9 +244,9 @@ class Sums {
     std::copy_n(total_, 3 * size_, turned(quadrature_.points() + 1));
   }
 
-  // Replaces the rotations theta_0 + a c at the points of an interval, computed without A, by those with the
-  // angular momentum, (1 - a A) theta = theta_0 + a c with the weights a (gauss, gauss). Elimination without
-  // pivoting suffices, because the matrix is near the identity.
+  // Replaces the rotations theta_0 + a c at the points of an interval, which were computed without A, by the
+  // solution theta of (1 - a A) theta = theta_0 + a c with the quadrature weights a (gauss, gauss).
+  // Elimination without pivoting suffices, because the matrix is near the identity.
   void tumble(int interval, Index wide) {
     const int g = quadrature_.gauss, first = interval * g, rows = 3 * g;
     double A[9 * kMostGauss], M[9 * kMostGauss * kMostGauss];
@@ -307,8 +310,8 @@ class Sums {
     }
   }
 
-  // Computes the derivatives of a value by joint positions, rates and accelerations without the base's
-  // rotation (3, n), and by a rotation of the whole system (3,), and writes them to `own`.
+  // Writes the derivatives of a value to `own`: by joint positions, rates and accelerations at a constant
+  // base attitude (3, n), then by a rotation of the whole system (3).
   void find_slopes(const Value& value, double* own) {
     const Residual& r = value.of;
     const Index k = value.instant();
@@ -383,7 +386,8 @@ class Sums {
     wide_ = waiting_ = 0;
   }
 
-  // Adds a value that depends on one joint alone to this joint's entries of gradient and lower triangle.
+  // Adds a value that depends on one joint alone to this joint's entries of the gradient and of the lower
+  // triangle of the Hessian.
   void add_alone(const Value& value) {
     const Index k = value.instant(), end = extent_[k];
     double* row = change_;
@@ -415,7 +419,7 @@ class Sums {
   double* room_;
   const bool tumbles_ = dot(motions_.momentum, motions_.momentum) > 0.0;
   const int n_ = tree_.n, size_ = spline_.size * n_, K_ = quadrature_.instants();
-  Index* extent_ = take<Index>(K_);  // number of control points that matter at an instant
+  Index* extent_ = take<Index>(K_);  // number of control points on which an instant depends
   Instant<double>* instants_ = take<Instant<double>>(K_);
   Column<double>* columns_ = take<Column<double>>(K_ * n_);
   double* turned_ = take<double>(3 * size_ * K_);

@@ -107,7 +107,7 @@ def test_why_a_method_has_not_reached_is_said(
     assert f"ends {1e3 * plan.position_error[-1]:.3g} mm off" in printed
     assert wanted in json.loads((out / "comparison.json").read_text())["step"]["note"]
     turned = dataclasses.replace(plan, reach=1.0, orientation_error=np.full(len(plan.t), 0.5))
-    assert why_not_reached(turned).startswith("its attitude is up to 28.6 deg off")
+    assert why_not_reached(turned).startswith("the end effector's attitude is up to 28.6")
     assert why_not_reached(dataclasses.replace(plan, reach=1.0)) == ""
 
 

@@ -30,7 +30,7 @@ def test_every_page_shows_what_was_measured(page: Path) -> None:
     [
         ("The rate is @@RATE@@ deg/s.\n", "placeholder"),
         (f"As measured:\n\n{TABLE}", "numbers of no record"),
-        (f"<!-- record: mine -->\n\n{TABLE.replace('0.4', '0.3')}\n<!-- end -->\n", "as they are kept"),
+        (f"<!-- record: mine -->\n\n{TABLE.replace('0.4', '0.3')}\n<!-- end -->\n", "shows old records"),
         (f"{TABLE}\n*Copied from `python mine.py`, 2026-11-23.*\n", None),
         (f"{TABLE}\n<!-- not measured -->\n", None),
         ("The tip ends 0.4 mm off.\n", "no record of the page"),
