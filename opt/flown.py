@@ -260,7 +260,7 @@ def least_clearance(problem: Problem, robot: SpaceManipulator, motion: Rollouts)
 
 
 def _nearest_point(stack: ClearanceStack, motion: Rollouts, nearest: Least) -> tuple[float, float, float]:
-    """Return the nearest point (3,) on the first body of a pair, at the row nearest in time to `nearest`."""
+    """Return the nearest point (3,) on the first body of a pair, at the row nearest to `nearest.time`."""
     k = int(np.argmin(np.abs(motion.times - nearest.time)))
     poses, entry = stack.along(motion), (np.array([nearest.pair]), np.array([k]))
     _, placed = stack.slopes(poses, entry, stack.nearest(poses, entry))

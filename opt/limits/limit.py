@@ -253,7 +253,7 @@ class Inequality(Limit):
         return [excess if always else excess.at_once()]
 
     def _scale_and_margin(self, motions: Rollouts) -> tuple[float, float]:
-        """Return `scale` and `absolute_margin`."""
+        """Return `scale` and `absolute_margin`, with their defaults for None."""
         scale = motions.stack.length if self.scale is None else self.scale
         return scale, self.margin * scale if self.absolute_margin is None else self.absolute_margin
 
@@ -331,8 +331,8 @@ def _stacked(slacks: list[Variable], m: Variables) -> Variable:
 def _least_between(values: FloatArray) -> FloatArray:
     """Return values (c, K) at nodes and midpoints, with minima of parabolas instead of values at midpoints.
 
-    The parabola goes through a midpoint and its neighbours. If it has no minimum between them, the value is
-    unchanged.
+    The parabola goes through a midpoint and its neighbours. If the parabola has no minimum between the
+    neighbours, the value is unchanged.
     """
     least = values.copy()
     if values.shape[1] >= 3 and values.shape[1] % 2:
