@@ -43,9 +43,8 @@ MOTIONS = """
 
 All robots start at rest. The joint torques are the same sinusoidal functions of time in all engines,
 constant within each step. All engines integrate by a Runge-Kutta method of order 4, MuJoCo with steps of
-0.5 ms and Basilisk with steps of 5 ms. For each comparison
-ffsms-pin uses the step of the other engine. The table has the norm of the difference of the final joint
-rates, divided by the norm of the final joint rates.
+0.5 ms and Basilisk with steps of 5 ms. For each comparison ffsms-pin uses the step of the other engine. The
+table has the norm of the difference of the final joint rates, divided by the norm of the final joint rates.
 
 In Basilisk a robot is a rigid hub with a chain of spinning bodies (`spinningBodyNDOFStateEffector`) for
 each arm, solved by back-substitution. `to_basilisk` in `examples/basilisk_robot.py` builds the Basilisk

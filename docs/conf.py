@@ -39,7 +39,7 @@ html_theme = "furo"
 html_title = f"ffsms-pin {__version__}"
 exclude_patterns = ["_build", "jupyter_execute", "lessons/README.md", "records"]
 suppress_warnings = [
-    "mystnb.unknown_mime_type",  # of Meshcat's scenes; the page shows their HTML output
+    "mystnb.unknown_mime_type",  # the type of Meshcat's scenes; the page shows their HTML
     "ref.python",  # a name such as `duration` fits several attributes, so it is not a link
 ]
 

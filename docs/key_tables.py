@@ -37,10 +37,10 @@ def with_key_tables(page: str) -> str:
 
 
 def _add(found: dict[str, str], name: str, models: list[type[Keys]]) -> None:
-    """Add the Markdown table of a table `name` of the file to `found`.
+    """Add the Markdown table of the file's table `name` to `found`.
 
-    If the table has several models, each is a choice. The keys of all choices come first, then the other keys
-    with the names of their choices.
+    If the table has several models, each model is a choice. The keys of all choices come first, then the
+    other keys with the names of their choices.
     """
     choices: dict[tuple[str, ...], list[str]] = {}
     for model in models:

@@ -141,7 +141,7 @@ def marked(text: str) -> str:
 
 
 def faults(path: Path) -> list[str]:
-    """Return a line for each number or table of a page without a record or source."""
+    """Return a line for each fault of a page: a placeholder, an old record, or a number without a source."""
     text = path.read_text("utf-8")
     messages = [f"{match[0]!r} is a placeholder" for match in _PLACEHOLDER.finditer(text)]
     if with_records(text) != text:
@@ -150,15 +150,17 @@ def faults(path: Path) -> list[str]:
         head, _, *rows = table[0].splitlines()
         numbers = sum(bool(_DECIMAL.search(row)) for row in rows) * 2 > len(rows)
         if numbers and not table[1] and not head.startswith("| key |"):
-            messages.append(f"the table {head[:60]!r} has numbers of no record (see docs/records.py)")
+            messages.append(
+                f"the table {head[:60]!r} has numbers that are in no record (see docs/records.py)"
+            )
     return [f"{path.relative_to(ROOT)}: {line}" for line in messages + unrecorded(text)]
 
 
 def unrecorded(text: str) -> list[str]:
     """Return a message for each number of a sentence that is in no record of the page.
 
-    Paragraphs that name a test or a command as their source are not checked. `<!-- given -->` marks a
-    paragraph whose numbers were chosen or follow from other numbers; it is not checked, either.
+    A paragraph that names a test or a command as its source is not checked. A paragraph with the mark
+    `<!-- given -->` is not checked, either, because its numbers were chosen or follow from other numbers.
     """
     shown = "".join(read(match[2]).output for match in _BLOCK.finditer(text))
     known = [float(number) for number in re.findall(r"\d+(?:\.\d+)?", shown)]

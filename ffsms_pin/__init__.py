@@ -71,8 +71,8 @@ __all__ = [
     "viewer",
 ]
 
-# Names that are imported at their first use, because their import takes three times as long as that of all
-# other names.
+# Names that are imported at their first use, because importing them takes three times as long as importing
+# all other names.
 _MODULES = {
     "Client": "client",
     "ComputedTorque": "control",

@@ -206,10 +206,10 @@ def reaction_null_space(C_bm: FloatArray, of: str, tolerance: float) -> FloatArr
 
     The total momentum is zero. The dimension of the space is n minus the rank of the rows of C_bm that
     `of` selects: at least n - 3 for "attitude" and n - 6 for "twist". The dimension is larger if the arm
-    cannot move the base in some direction: 2 for "attitude" and 0 for "twist" for a planar arm of three
-    joints. The choice of the basis is arbitrary. With a basis N, joint rates N x move the base by at most
-    tolerance times the largest singular value times |x|. The result for "twist" does not depend on the base's
-    reference point.
+    cannot move the base in some direction. A planar arm of three joints has the dimensions 2 for "attitude"
+    and 0 for "twist". The choice of the basis is arbitrary. With a basis N, joint rates N x move the base by
+    at most tolerance times the largest singular value times |x|. The result for "twist" does not depend on
+    the base's reference point.
 
     Parameters
     ----------
@@ -219,8 +219,8 @@ def reaction_null_space(C_bm: FloatArray, of: str, tolerance: float) -> FloatArr
         The motion of the base that is zero: its angular velocity, or its whole twist.
     tolerance : float
         Threshold in [0, 1): singular values of the selected rows are taken as zero up to this fraction of the
-        largest singular value of the whole C_bm. (The selected rows alone are no scale, because they contain
-        only rounding errors if an arm cannot rotate its base.)
+        largest singular value of the whole C_bm. (The largest singular value of the selected rows would be a
+        rounding error if an arm cannot rotate its base.)
 
     Returns
     -------

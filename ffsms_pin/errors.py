@@ -106,7 +106,7 @@ class PartError(FfsmsError, ValueError):
 
 
 class ModelNotFound(FfsmsError, FileNotFoundError):
-    """A robot is neither the name of a packaged model nor the path of a file.
+    """The argument is neither the name of a packaged model nor the path of an existing file.
 
     `remedy` is the advice in the message. Default: a question with a similar name.
     """

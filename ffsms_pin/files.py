@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from ffsms_pin.errors import FfsmsError, InvalidValue, ResultError
 
 LARGEST_TEXT = 2**26  # [bytes] size of a robot, scenario or summary file; hundreds of times the usual size
-LARGEST_DATA = 2**31  # [bytes] size of a table or mesh; a CSV table of an hour at 1 kHz
+LARGEST_DATA = 2**31  # [bytes] size of a table or mesh file, such as a CSV table of an hour at 1 kHz
 
 _LONGEST_NAME = 255  # [bytes] length of a file's or folder's name, the limit of file systems
 _KINDS = {
@@ -95,7 +95,8 @@ def read_content(path: str | os.PathLike[str], largest: int = LARGEST_TEXT) -> b
     """Return the bytes of a file; errors as in `check_readable`."""
     check_readable(path, largest)
     with open(path, "rb") as file:
-        return file.read(min(largest, os.fstat(file.fileno()).st_size))  # read(largest) allocates `largest`
+        # read(largest) would allocate `largest` bytes for a small file, too.
+        return file.read(min(largest, os.fstat(file.fileno()).st_size))
 
 
 def read_json(path: str | os.PathLike[str]) -> dict[str, Any]:

@@ -106,7 +106,7 @@ def after_capture(
     place, twist = data.oMi[joint], client.twist(t)
     body = (place.inverse() * client.pose(t)).act(pin.Inertia(client.mass, np.zeros(3), client.inertia))
     linear = twist[:3] - np.cross(twist[3:], place.rotation @ body.lever)
-    # The twist before the impact of the link's frame, in its own axes, if the frame moved with the client.
+    # The twist that the link's frame would have before the impact if it moved with the client, frame's axes.
     motion = pin.Motion(place.rotation.T @ linear, place.rotation.T @ twist[3:])
     J = pin.getJointJacobian(model, data, joint, pin.ReferenceFrame.LOCAL)
     momentum = pin.crba(model, data, q) @ v + J.T @ (body * motion).vector

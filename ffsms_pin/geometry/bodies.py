@@ -25,14 +25,14 @@ _FAR = 0.05  # [m] distances up to this value beyond the clearance are measured 
 # because contacts deform and plans miss the grasp by some millimetres. _GUIDED_MARGIN is the margin of plans
 # to a piece.
 _GUIDED, _GUIDED_MARGIN = 0.01, 4e-3
-_THIN = 1e-6  # [m] radius of points and lines; also the norm of a cross product of parallel unit vectors
+_THIN = 1e-6  # [m] radius of points and lines; also the largest |a x b| of unit vectors taken as parallel
 
 
 class Body(NamedTuple):
     """A body with its convex parts and its original shapes.
 
-    `carrier` is the index of the joint that carries the body, -1 for the base, or that of an obstacle (see
-    `ClearanceStack`).
+    `carrier` is the index of the joint that carries the body, -1 for the base, or the index of an obstacle
+    (see `ClearanceStack`).
     """
 
     name: str
@@ -66,7 +66,7 @@ class BodyStack(ClearanceStack):
         self.obstacles = tuple(obstacles)
         held = [] if payload is None else [payload]  # a separate body in pairs with obstacles
         own = robot_bodies(sms, mode, [] if obstacles else held)
-        # True if a shape is not convex; the distances of its convex parts are then only lower bounds.
+        # True if a shape is not convex. The distances of its convex parts are then lower bounds only.
         self._refines = not all(part.convex for body in own for part in body.whole)
         if obstacles:
             own += [Body.of("payload", part) for part in held]
@@ -150,13 +150,13 @@ class BodyStack(ClearanceStack):
         return np.asarray(np.where(distances > 0.0, np.maximum(values, exact), np.minimum(values, exact)))
 
     def _judged(self, clearance: float) -> FloatArray:
-        """Remove pairs that are always near, and return the largest distance of each other pair (m,) [m].
+        """Remove pairs that are always near, and return the largest distances (m,) of the other pairs [m].
 
         The distances are measured in eight postures: the zero posture, the middle of the joint ranges, and
-        six random postures. A pair
-        that is nearer than the clearance in all postures is near by construction and is moved to `left_out`.
-        Convex parts are slightly larger than their shapes. If the parts of a pair overlap in one of the first
-        two postures but the shapes do not, later distances of the pair are measured between the shapes.
+        six random postures. A pair that is nearer than the clearance in all postures is near by construction
+        and is moved to `left_out`. Convex parts are slightly larger than their shapes. If the parts of a pair
+        overlap in one of the first two postures but the shapes do not, later distances of the pair are
+        measured between the shapes.
         """
         limits, rng = self.sms.limits, np.random.default_rng(0)
         low = np.where(np.isfinite(limits.lower), limits.lower, -np.pi)

@@ -123,7 +123,7 @@ def mesh_triangles(mesh: Any) -> tuple[FloatArray, Any]:
 
 
 def _slabs(mesh: Any) -> list[FloatArray]:
-    """Return for each slab of a mesh its vertices and the points where edges cross its two cuts, (k, 3)."""
+    """Return points (k, 3) for each slab of a mesh: its vertices, and the edges' crossings of its cuts."""
     vertices, faces = mesh_triangles(mesh)
     low, high = vertices.min(axis=0), vertices.max(axis=0)
     sides = high - low

@@ -373,8 +373,8 @@ class Least(NamedTuple):
     """The least clearance of a motion [m], its pair and time [s], and the instants `near` the limit (k,) [s].
 
     With a search between instants, `exact` is True only if the value violates the required clearance with
-    certainty. If `exact` is False and the value is below the required clearance, the value is a lower bound:
-    the clearance is neither proven nor violated with certainty.
+    certainty. If `exact` is False and the value is below the required clearance, the value is a lower bound,
+    and the clearance is neither proven nor violated with certainty.
     """
 
     value: float

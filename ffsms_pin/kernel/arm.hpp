@@ -47,7 +47,7 @@ struct Tree {
   Vec3<double> base_moment;   // the base's mass times base_com [kg m]
   Mat3<double> base_inertia;  // the base's inertia about the root's origin [kg m^2]
   // True if the base can translate, and if it can rotate, in the mode of the base. If the base's position is
-  // held, the mass is taken as infinite; if its attitude is held, the inertia.
+  // held, the mass is taken as infinite. If the base's attitude is held, the inertia is taken as infinite.
   bool moves, turns_freely;
   double inverse_mass;  // 1 / total_mass, or 0 if the base's position is held [1/kg]
 };

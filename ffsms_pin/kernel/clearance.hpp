@@ -38,9 +38,9 @@ inline double outside(const Cover& box, const Vec3<double>& way, double radius) 
   return dot(far, far) > 0.0 ? std::sqrt(dot(far, far)) - radius : -kInfinity;
 }
 
-// Returns a lower bound of the distance of two covers: the distance of the balls, and if this distance is
-// below `near`, the larger distance of each ball from the other cover's box. `seen` is the pose of the second
-// body relative to the first.
+// Returns a lower bound of the distance of two covers: the distance of the balls or, if it is below `near`,
+// the largest of this distance and the distances of each ball from the other cover's box. `seen` is the pose
+// of the second body relative to the first.
 inline double bound(const Cover& one, const Cover& other, const Placed& seen, double near) {
   const Vec3<double> way = seen.origin + seen.turn * other.centre - one.centre;
   double least = std::sqrt(dot(way, way)) - one.radius - other.radius;

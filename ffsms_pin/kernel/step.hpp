@@ -185,7 +185,7 @@ inline WantedMotion wanted_motion(const StepGiven& by) {
   const double distance = std::sqrt(dot(by.way, by.way));
   if (!(distance < kArrived)) {
     out.towards = by.way / distance;
-    if (dot(by.side, by.side) == 0.0) {  // no direction is given: the velocity selects it
+    if (dot(by.side, by.side) == 0.0) {  // without a lateral direction, the end effector's velocity is used
       for (int i = 0; i < 3; ++i) out.side[i] = dot(by.J + i * by.n, by.rates, by.n) + by.drift[i];
     }
     out.side = lateral_direction(out.towards, out.side);

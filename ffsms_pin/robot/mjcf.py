@@ -111,7 +111,7 @@ class _Source:
         """
         replaced, changes = dict[int, tuple[float, FloatArray]](), dict[str, str]()
         if self._spec.compiler.inertiafromgeom == _FROM_GEOM or self._spec.compiler.balanceinertia:
-            return replaced  # MuJoCo does not use the file's inertias, or repairs them by itself
+            return replaced  # MuJoCo does not use the file's inertias, or corrects them
         for b, body in enumerate(self._spec.bodies):
             full = np.array(body.fullinertia)
             is_full = bool(np.isfinite(full[0]))

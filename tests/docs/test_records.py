@@ -29,7 +29,7 @@ def test_every_page_shows_what_was_measured(page: Path) -> None:
     ("text", "words"),
     [
         ("The rate is @@RATE@@ deg/s.\n", "placeholder"),
-        (f"As measured:\n\n{TABLE}", "numbers of no record"),
+        (f"As measured:\n\n{TABLE}", "numbers that are in no record"),
         (f"<!-- record: mine -->\n\n{TABLE.replace('0.4', '0.3')}\n<!-- end -->\n", "shows old records"),
         (f"{TABLE}\n*Copied from `python mine.py`, 2026-11-23.*\n", None),
         (f"{TABLE}\n<!-- not measured -->\n", None),

@@ -23,8 +23,8 @@ from ffsms_pin.system.mechanism import Mechanism
 class ArmValues:
     """The arm at a stack of configurations, in base axes with the origin at the root frame.
 
-    The axes of an array are the components, the joints, then the axes `...` of the stack. Entry j of a joint
-    axis is the value per unit rate of joint j.
+    The axes of an array are the components, the joints, then the axes `...` of the stack. In velocities and
+    momenta, entry j of the joint axis is the value per unit rate of joint j.
 
     Attributes
     ----------
