@@ -78,7 +78,8 @@ nb::tuple near_parts(const Tree& tree, Matrix joints, Table<double, 3, 3, -1, -1
   std::vector<Placed> placed(bodies.shape(0));
   std::vector<Vec3<double>> centres(bodies.shape(0)), ways(pairs.shape(0), Vec3<double>{});
   std::vector<std::pair<double, Index>> close;  // lower bounds and pairs of parts below `near`
-  // For each pair of bodies: the entry of its last measurement, and a bound of the change since then.
+  // The entry of the last measurement of each pair of bodies, and a bound of the change of distance since
+  // then.
   std::vector<Size> seen(ends.shape(0), 0);
   std::vector<double> changed(seen.size(), kInfinity);
   const Size size = columns.shape(0), n = static_cast<Size>(tree.n);

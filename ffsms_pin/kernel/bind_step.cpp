@@ -156,7 +156,7 @@ nb::object refined(const Matrix& H, const Vector& g, const Matrix& A, const Vect
   for (int i = 0; i < n; ++i) x[i] = at(i, size);
   for (int r = 0; r < rows; ++r) {
     const double reached = dot(A.data() + r * n, x.data(), n);
-    // Also true for NaN.
+    // The condition is also true for NaN.
     if (!(std::max(low(r) - reached, reached - up(r)) <= 1e-9)) return nb::none();
   }
   for (int a = 0; a < k; ++a) {

@@ -182,7 +182,7 @@ void dynamics(const Tree& tree, const Arm<T>& arm, const T* rates, const T* acce
   // If the base's centre of mass is held, the root's origin moves on a circle round it.
   const Vec3<T> inwards = cross(turning, cross(turning, Vec3<T>(tree.base_com)));
   const Vec3<T> pulled = tree.moves ? Vec3<T>{} : -1.0 * inwards;
-  // For each body: its twist at the origin, the rate of the twist, and the force and moment on the body.
+  // The twist of each body at the origin, the rate of the twist, and the force and moment on the body.
   Vec3<T> spin[kMostJoints], velocity[kMostJoints], spin_rate[kMostJoints], velocity_rate[kMostJoints];
   Vec3<T> force[kMostJoints], moment[kMostJoints];
   for (int j = 0; j < tree.n; ++j) {

@@ -426,7 +426,7 @@ def last_frames(model: Any, chosen: int | None = None) -> list[str]:
     last = list[str]()
     for j, tips in names.items():
         tool = tool_among(tips)
-        # Without body and operational frames, the joint's own frame is used.
+        # The joint's own frame is used if it has no body frame and no operational frame.
         last += [tool] if tool else tips or [model.frames[model.getFrameId(model.names[j])].name]
     return last
 

@@ -19,7 +19,7 @@ from ffsms_pin.system.batch.stacks import cross
 from ffsms_pin.system.mechanism import Mechanism
 from ffsms_pin.threads import Unchanging
 
-# For the rank, a singular value of J* below this fraction of the largest is taken as zero.
+# A singular value of J* below this fraction of the largest is taken as zero when the rank is counted.
 _RANK_TOLERANCE = 1e-9
 
 
