@@ -18,7 +18,7 @@ from ffsms_pin.system.dynamics import floating_torque
 _STEP = 0.02  # [s] time step of a braking
 _SLOWER = 1.25  # factor on the duration if a torque is too large
 _LONGEST = 60.0  # [s] longest duration of a braking
-_BACK = 0.0, 0.05, 0.15  # [m] additional clearances of final postures, because the joints overshoot them
+_BACK = 0.0, 0.05, 0.15  # [m] additional clearances of final postures, because joints overshoot a posture
 _LEAST = 0.5  # [s] shortest duration; it avoids a jump of the torque when slow joints stop
 
 
@@ -29,7 +29,7 @@ class Braking:
     The joint rates fall as 1 - 3 s^2 + 2 s^3, where s goes from 0 to 1, so the acceleration does not jump at
     either end. For a motion to a required posture, a quintic displacement is added. Joints that would pass a
     position limit stop early; all others come to rest together. The motion is a reference for `simulate`.
-    After its end the joints rest.
+    The joints rest after the end of the motion.
 
     Attributes
     ----------
@@ -97,10 +97,10 @@ def brake(
 ) -> Braking:
     """Return the fastest `Braking` within the limits of joint accelerations and torques.
 
-    If the grasped client would come too near to another body, motions to other final postures are tried: to a
-    posture near the end of the fastest braking, then to postures near that at the capture, with increasing
-    clearance. The first motion that keeps the required clearance is returned. If `share` of the torque limits
-    permits none, the same motions are tried with the full torques.
+    If the grasped client would come too near to another body, motions to other final postures are tried. The
+    first posture is near the end of the fastest braking. The next postures are near the posture at the
+    capture, with increasing clearance. The first motion that keeps the required clearance is returned. If no
+    motion keeps it with `share` of the torque limits, all motions are tried with the full torques.
 
     Parameters
     ----------
@@ -119,10 +119,10 @@ def brake(
     Returns
     -------
     Braking
-        A motion of at least 0.5 s. A fast rotation also loads joints at rest. If therefore no motion within
-        60 s satisfies the torque limits, the motion with the smallest torque share is returned. If no motion
-        keeps the clearance, the motion with the largest clearance is returned. In both cases `note` has the
-        violation.
+        A motion of at least 0.5 s. If no motion within 60 s satisfies the torque limits, because a fast
+        rotation also loads joints at rest, the motion with the smallest torque share is returned. If no
+        motion keeps the clearance, the motion with the largest clearance is returned. In both cases the
+        `note` of the motion names the violated limit.
     """
     robot = after.robot
     limits = robot.limits

@@ -43,8 +43,8 @@ class Camera:
     outliers: Annotated[Share, Unit()] = 0.0
     """The share of measurements that are outliers, for example because markers are confused."""
     outlier_size: Annotated[Positive, Unit()] = 100.0
-    """The factor on the noise of an outlier. The standard deviations of an outlier are 0.2 m and 0.5 rad by
-    default."""
+    """The factor on the noise of an outlier. The default values give an outlier standard deviations of 0.2 m
+    and 0.5 rad."""
     dropouts: Annotated[Share, Unit()] = 0.0
     """The share of the measurements that never arrive."""
     hidden: Annotated[Spans, Unit("s", "never")] = ()

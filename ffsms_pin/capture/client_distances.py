@@ -33,8 +33,8 @@ class LeastDistance(NamedTuple):
 class ClientDistances:
     """Distances between a servicer's bodies and those of a client.
 
-    Distances to the convex pieces of a nozzle or ring are included only if `guides` is true, because the
-    gripper may touch these pieces. If the client is grasped, the distances of the gripper are left out.
+    The gripper may touch the convex pieces of a nozzle or ring, so distances to these pieces are included
+    only if `guides` is true. If the client is grasped, the distances of the gripper are left out.
 
     Parameters
     ----------
@@ -47,7 +47,7 @@ class ClientDistances:
     collision : str
         The collision geometry, see `opt.Clearance`.
     guides : bool
-        True to include distances from the gripper to the pieces of a nozzle or ring at the grasp.
+        True to include distances to the convex pieces of a nozzle or ring at the grasp.
     """
 
     def __init__(
@@ -75,10 +75,10 @@ class ClientDistances:
     def distances(
         self, q: FloatArray, positions: FloatArray, attitudes: FloatArray, near: float = FAR
     ) -> FloatArray:
-        """Return the distances (m, K) [m] of m pairs of bodies at K configurations (K, nq) and client poses.
+        """Return the distances (m, K) [m] of m pairs of bodies at K configurations `q` (K, nq).
 
-        The poses are `positions` (K, 3) [m] and `attitudes` (K, 3, 3). Distances beyond `near` [m] are lower
-        bounds. If plans permit an overlap of two bodies in the grasp, this overlap is added.
+        The client's poses are `positions` (K, 3) [m] and `attitudes` (K, 3, 3). Distances beyond `near` [m]
+        are lower bounds. If plans permit an overlap of two bodies in the grasp, this overlap is added.
         """
         values = [
             self._stack.values(self._poses(*some), near)
@@ -94,9 +94,9 @@ class ClientDistances:
         held: bool = False,
         near: float = FAR,
     ) -> LeastDistance:
-        """Return the least distances at K configurations and client poses, for the arguments see `distances`.
+        """Return the least distances at K configurations and client poses.
 
-        `held` is true if the client is grasped.
+        `held` is true if the client is grasped. For the other arguments see `distances`.
         """
         values = self.distances(q, positions, attitudes, near)
         if held:
@@ -124,9 +124,9 @@ class ClientDistances:
     def flown(
         self, t: FloatArray, q: FloatArray, client_pose: FloatArray, latched: float = np.inf
     ) -> LeastClearance | None:
-        """Return the least distance in a recording; the client is grasped from the time `latched` [s] on.
+        """Return the least distance in a recording with rows at the times `t` (N,) [s].
 
-        Return None if there is no pair of bodies.
+        The client is grasped from the time `latched` [s] on. Return None if there is no pair of bodies.
         """
         if not self.names:
             return None
@@ -163,7 +163,7 @@ class ClientDistances:
 
 
 class _Rows:
-    """A stand-in for the client, whose pose at "time" k is row k of `positions` and `attitudes`."""
+    """A substitute for the client; its pose at "time" k is row k of `positions` and `attitudes`."""
 
     positions, attitudes = np.zeros((1, 3)), np.eye(3)[None]
 

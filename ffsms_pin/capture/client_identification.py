@@ -90,7 +90,7 @@ class ClientIdentification:
     client : Client
         The assumed client, with its time zero at the latch.
     share : float
-        The relative standard deviation of the servicer's masses, which increases that of the results.
+        The relative standard deviation of the servicer's masses. It increases the deviations of the results.
     """
 
     def __init__(self, sms: SpaceManipulator, q: FloatArray, client: Client, share: float) -> None:
@@ -146,7 +146,7 @@ class ClientIdentification:
         return self._of(values, deviations, duration, result.note)
 
     def _values(self, parameters: FloatArray) -> FloatArray:
-        """Return mass, centre of mass and central inertia (10,), client's axes.
+        """Return mass, centre of mass and inertia about the centre of mass (10,), client's axes.
 
         `parameters` (10,) are the dynamic parameters (Pinocchio's layout) in the axes of the link.
         """

@@ -1,17 +1,22 @@
 """Prediction of the contact load when a grip closes on a known or estimated client.
 
-A contact wrench w at the grasp accelerates both bodies. W, the inverse of their reduced mass, is the sum of
-their mobilities at the grasp. The mobility of the end effector with free joints is J_b H_b^-1 J_b^T + J*
-H_q^-1 J*^T; the client is a free body. With the pose x of the grasp relative to the end effector
-[displacement; rotation], and the stiffness K and the damping C of the grip,
+A contact wrench w at the grasp accelerates the end effector and the client. The matrix W (6, 6) maps w to the
+relative acceleration of the two bodies. W is the sum of the client's and the end effector's mobility at the
+grasp. The client is a free body. The mobility of the end effector is J_b H_b^-1 J_b^T + J* H_q^-1 J*^T with
+free joints, and J_b H_b^-1 J_b^T with locked joints (symbols as in `State`).
+
+The first load is due to the errors of pose and velocity at the closing of the grip. Let x be the pose of the
+grasp relative to the end effector [displacement; rotation], and K and C the stiffness and the damping of the
+grip. Then
 
     x'' = -W (K x + C x'),    w = K x + C x'.
 
-A rotating client must also be accelerated to follow the arm. This causes a second load w = K x + C x', where
-x'' = a - W (K x + C x') with x = x' = 0 at the start. Here a is the acceleration of the grasp relative to the
-end effector if the client is free and the joints keep their rates. The joints are free in the W of the first
-load, which changes faster than the control law reacts. They are locked in the W of the second load, which
-changes more slowly. The two loads are added.
+The second load is due to a rotating client, which must be accelerated to follow the arm. Let a be the
+acceleration of the grasp relative to the end effector if the client is free and the joints keep their rates.
+Then x'' = a - W (K x + C x') and w = K x + C x', with x = x' = 0 at the start.
+
+The first load changes faster than the control law reacts, so its W has free joints. The second load changes
+more slowly, so its W has locked joints. The two loads are added.
 """
 
 from __future__ import annotations
@@ -40,8 +45,8 @@ DEVIATIONS = 3.0  # number of standard deviations in the largest predicted load 
 class ContactLoad:
     """The predicted largest force [N] and torque [N m] in a grip.
 
-    `force` and `torque` are root mean squares over the uncertainty, `most_force` and `most_torque` the values
-    at three standard deviations.
+    `force` and `torque` are root mean squares over the uncertainty; `most_force` and `most_torque` are the
+    values at three standard deviations.
     """
 
     force: float
@@ -94,8 +99,8 @@ def contact_load(
     """Predict the load of a grip that closes at a time t [s] and is rigid after `time` [s].
 
     `q` (nq,) and `v` (6 + n,) are the servicer's planned or measured state at t; `meet` has the client, or an
-    estimate with its uncertainty. If `arrives`, the end effector is assumed to reach the estimated grasp, so
-    that only the error of the estimate remains.
+    estimate with its uncertainty. If `arrives` is true, the end effector is assumed to reach the estimated
+    grasp, so that only the error of the estimate remains.
     """
     from scipy.linalg import expm  # slow to load
 

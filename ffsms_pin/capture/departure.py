@@ -28,7 +28,7 @@ from ffsms_pin.system.batch.stacks import quaternions
 _STEP, _MOST = 0.02, 6000  # [m] relative displacement between two instants; largest number of time steps
 _LARGEST_TURN = 2.0  # chord of half a turn on a unit circle
 _ON_THE_WAY = 0.2  # [s] between two evaluated instants of a motion
-_DRAWN, _BEST = 24, 3  # numbers of random postures, and of the best random postures that are tried
+_DRAWN, _BEST = 24, 3  # number of random postures; number of the best of them that are tried
 _BLENDS = 1.0, 0.75, 0.5, 0.25  # shares of the displacement to a posture, tried in order
 
 
@@ -43,7 +43,7 @@ class ClosestApproach(NamedTuple):
     pair : str
         The two bodies that come closest.
     time : float
-        The time from the rest of the joints to the closest approach [s].
+        The time from the end of the joint motion to the closest approach [s].
     span : float
         The time for which the motion is predicted [s].
     """
@@ -83,8 +83,8 @@ def closest_approach(
     """Predict the closest approach of a client and a servicer with its joints at rest.
 
     The prediction covers `span` [s] from the client's time t [s] on. Three standard deviations of the
-    client's position and attitude are subtracted from the distance. The distance from the client's bounding
-    ball, which does not depend on the attitude, is a lower bound.
+    client's position and attitude are subtracted from the distance. The result is at least the distance from
+    the client's bounding ball, which does not depend on the attitude.
     """
     free = rest.at_rest()
     speed = float(np.linalg.norm(client.twist(t)[:3] - free.start_twist[:3]))
@@ -101,7 +101,8 @@ def closest_approach(
     reduction = moved + chord + between
     near = closeness.nearest(q, places, attitudes, near=FAR + float(reduction.max()))
     distance, pair = near.distance - reduction, near.pair
-    if distance.min() <= 0.0 and chord.max() > _STEP:  # otherwise the attitude hardly changes the distance
+    # With a very uncertain attitude, the distance from the bounding ball is the better lower bound.
+    if distance.min() <= 0.0 and chord.max() > _STEP:
         ball = closeness.around()
         from_ball = ball.nearest(q, places, attitudes, near=FAR).distance - moved - between
         distance = np.maximum(distance, from_ball)
@@ -135,11 +136,11 @@ def departure(
     plain : Braking
         The braking at the present posture.
     drifts : tuple of two bools
-        The first is true if the base drifts with its linear momentum, the second if it turns with its angular
-        momentum. A value is false if a base law holds this part of the base's pose.
+        The first is true if no base law holds the base's position, so that it drifts with the linear
+        momentum. The second is true if no base law holds the base's attitude.
     postures : list of ndarray
-        Joint positions (n,) at which the arm may rest, besides random ones. If the list is empty, only
-        `plain` is tried.
+        Joint positions (n,) at which the arm may rest; random positions are tried as well. If the list is
+        empty, only `plain` is tried.
     client : Client or ClientEstimate
         The client or its estimate.
     t : float
@@ -232,7 +233,8 @@ def _uncertainty(client: FreeBody, times: FloatArray) -> tuple[FloatArray, Float
     """Return three standard deviations of a client's position (K,) [m] and attitude (K,) [rad]."""
     if not isinstance(client, ClientEstimate):
         return np.zeros(len(times)), np.zeros(len(times))
-    few = np.linspace(times[0], times[-1], 20)  # the deviations grow smoothly
+    # The deviations grow smoothly, so an interpolation between 20 times is exact enough.
+    few = np.linspace(times[0], times[-1], 20)
     deviations = np.array([client.deviation(float(time)) for time in few])
     moved, turned = (np.interp(times, few, DEVIATIONS * column) for column in deviations.T)
     return moved, turned

@@ -7,8 +7,8 @@ free body, a = w' = I^-1 (I w x w),
     theta' = dw - w x theta,    dw' = I^-1 (I dw x w + I w x dw + dI w x w - dI a).
 
 A Kalman filter (R. E. Kalman, "A new approach to linear filtering and prediction problems", Journal of Basic
-Engineering 82, 1960) processes each measurement at the time at which it was made. The torque-free motion
-predicts the client from that time on, so latency only increases the age of the estimate.
+Engineering 82, 1960) processes each measurement at the time at which it was made. From that time on the
+client is predicted by its torque-free motion, so latency only increases the age of the estimate.
 
 The error of the assumed inertia has six parameters, the entries of a symmetric matrix X: the second moments
 of mass S = tr(I)/2 - I become S^1/2 exp(X) S^1/2. The inertia is then physically consistent for every X (Lee,
@@ -16,9 +16,9 @@ Wensing, Park, IEEE Transactions on Robotics 36, 2020). The tumbling motion dete
 inertia. The scale of the inertia, tr(X), and the mass are unobservable in free motion, so their uncertainty
 stays. The state has velocities instead of momenta, because measured velocities do not depend on the inertia.
 
-A measurement is refused as an outlier if nu^T P_nu^-1 nu exceeds the 99.9 % quantile of its chi-squared
-distribution, with the innovation nu and its covariance P_nu. If several refused measurements agree with each
-other, the estimate is wrong, and it restarts from them.
+Let nu be the innovation of a measurement and P_nu its covariance. The measurement is refused as an outlier if
+nu^T P_nu^-1 nu exceeds the 99.9 % quantile of the chi-squared distribution. If several refused measurements
+agree with each other, the estimate is assumed to be wrong, and restarts from these measurements.
 """
 
 from __future__ import annotations
@@ -70,8 +70,8 @@ class ClientEstimate:
     mass_deviation : float
         The relative standard deviation of the mass; zero for a known mass.
     inertia_deviation : float
-        The relative standard deviation of the principal inertias if they are equal; for a rod or a plate it
-        is up to 1.4 times as large. Zero for a known inertia.
+        The relative standard deviation of the principal inertias if they are equal; zero for a known inertia.
+        The deviations for a rod or a plate are up to 1.4 times as large.
 
     Attributes
     ----------
@@ -90,14 +90,15 @@ class ClientEstimate:
         inertia_deviation: float = 0.0,
     ) -> None:
         self.refused = self.restarts = 0
-        self._refused: list[tuple[Client, float]] = []  # since the last accepted measurement
+        self._refused: list[tuple[Client, float]] = []  # refused since the last accepted measurement
         self._body, self._since, self._sensor = first, t, sensor
         self._assumed = first
         self._doubts = tuple(
             checks.share(name, value)
             for name, value in (("mass_deviation", mass_deviation), ("inertia_deviation", inertia_deviation))
         )
-        # A principal inertia is the sum of two second moments.
+        # A principal inertia is the sum of two independent second moments, so its relative deviation is
+        # smaller than theirs by the factor sqrt(2).
         moments = np.sqrt(2.0) * self._doubts[1]
         of_body = [*np.repeat(moments, 5), moments / np.sqrt(3.0), self._doubts[0]]
         self._P = np.diag(np.concatenate([sensor.deviations, of_body]) ** 2)
@@ -158,14 +159,14 @@ class ClientEstimate:
     ) -> None:
         """Add an impulse [N s] and an angular impulse [N m s] about the centre of mass, (3,) each, at t [s].
 
-        Both are in inertial axes. Per axis, the changes of velocity and angular velocity get a standard
-        deviation of a tenth of their magnitude; all impulses since the last accepted measurement share this
-        error. `noise` has additional standard deviations per axis [N s], [N m s].
+        `impulse` and `turn` are in inertial axes. Per axis, the changes of velocity and angular velocity get
+        a standard deviation of a tenth of their magnitude; all impulses since the last accepted measurement
+        share this error. `noise` has additional standard deviations per axis [N s], [N m s].
         """
         if t > self._since:
             self._predict(t)
         body, R = self._body, self._body.start_pose.rotation
-        by_unit = np.linalg.inv(body.inertia)  # changes of the angular velocity, body axes
+        by_unit = np.linalg.inv(body.inertia)  # change of the angular velocity per unit impulse
         gained = np.stack([impulse / body.mass, by_unit @ R.T @ turn])
         twist = body.start_twist + np.append(gained[0], R @ gained[1])
         self._body = other_motion(body, body.start_pose, twist)
@@ -189,7 +190,7 @@ class ClientEstimate:
         return [self._from_start(body) for body in self._spread_bodies()]
 
     def spread_poses(self, t: float) -> list[pin.SE3]:
-        """Return the poses (pinocchio.SE3) of the clients of `spread` at t [s], faster than by `spread`."""
+        """Return the poses (pinocchio.SE3) at t [s] of the clients of `spread`, at a lower cost."""
         return [body.pose(t - self._since) for body in self._spread_bodies()]
 
     def _spread_bodies(self) -> list[Client]:
@@ -201,7 +202,7 @@ class ClientEstimate:
         return [self._moved(x) for x in moves.T]
 
     def _from_start(self, body: Client) -> Client:
-        """Shift the time zero of a client from the last update to the estimate's time zero."""
+        """Return a client, whose time zero is the last update, with the estimate's time zero."""
         return other_motion(body, body.pose(-self._since), body.twist(-self._since))
 
     def _moved(self, x: FloatArray) -> Client:

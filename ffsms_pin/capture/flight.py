@@ -28,8 +28,8 @@ class Flight:
     plant : SpaceManipulator
         The simulated servicer.
     note : str
-        The reason why the motion was not re-planned; empty if it was re-planned, or planned once as
-        requested.
+        The reason why the motion was not re-planned. The note is empty if the motion was re-planned, or if
+        re-planning was not requested.
     bodies : tuple of Obstacle
         The obstacles of the plan, on the true client and elsewhere.
     grasp : pinocchio.SE3
@@ -62,7 +62,7 @@ class Flight:
 
     @property
     def states(self) -> list[tuple[float, str, str]]:
-        """The states of the capture: time [s], name, reason."""
+        """The states of the capture, each with its start time [s], its name and the reason."""
         return [(phase.time, phase.name, phase.reason) for phase in self.captured.phases]
 
     @property

@@ -82,19 +82,19 @@ def fly(
     envelope : Envelope, optional
         The errors within which the gripper can grasp the client. Default: `Envelope()`.
     control : Control or callable, optional
-        The laws of joints and base, or a function from a robot to the law of its joints. Default:
-        `Control()`.
+        The laws of joints and base, or a function that takes a robot and returns the law of its joints.
+        Default: `Control()`.
     plant : SpaceManipulator, optional
         The simulated robot, with the same joints as `sms`. Default: `sms`.
     plant_q0 : array_like, shape (nq,), optional
         Configuration of the plant at the start. Default: `q0`.
     conditions : Conditions, optional
         Conditions of the simulation: sensors, friction, disturbances, guards, initial motion. The events may
-        be joint faults and captures of payloads; `momentum` is that of the servicer, by default that of the
-        plan.
+        be joint faults and captures of payloads. `momentum` is the servicer's initial momentum, by default
+        that of the plan.
     replan : Replan, opt.ReplanOptions or bool, optional
-        Options of re-planning from the measured state. Default: re-planning if there is a camera. With a
-        camera and False, the motion is planned once, from one measurement before the flight.
+        Options of re-planning from the measured state. Default: re-planning if there is a camera. If `replan`
+        is False and there is a camera, the motion is planned once, from one measurement before the flight.
     planning : Planning, optional
         Options of the plan: time step, terms, limits and obstacles. Default: `Planning()`.
     procedure : Procedure, optional
@@ -107,7 +107,7 @@ def fly(
     Returns
     -------
     Flight
-        The recorded flight. If the client is not caught, `latched` is False and `outcome` has the reason.
+        The recorded flight. If the client was not latched, `latched` is False and `outcome` has the reason.
 
     Raises
     ------
@@ -187,7 +187,8 @@ def _replan(replan: Any, sees: bool) -> Replan | None:
 def _check_conditions(meeting: Rendezvous, laws: Control, options: dict[str, Any]) -> None:
     """Raise `InvalidValue` for conditions that the simulation does not support, before planning."""
     plant, conditions = options["plant"], options["conditions"]
-    for event in checked_events(conditions.events, plant, np.inf):  # the duration is not fixed
+    # The duration of a capture is not fixed, so an event may have any time.
+    for event in checked_events(conditions.events, plant, np.inf):
         if isinstance(event, (Close, Open, Latch, End)):
             message = (
                 "must be joint faults or payloads; the capture itself closes, opens and latches its gripper"

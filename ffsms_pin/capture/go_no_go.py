@@ -25,7 +25,7 @@ _AGE, _PERIODS = 2.0, 5.0  # largest age beyond the latency: 2 s, or five sensor
 class GoLimits:
     """The limits of the client's uncertainty from the go decision to the contact.
 
-    The motion of a free client can be predicted for longer than `age`. Near the grasp, however, a contact may
+    The motion of a free client can be predicted for longer than `age`. But a contact near the grasp may
     change the motion, so the age of the last measurement is limited.
 
     Raises
@@ -57,11 +57,11 @@ class GoLimits:
     def lacks(
         self, meet: Meet, now: float, contact: float, envelope: Envelope, measuring: bool = True
     ) -> str:
-        """Return the uncertainty that is too large at `now` [s] for a contact at `contact` [s], in words.
+        """Return a text of the first limit that the uncertainty exceeds; empty if it exceeds none.
 
-        The result is empty if all limits are satisfied. `measuring` is true if the client is measured during
-        the motion. If the client is measured only once, before planning, the age of the measurement is not
-        limited.
+        The present time is `now` [s], the time of the contact `contact` [s]. `measuring` is true if the
+        client is measured during the motion. If the client is measured only once, before planning, the age
+        of the measurement is not limited.
         """
         client = meet.client
         if not isinstance(client, ClientEstimate):
@@ -104,7 +104,7 @@ def go_no_go(
     """Return the reason against grasping the client of `meet` at a time t [s]; empty if there is none.
 
     `expected` is the expected position error [m], or the final configuration (nq,) of the plan. `prediction`
-    is the predicted motion after the contact. `GoLimits.lacks` checks the uncertainty of the client.
+    is the predicted motion after the contact. `GoLimits.lacks` checks the client's uncertainty separately.
     """
     if isinstance(expected, np.ndarray):
         tip = sms.at(expected).end_effector_pose.translation

@@ -17,9 +17,9 @@ from ffsms_pin.simulation.loads import velocity_at
 class GripLoad:
     """A spring and a damper in all six directions, a bilateral `Load`.
 
-    With d the displacement from the end effector to the grasp, u their relative velocity at that point, phi
-    the rotation vector between them and w their relative angular velocity (inertial axes), the wrench on the
-    end effector at the grasp is
+    The motion of the grasp relative to the end effector has the displacement d, the rotation vector phi, the
+    velocity u at the grasp and the angular velocity w (inertial axes). The wrench on the end effector at the
+    grasp is
 
         f = k d + c u,    torque = k_r phi + c_r w.
 

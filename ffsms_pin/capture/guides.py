@@ -16,7 +16,7 @@ from ffsms_pin.errors import InvalidValue
 from ffsms_pin.geometry.convex_parts import hull_of
 
 _SIZES = 1e-4, 100.0  # [m] smallest and largest dimension; qhull fails on much flatter shapes
-_NARROW = 0.75  # share of a cone's length from the entry; deeper, a probe may be nearer than the clearance
+_NARROW = 0.75  # share of a cone's length, from the entry on, in which a probe keeps the full clearance
 _MOST_SIDES = 360  # largest number of sides of a polygon, one per degree
 
 
@@ -110,7 +110,7 @@ def probe_in_nozzle(
     rod = coal.Capsule(probe_radius, probe_length - 2.0 * probe_radius)
     probe = (rod, pin.SE3(np.eye(3), np.array([0.0, 0.0, -0.5 * probe_length])))
     end, wall = cone_length + throat_length, 0.5 * throat_radius
-    # The profile follows the inside to the end and returns on a straight outside, so it is convex.
+    # The profile of a wall is convex: the inside up to the end, and a straight outside back to the entry.
     profile = np.array([
         [entry_radius, 0.0], [throat_radius, cone_length], [throat_radius, end],
         [throat_radius + wall, end], [entry_radius + wall, 0.0],
@@ -147,7 +147,8 @@ def gripper_on_ring(
     balls hold the rim in all directions, and their contact points do not jump. The end-effector frame is in
     the centre of the pads: z towards the ring, y from finger to finger, along the ring's radius. Only the
     gripped segment of the ring and its neighbours have contact. If `opening` is less than the ring's
-    thickness, the pads squeeze the ring; pass such a load in the event `Close`.
+    thickness, the pads squeeze the ring. Pass such a load to the event `Close`, so that it acts only after
+    the gripper has closed.
 
     Parameters
     ----------
@@ -162,7 +163,7 @@ def gripper_on_ring(
     reach : float
         The distance from the palm to the middle of the pads [m].
     pad, pad_radius : float
-        The side of the square, and the radius of the balls [m].
+        The side of a pad's square, and the radius of the balls [m].
     segments : int
         The number of flat segments of the ring, at least eight.
     **surface

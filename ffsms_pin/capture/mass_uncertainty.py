@@ -31,7 +31,7 @@ class MassUncertainty:
     """
 
     arm: Annotated[Share, Unit()] = 0.0
-    """The standard deviation of the mass of each body of the arm; its inertia scales with it."""
+    """The standard deviation of the mass of each body of the arm; a body's inertia scales with its mass."""
     base: Annotated[Share, Unit()] = 0.0
     """The standard deviation of the base's mass."""
     base_inertia: Annotated[Share, Unit()] = 0.0
@@ -47,8 +47,9 @@ class MassUncertainty:
     ) -> MassUncertainty:
         """Return the deviations that match a plant with other masses than the model.
 
-        `errors` are fields of `simulation.InertialError`, and `drawn` keyword arguments of
-        `simulation.random_plants`, None without random errors. Fields in `chosen` replace the deviations.
+        `errors` has fields of `simulation.InertialError`. `drawn` has keyword arguments of
+        `simulation.random_plants`, or is None if there are no random errors. Fields in `chosen` replace the
+        resulting deviations.
         """
         base = errors.get("base_mass", 1.0)
         factors = {"arm_mass": 1.0, "base_mass": base, "base_inertia": base}
@@ -57,7 +58,7 @@ class MassUncertainty:
             share = 0.0
             if drawn is not None:
                 share = drawn.get(key, signature(random_plants).parameters[key].default)
-            drawn_deviation = share / math.sqrt(3.0)  # of a uniform distribution between -share and share
+            drawn_deviation = share / math.sqrt(3.0)  # uniform distribution from -share to share
             bias = float(np.abs(np.asarray(errors.get(key, default)) - 1.0).max())
             deviations[key.removesuffix("_mass")] = math.hypot(drawn_deviation, bias)
         return cls(**{**deviations, **chosen})

@@ -179,7 +179,7 @@ def _scene(make: Callable[..., Scene], grasp: Any, sizes: dict[str, float]) -> S
 
 @dataclass(frozen=True, eq=False)
 class Replan(opt.ReplanOptions):
-    """The options of `opt.ReplanOptions` for re-planning, and the time step.
+    """The options of re-planning: those of `opt.ReplanOptions`, and the time step of the motions.
 
     Raises
     ------
@@ -213,7 +213,7 @@ class Planning:
         Obstacles in addition to those of an `opt.Clearance`. Obstacles on the goal's client are parts of that
         client. The flight ends if the servicer touches such an obstacle and the contact is not modelled.
     joint_rates : array_like, shape (n,), optional
-        Joint rates at the start [rad/s]. Default: at rest.
+        Joint rates at the start [rad/s]. Default: zero.
     momentum : array_like, shape (6,), optional
         Total momentum of the servicer [linear; angular] [kg m/s; kg m^2/s]. Default: see `opt.Problem`.
     locked : sequence of str

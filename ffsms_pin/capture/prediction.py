@@ -97,7 +97,7 @@ class Prediction:
         The same body for clients and servicers that deviate by one standard deviation in independent
         directions.
     braking : float
-        The time from the contact to the rest of the joints [s].
+        The time from the contact until the joints are at rest [s].
     spinning : ndarray, shape (3,)
         The momentum of the wheels at the contact [N m s], inertial axes.
     note : str
@@ -114,7 +114,7 @@ class Prediction:
     load: ContactLoad | None = None
 
     def rate(self, t: float) -> FloatArray:
-        """Return the base's angular velocity (3,) [rad/s] t [s] after the contact, inertial axes."""
+        """Return the base's angular velocity (3,) [rad/s] at t [s] after the contact, inertial axes."""
         return np.asarray(self.rest.twist(t - self.braking)[3:])
 
     def deviation(self, t: float) -> FloatArray:
@@ -132,13 +132,13 @@ class Prediction:
         return _deviation([client.momentum[3:] for client in self.spread], self.rest.momentum[3:])
 
     def beside_rate(self, name: str, t: float, simulated: FloatArray) -> dict[str, Any]:
-        """Return entries of a summary that compare `rate` with the simulated one at t (3,) [rad/s]."""
+        """Return entries of a summary that compare `rate` at t [s] with a `simulated` rate (3,) [rad/s]."""
         degrees = 180.0 / np.pi
         rate, deviation = self.rate(t) * degrees, self.deviation(t) * degrees
         return _beside(name, "base_rate", "deg_per_s", rate, deviation, simulated * degrees)
 
     def beside_wheels(self, name: str, simulated: FloatArray) -> dict[str, Any]:
-        """Return entries of a summary that compare `wheel_momentum` with the simulated one (3,) [N m s]."""
+        """Return entries of a summary that compare `wheel_momentum` with `simulated` (3,) [N m s]."""
         return _beside(name, "wheel_momentum", "Nms", self.wheel_momentum, self.wheel_deviation, simulated)
 
 

@@ -88,7 +88,8 @@ class CaptureOptions(Procedure):
     obstacles : sequence of Obstacle
         The obstacles for predicted motions of the servicer, at least those on the client.
     bodies : sequence of Obstacle
-        The bodies of the client. The run ends if one touches the servicer and no load models the contact.
+        The bodies of the client. If such a body touches the servicer and no load models the contact, the run
+        ends.
     clearance, collision : float, str
         The required distance [m] and the collision geometry, see `opt.Clearance`.
     """
@@ -111,7 +112,7 @@ class CaptureOptions(Procedure):
     def closeness(self, sms: SpaceManipulator, guides: bool = False) -> ClientDistances | None:
         """Return the distances between a servicer and the obstacles on the client; None without obstacles.
 
-        If `guides`, distances between the gripper and the nozzle or ring around the grasp are included.
+        If `guides` is true, distances to the pieces of the nozzle or ring at the grasp are included.
         """
         if not any(obstacle.moves and obstacle.piece_of is None for obstacle in self.obstacles):
             return None

@@ -28,7 +28,7 @@ from ffsms_pin.opt.limits.limit import RATE_MARGIN
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.simulation import Phase, Sensors, Tracking, simulate
 
-# Default integration steps in a control step with contact: a stiff contact oscillates faster than an arm.
+# Default number of integration steps in a control step. A stiff contact oscillates faster than an arm.
 _SUBSTEPS = 8
 _JUDGED = 0.02  # [s] between two evaluations of clearances
 
@@ -93,20 +93,23 @@ class Captured:
 
     @property
     def missed(self) -> str:
-        """The reason why the client was not caught; empty if it was caught."""
+        """The reason why the client was not latched; empty if it was latched."""
         reasons = [phase.reason for phase in self.phases if phase.name in ("retreat", "braking", "collision")]
         return "" if self.caught else "; ".join(dict.fromkeys("; ".join(reasons).split("; ")))
 
     @property
     def contact_at(self) -> float:
-        """The time [s] of the contact or, if the client was not latched, the end of the first attempt."""
+        """The time of the contact or, if the client was not latched, of the end of the first attempt [s]."""
         if self.caught:
             return [phase.time for phase in self.phases if phase.name == "contact"][-1]
         return next(phase.time for phase in self.phases if phase.name in ("retreat", "braking", "collision"))
 
     @property
     def latched_at(self) -> float:
-        """The time of the latch, else the start of the last braking, else the end of the run [s]."""
+        """The start of the last braking [s]; without a braking, the end of the run.
+
+        After a capture the braking starts at the latch.
+        """
         times = [phase.time for phase in self.phases if phase.name == "braking"]
         return times[-1] if times else float(self.whole.t[-1])
 

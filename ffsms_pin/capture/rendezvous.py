@@ -194,14 +194,14 @@ class Rendezvous:
         return VisualReplanning(problem, self.client, self.camera, known, plan=plan, options=replan)
 
     def reference(self, plan: opt.Trajectory, replan: Replan | None) -> Reference:
-        """Return the reference up to the contact, planned once or re-planned."""
+        """Return the reference up to the contact; it is re-planned unless `replan` is None."""
         if replan is not None:
             return self.replanning(plan, replan)
         return plan if self.camera is None else Held(plan, 0.0, self.target)
 
     @property
     def target(self) -> Callable[[float], FloatArray]:
-        """The true position of the grasp (3,) [m], a function of time [s]."""
+        """A function that takes a time [s] and returns the true position of the grasp (3,) [m]."""
         return grasp_at(self.meet)
 
     def known(self, reference: Reference) -> Client | ClientEstimate:

@@ -22,7 +22,7 @@ from ffsms_pin.opt.trajectory import measure
 from ffsms_pin.robot import SpaceManipulator
 
 _RETURN = 1.0  # [1/s] rate at which position errors are corrected and self-motions decay
-_DAMPING = 0.05  # [1] damping of changes of the rates near a singularity (Wampler 1986)
+_DAMPING = 0.05  # [1] damping of changes of the joint rates near a singularity (Wampler 1986)
 _RUBS = 0.05  # [m] tolerated violation of the clearance from a guide if no other retreat is possible
 _OVERLAP = 1e-3  # [m] overlap of bodies above which a plan is not flown
 _SHORT = 0.01  # [m] tolerated shortfall of a retreat, in addition to a tenth of its length
@@ -68,10 +68,11 @@ def refusal(error: FfsmsError) -> str:
 def moved_away(problem: Problem, *displacements: FloatArray) -> Planned:
     """Plan a retreat by the first feasible of `displacements` (3,) [m], grasp axes.
 
-    Straight motions are tried first, because a probe must leave a nozzle straight. The end effector turns
-    with the client, its rotation is ramped down, or it hardly turns; each motion is tried in the full time of
-    the problem and in shorter times. If all violate limits, a motion by the first displacement is planned.
-    The last resort is a straight motion that only violates the clearance from the guide, by less than 50 mm.
+    Straight motions are tried first, because a probe must leave a nozzle straight. Three rotations of the end
+    effector are tried: it turns with the client, its rotation is ramped down, or it hardly turns. Each motion
+    is tried in the full time of the problem and in shorter times. If all straight motions violate limits, a
+    motion by the first displacement is planned. The last resort is a straight motion that only violates the
+    clearance from the guide, by less than 50 mm.
     """
     goal, trouble = problem.goal, ""
     assert isinstance(goal, Meet)

@@ -63,7 +63,7 @@ _AHEAD, _PATH = 3.0, 0.5  # [s] span of the collision check ahead, and time betw
 _COARSE, _FINE = 0.25, 0.05  # [s] time steps of predicted motions, for distances and for the final state
 _LOST = 0.5  # [s] for which a miss is predicted before an abort, because re-planning corrects most misses
 _MOVED = 0.01  # [m] smallest displacement of the grasp that a reason mentions
-_DARK = 1.0  # [s] without a measurement, after which a displacement is attributed to the camera
+_DARK = 1.0  # [s] shortest interruption of the measurements that a reason mentions
 _KNOCK, _KNOCKED = 1.0, 3.0  # [s] after a contact in which joints may exceed rate limits, up to this factor
 LATCHED = "both are one body"  # the reason for braking after a latch
 TOUCH = 1e-4  # [m] overlap above which bodies count as touching
@@ -72,7 +72,7 @@ _TURNS = "floating", "translation-flying"  # modes in which the base's attitude 
 
 
 class Transition(NamedTuple):
-    """A transition to another state: its name, the reason, and its initial events."""
+    """A transition: the name of the next state, the reason, and the events at the start of that state."""
 
     state: str
     reason: str
@@ -82,16 +82,16 @@ class Transition(NamedTuple):
 class StateMachine(Observer, Supervisor):
     """A state machine that serves `simulate` as reference, joint law, base law and supervisor of a capture.
 
-    The simulated `plant` and the true client decide whether the gripper is inside its envelope and whether
-    bodies collide. All other decisions use measurements and the client of the goal `meet`, which is an
-    estimate or, without a camera, the true client. Up to the contact the arm follows a `reference`, the plan
-    or a `Replanning`. After the latch, control and braking use the model of the servicer joined with the
-    estimated client. `step` is the control step [s]. `again` returns the planning problem of another attempt;
-    without `again` there is one attempt.
+    The envelope and collisions are checked with the simulated `plant` and the true client. All other
+    decisions use measurements and the client of the goal `meet`, which is an estimate or, without a camera,
+    the true client. Up to the contact the arm follows a `reference`, which is the plan or a `Replanning`.
+    After the latch, control and braking use a model in which the servicer is joined with the estimated
+    client. `step` is the control step [s]. `again` returns the planning problem of another attempt; without
+    `again` there is one attempt.
 
-    `phases` are the states so far, `closings` the closings of the gripper, `after` the servicer and true
-    client at the latch, `expected` the prediction at the contact, `model` the robot of the laws, `braking`
-    the last braking, `identification` the measurements of the latched client.
+    The attribute `phases` has the states so far, `closings` the closings of the gripper, `after` the servicer
+    and true client at the latch, and `expected` the prediction at the contact. `model` is the robot model of
+    the laws, `braking` the last braking, and `identification` has the measurements of the latched client.
     """
 
     def __init__(
@@ -133,7 +133,7 @@ class StateMachine(Observer, Supervisor):
         self._away = handling.closeness(sms, guides=True)  # outside the corridor no contact is permitted
         self._near = 0.0  # [s] time of the next evaluation of the true distance
         self._felt = -math.inf  # [s] time of the last contact
-        # Drift of the base's position, and of its attitude, by the momentum; False if a base law prevents it.
+        # Two values, for the base's position and attitude: True if it drifts, False if a base law holds it.
         planner = self._replanning
         self.momentum = plan.momentum if planner is None else planner.momentum
         self.base_mode = mode = plan.mode if planner is None else planner.base_mode
@@ -213,7 +213,7 @@ class StateMachine(Observer, Supervisor):
             self.base_law.reset(dt)
 
     def observe_wrench(self, t: float, wrench: FloatArray) -> None:
-        """Pass the measured wrench (6,) to the law; zero if the law's model includes a latched client."""
+        """Pass the measured wrench (6,) to the law, or zero if the law's model includes a latched client."""
         felt = wrench if self.model is self._sms else np.zeros(6)
         self.law.observe_wrench(t, felt)
 
@@ -221,7 +221,7 @@ class StateMachine(Observer, Supervisor):
         self, q: FloatArray, v: FloatArray, q_d: FloatArray, qd_d: FloatArray, qdd_d: FloatArray
     ) -> FloatArray:
         """Return the joint torques (n,)."""
-        if self._impact is not None:  # the measured v is older than the latch
+        if self._impact is not None:  # the measured v is from before the latch
             v, self._impact = self._impact, None
         return self.law.torque(q, v, q_d, qd_d, qdd_d)
 
@@ -308,7 +308,7 @@ class StateMachine(Observer, Supervisor):
         if not self._at_corridor(now):
             reason = self._touched_ahead(now, _AHEAD)
             return self._back(now, reason) if reason else None
-        if self._follow is not self._reference:  # plan again from the hold point, with the present estimate
+        if self._follow is not self._reference:  # another attempt: plan with the present estimate
             plan, _ = self._planned(now, self._deadline - now.t)
             if plan is not None:
                 self._follow_from(now.t, plan)
@@ -606,7 +606,7 @@ class StateMachine(Observer, Supervisor):
     def _is_away(self, now: Instant, more: float = 0.0) -> bool:
         """Return whether the end effector is far from the grasp.
 
-        The bound of the distance is 90 % of the sum of `more` [m] and the longer of `retreat` and standoff.
+        The least distance is 90 % of a sum: `more` [m] plus the larger of `retreat` and standoff.
         """
         far = max(self.handling.retreat, self._meet.standoff) + more
         return float(np.linalg.norm(self._off(now))) > 0.9 * far
@@ -675,7 +675,8 @@ class StateMachine(Observer, Supervisor):
         try:
             problem = self._again(start, client=self.known(now.t))
             changes: dict[str, Any] = {"locked": tuple({*problem.locked, *self._failed})}
-            if self._momenta:  # only a failed attempt or a push can have changed the momentum
+            # Momenta are recorded from the closing on; before it, no contact can change the momentum.
+            if self._momenta:
                 changes["momentum"] = np.mean(self._momenta, axis=0)
             if problem.wheels is not None:
                 changes["wheel_momentum"] = now.wheel_momentum

@@ -60,8 +60,9 @@ class SurfaceContact:
 
     Each pair of shapes has one contact point, at the deepest overlap. Between two flat faces this point can
     jump, and the torque with it, so one face should be modelled by rounded feet. A hollow shape or a ring is
-    a set of convex pieces; at the seam of two flush pieces, both pieces push. Round shapes (spheres,
-    capsules, shapes with a swept radius) are exact to rounding while they overlap by less than their radius.
+    a set of convex pieces; at the seam of two flush pieces, both pieces push. The contact points of round
+    shapes (spheres, capsules, shapes with a swept radius) are exact up to rounding while the overlap is
+    smaller than the radius.
 
     Parameters
     ----------

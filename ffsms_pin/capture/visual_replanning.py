@@ -60,8 +60,7 @@ class VisualReplanning(Replanning):
     In a plan to meet the client, goal and obstacles use the new estimate in the second half of the time. In
     the first half, the new estimate is used only if it displaces the grasp at the deadline by more than one
     standard deviation, because plans would otherwise follow noise. The last measurement is made a second
-    before the deadline, because later corrections leave a velocity error, and a near gripper hides the
-    markers.
+    before the deadline, because later corrections leave a velocity error and the gripper hides the markers.
     """
 
     def __init__(
@@ -161,9 +160,9 @@ class Push(NamedTuple):
 class MomentumSense:
     """An estimator of pushes on a client from changes of the servicer's momentum.
 
-    For any motion of its joints, only a contact changes the momentum of a floating servicer. Measured changes
-    have noise, and a drift if masses deviate from the model. Both are estimated while there is no contact.
-    Later changes are pushes if they exceed four times the noise.
+    Only a contact changes the momentum of a floating servicer, however its joints move. Measured changes of
+    the momentum have noise, and a drift if masses deviate from the model. Noise and drift are estimated from
+    changes without a push. If a contact is possible, changes above four times the noise are pushes.
     """
 
     def __init__(self, problem: Problem) -> None:

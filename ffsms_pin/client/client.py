@@ -182,7 +182,7 @@ class Client:
     def poses(self, times: ArrayLike) -> tuple[FloatArray, FloatArray]:
         """Return positions (K, 3) [m] and attitudes (K, 3, 3) of the body frame at times (K,) [s]."""
         t = np.asarray(times, dtype=np.float64)
-        if (cached := self._cache.get(key := t.tobytes())) is None:  # planning uses the same times often
+        if (cached := self._cache.get(key := t.tobytes())) is None:  # plans use the same times often
             if len(self._cache) >= 8:
                 self._cache.clear()
             places = self.start_pose.translation + t[:, None] * self.start_twist[:3]

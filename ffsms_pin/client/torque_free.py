@@ -170,7 +170,7 @@ def jacobi(u: FloatArray, k1: float) -> FloatArray:
     """Return cn, sn and dn (3, ...) at arguments u (...), by the arithmetic-geometric mean."""
     a, b, c = 1.0, k1, float(np.sqrt((1.0 - k1) * (1.0 + k1)))
     means = []
-    while abs(c) > np.sqrt(np.finfo(np.float64).eps) * a:  # each step squares c / a
+    while abs(c) > np.sqrt(np.finfo(np.float64).eps) * a:  # each step nearly squares c / a
         a, b, c = 0.5 * (a + b), float(np.sqrt(a * b)), 0.5 * (a - b)
         means.append((a, c))
     # Whole periods are subtracted first, because the amplitude would grow with u and lose digits.

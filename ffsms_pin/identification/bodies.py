@@ -29,8 +29,8 @@ class UnknownBody:
     name : str
         "base", "payload", or the name of a link or joint.
     index : int
-        The index of the body, for a payload that of the body that carries it. The base has index 0, the body
-        that joint i moves (i from 0) has index i + 1.
+        The index of the body; for a payload, the index of the link that carries the payload. The base has the
+        index 0, and the body that joint i moves (i from 0) has the index i + 1.
     added : bool
         True for a payload, whose parameters add to those of the body `index`.
     believed : ndarray, shape (10,)
@@ -81,8 +81,8 @@ def known_bodies(sms: SpaceManipulator, known: Mapping[str, Any]) -> Known:
 def unknown_bodies(known: Known, unknown: Sequence[str], spread: float) -> list[UnknownBody]:
     """Return the bodies named in `unknown`, with their priors.
 
-    The prior deviations are `spread` times the body's mass, first moments and inertia. A payload without a
-    prior has deviations of the size of the whole robot's mass and the base's radius of gyration.
+    The prior deviations are `spread` times the body's mass, first moments and inertia. The deviations of a
+    payload without a prior are those of a body with the mass of the robot and the base's radius of gyration.
     """
     if isinstance(unknown, str) or not isinstance(unknown, Sequence) or not unknown:
         example = "a list of names such as ['base'], ['base', 'payload'] or link names"

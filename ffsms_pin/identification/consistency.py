@@ -2,8 +2,9 @@
 
 A body's ten parameters are consistent if some mass distribution has them. This is the case if and only if
 the (4, 4) pseudo-inertia [[1/2 tr(I) 1 - I, m c], [(m c)^T, m]] is positive definite, where I is the inertia
-about the link's origin and c the centre of mass. The pseudo-inertia is written as L L^T with a lower
-triangular L whose diagonal is exponential, so ten free numbers give all consistent bodies and no others.
+about the link's origin, 1 the identity matrix, m the mass and c the centre of mass. The pseudo-inertia is
+written as L L^T with a lower triangular matrix L, which has exponentials on its diagonal. Ten free numbers
+then give all consistent bodies and no others.
 
 References
 ----------
@@ -40,9 +41,9 @@ def nearest_consistent(
 ) -> FloatArray:
     """Return the consistent parameters (b, 10) nearest to an estimate (b, 10) in the metric `information`.
 
-    A consistent estimate is returned unchanged. `information` (k, k) is that of the k unknown parameters,
-    which are True in `free` (b, 10); the others keep their values. `scales` (b, 10) are typical magnitudes.
-    The search begins at `near` (b, 10) if it is given.
+    A consistent estimate is returned unchanged. `free` (b, 10) is True for the k unknown parameters; known
+    parameters keep their values. `information` (k, k) is the information matrix of the unknown parameters.
+    `scales` (b, 10) are typical magnitudes. If `near` (b, 10) is given, the search begins there.
     """
     if all(map(consistent, estimate, scales)):
         return estimate

@@ -4,8 +4,8 @@ The information of a motion is M = sum_k Y_k^T W Y_k, where Y_k is the regressor
 and W the weight of the measurements. A criterion F(M) of experiment design is no sum over instants. Its
 linearisation about a plan, -trace(G M) with G = -dF/dM, is such a sum. If G = sum_j g_j g_j^T, the
 linearisation is the integral of -sum_j |y_j|^2, where y_j = W^1/2 Y g_j is the weighted momentum of bodies
-with the parameters g_j. The term is a majorant of it, the integral of sum_j |y_j - 2 y_j0|^2 up to a
-constant, where y_j0 belongs to the plan. This sum of squares has the same gradient at the plan.
+with the parameters g_j. The term is the integral of sum_j |y_j - 2 y_j0|^2, where y_j0 is y_j in the plan. Up
+to a constant, this sum of squares is a majorant of the linearisation, with the same gradient at the plan.
 
 References
 ----------
@@ -46,9 +46,10 @@ class Excitation(Term):
     plan : Trajectory
         The plan about which the term is linearised; the arm must move.
     weight : float
-        The weight of the excitation, relative to that of the plan [1/s].
+        The weight of the term [1/s]. The momenta in the term are divided by their root mean square in the
+        plan.
     directions : int
-        The number of combinations of parameters in the term, the most uncertain ones.
+        The number of parameter combinations in the term; the most uncertain combinations are used.
 
     Raises
     ------
@@ -76,7 +77,7 @@ class Excitation(Term):
         if not shares.any():
             expected = "must move the arm enough to excite at least one unknown parameter"
             raise InvalidValue("plan", plan, expected)
-        values, vectors = np.linalg.eigh((C * shares) @ C)  # -dF/dM of F = sum of variances^4
+        values, vectors = np.linalg.eigh((C * shares) @ C)  # -dF/dM / 4 of F = sum of variances^4
         chosen = vectors[:, -directions:] * np.sqrt(np.maximum(values[-directions:], 0.0))
         y = root @ Y @ chosen
         mean = np.zeros(y.shape[1:]) if identifier.at_rest else y.mean(axis=0)
@@ -90,7 +91,10 @@ class Excitation(Term):
         self._parameters *= scales
 
     def residual(self, m: Variables) -> list[Any]:
-        """Return the weighted momentum of each combination of parameters, minus twice the plan's."""
+        """Return the weighted momentum of each parameter combination, minus twice that of the plan.
+
+        If the total momentum is unknown, the plan's mean is subtracted from both momenta.
+        """
         bodies = self._bodies(m)
         times = m.time_offset + np.asarray(m.times)
         times = times * (self._times[-1] / times[-1])  # the plan may have another duration

@@ -2,8 +2,8 @@
 
 A joint's motion is a window function times a sum of harmonics, so it begins and ends at the start position
 at rest. The coefficients of the harmonics minimise the expected standard deviations of the parameters, mostly
-the largest ones. Each joint's motion is scaled to keep its range, rate and acceleration; the whole motion is
-scaled until it keeps all other limits.
+the largest ones. Each joint's motion is scaled to keep the limits of position, rate and acceleration. Then
+the whole motion is scaled down until it keeps all other limits.
 
 References
 ----------
@@ -172,7 +172,7 @@ class _Search:
         return float(np.mean(left**_WORST) ** (1.0 / _WORST))
 
     def first(self, coefficients: FloatArray) -> float:
-        """Return the sum of the deviations' logarithms, and add to the set of observable parameters."""
+        """Return the sum of the deviations' logarithms, and store which parameters are observable."""
         left = self.deviations(self.rates(coefficients, _NODES), self._coarse)
         shown = left < 0.9
         self._shown = shown if self._shown is None else self._shown | shown

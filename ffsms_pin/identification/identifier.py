@@ -53,13 +53,13 @@ class Identifier(Learner):
         Bodies whose ten parameters are estimated: "base", "payload" (an additional body fixed to the link
         that carries the end effector), and names of links or joints.
     sensors : Sensors, optional
-        Noise of the measurements, which sets their weights and the correction of the bias. Default: the same
-        deviation for all velocities, scaled by the residuals, and no bias, which suits nearly exact
-        measurements. `identify` estimates the noise from the recording.
+        The noise of the measurements, which determines their weights and the correction of the bias. The
+        default suits nearly exact measurements: the same deviation for all velocities, scaled by the
+        residuals, and no bias. `identify` estimates the noise from the recording.
     known : mapping, optional
-        Values by the name of a body: a mass [kg], which is not estimated, or a `pinocchio.Inertia` as prior
-        in place of the model's; that of "payload" is in the frame of the link. In a scenario file a body is a
-        table of `mass`, `inertia` (about the centre of mass) and `com`.
+        Values by the name of a body. A mass [kg] is not estimated. A `pinocchio.Inertia` replaces the model's
+        inertia as prior; for "payload" it is in the frame of the link that carries the end effector. In a
+        scenario file a body is a table of `mass`, `inertia` (about the centre of mass) and `com`.
     spread : float
         The prior standard deviation as a share of a body's mass, first moments and inertia.
     at_rest : bool
@@ -257,7 +257,7 @@ class Identifier(Learner):
         return np.asarray(flat.T @ flat)
 
     def expected_equations(self, q: FloatArray, v: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the root (6, 6) of the weight of the first state, and the regressors (N, 6, k) of all.
+        """Return the root (6, 6) of the first state's weight, and the regressors (N, 6, k) of all states.
 
         The regressors are in units of the prior deviations.
         """
@@ -308,7 +308,7 @@ class Identifier(Learner):
         learnt = max(len(A), len(B))
         scale = other_scale = 1.0
         for _ in range(4):
-            # Least squares by the factors of the information, because exact data need twice its digits.
+            # The factors A and B are used, because A^T A + B^T B would lose half of the digits of exact data.
             root, other_root = math.sqrt(scale), math.sqrt(other_scale)
             Q, R = np.linalg.qr(np.vstack([A / root, B / other_root, np.eye(k)]))
             back = np.linalg.inv(R)
@@ -319,7 +319,7 @@ class Identifier(Learner):
             if self._other_count >= _ENOUGH + k:
                 others = float(other[-1, -1] + 2.0 * other[:-1, -1] @ x + x @ other[:-1, :-1] @ x)
                 other_scale = max(others / (self._other_count - learnt), _LEAST_SCALE)
-        # The noise of the regressors adds to that of the sums, in proportion to their weight.
+        # The noise of the regressors increases the covariance; `bias` is its contribution to G.
         inverse = back @ back.T
         noisy = inverse @ A.T @ N
         covariance = inverse + noisy @ (bias / scale) @ noisy.T
@@ -389,8 +389,9 @@ def _significant(
 ) -> tuple[FloatArray, FloatArray]:
     """Return a factor A (r, k) of the part of G that exceeds the noise of its `bias`, and N (r, k).
 
-    The part is A^T A; A^T N projects on its directions. These are the eigenvectors of G relative to that
-    noise, because a direction without information may have more noise than others have information.
+    The part is A^T A, and A^T N is the projector on its directions. The directions are eigenvectors of G
+    relative to the noise, because the noise in a direction without information may exceed the information in
+    another direction.
     """
     noise = _ROUNDING * max(float(np.linalg.eigvalsh(G)[-1]), 1e-300) * np.eye(len(G))
     if bias is not None:

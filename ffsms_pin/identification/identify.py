@@ -83,7 +83,7 @@ def identify(
     Returns
     -------
     Identification
-        Its `note` lists the unobservable parameters.
+        The estimated bodies and the robot with these bodies; `note` lists the unobservable parameters.
 
     Raises
     ------

@@ -12,11 +12,11 @@ from ffsms_pin.checks import FloatArray
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.simulation import Sensors
 
-# [m/s, rad/s] default if the sensors are unknown; larger residuals scale it up.
+# [m/s, rad/s] default deviation if the sensors are unknown; it is scaled up if the residuals are larger.
 NOMINAL = 1e-6
 _ORDERS = (3, 5, 7)  # orders of the differences that estimate noise
 _LEAST = 1e-9  # [m/s, rad/s] least deviation in the weights, so that they stay finite
-_USUAL_SHARE = 0.3  # joint rates, as a share of their limits, assumed for the effect of errors in angles
+_USUAL_SHARE = 0.3  # assumed joint rates, as a share of their limits, for the effect of joint position noise
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,9 +79,10 @@ class NoiseModel:
 
 
 def noise_of(t: FloatArray, values: FloatArray) -> FloatArray:
-    """Return the noise deviations (k,) of series (N, k), the least by divided differences of several orders.
+    """Return the standard deviations (k,) of the noise in series (N, k), from divided differences.
 
-    Lower orders also show the motion if its rate of sampling is low.
+    The least of the estimates by several orders is returned, because differences of low order also contain
+    the motion if the sampling rate is low.
     """
     if len(values) < 2 * max(_ORDERS):
         return np.zeros(values.shape[1])

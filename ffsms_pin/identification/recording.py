@@ -1,7 +1,7 @@
 """The recorded motion for an identification, and its checks.
 
 Positions are compared with integrated velocities, channel by channel over windows of the recording. They
-disagree if a sensor froze, if values are in degrees, or if the base's velocity is in other axes.
+disagree if a sensor is frozen, if values are in degrees, or if the base's velocity is in other axes.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from ffsms_pin.simulation import Tracking
 from ffsms_pin.system.batch.stacks import apply, log3, rotations
 
 _GAP = 5.0  # least length of a gap, as a multiple of the usual step
-_USUAL = 90.0  # percentile of the steps that is the usual step, because samples may be irregular
+_USUAL = 90.0  # percentile of the time steps that is the usual step, because samples may be irregular
 _WINDOWS = 24  # least number of windows
 _NOISE = 8.0  # least motion in a window for a comparison, as a multiple of its noise
 _AGREES = 0.2  # allowed difference of positions and integrated velocities, as a share of the motion
@@ -29,7 +29,7 @@ _FASTEST = 10.0  # largest accepted rate, as a multiple of the limit; impacts ar
 _DEGREES = 180.0 / np.pi
 _TURN = 1.0  # [rad] largest mean rotation of the base in a window
 _ALTERNATIVE = 0.3  # largest disagreement in the right axes, as a share of that in the stated axes
-_MILLI = 3.0  # factor by which wrong masses may change the base's velocity of the model
+_MILLI = 3.0  # factor by which wrong masses may change the model's base velocity
 _SOME = 200  # number of samples for the comparison of the base's velocity with the model's
 
 BASE_VELOCITIES = {
@@ -170,7 +170,8 @@ def _of_arrays(sms: SpaceManipulator, recording: Any, wheel_momentum: Any) -> Re
         if not np.isfinite(measured).all():
             base = "; a position or a linear velocity of the base that is not measured is NaN in all rows"
             raise InvalidValue(label, array, "must be finite" + base * (name in "qv"))
-    q = q.copy()  # both signs of a quaternion are the same attitude
+    # q and -q are the same attitude, so each quaternion gets the sign of the previous row.
+    q = q.copy()
     q[1:, 3:7] *= np.cumprod(np.where((q[1:, 3:7] * q[:-1, 3:7]).sum(axis=1) < 0.0, -1.0, 1.0))[:, None]
     return Recording(t, q, v, tau, wheel_momentum)
 
@@ -191,7 +192,7 @@ def _check_times(t: FloatArray) -> None:
 
 
 def _check_units(sms: SpaceManipulator, recording: Recording) -> None:
-    """Check the lengths of quaternions, and that joint values are not in degrees, far beyond their limits."""
+    """Check that quaternions have unit length, and that joint positions and rates are not in degrees."""
     q, v = recording.q, recording.v
     lengths = np.linalg.norm(q[:, 3:7], axis=1)
     if (wrong := np.abs(lengths - 1.0) > 1e-3).any():
@@ -213,7 +214,7 @@ def _check_units(sms: SpaceManipulator, recording: Recording) -> None:
 
 
 def _check_axes(sms: SpaceManipulator, recording: Recording, base_velocity: str) -> None:
-    """Check that positions and velocities do not agree much better in other axes or another order."""
+    """Check that positions and velocities do not agree much better in other axes or quaternion order."""
     q = recording.q
     order = np.column_stack([q[:, :3], q[:, [4, 5, 6, 3]], q[:, 7:]])
     swapped = replace(recording, q=order)
@@ -236,7 +237,7 @@ def _check_axes(sms: SpaceManipulator, recording: Recording, base_velocity: str)
 
 
 def _disagreement(sms: SpaceManipulator, recording: Recording) -> float:
-    """Return the difference of the base's positions and integrated velocities, as a multiple of the noise."""
+    """Return the RMS difference of base positions and integrated velocities, in multiples of the noise."""
     moved, integrated, noise = (x[..., :6] for x in _windows(sms, recording))
     expected = _NOISE * noise + 1e-3 * np.abs(moved).max(axis=0) + 1e-9
     return float(np.sqrt(np.nanmean(((moved - integrated) / expected) ** 2)))
@@ -250,7 +251,7 @@ def _check_agreement(sms: SpaceManipulator, recording: Recording) -> None:
         D, size = moved[:, c], float(np.sqrt(np.mean(moved[:, c] ** 2)))
         expected = integrated[:, c]
         other = float(np.sqrt(np.mean(expected**2)))
-        if not max(size, other) >= _NOISE * noise[c] + 1e-9:  # also true for NaN, which is not measured
+        if not max(size, other) >= _NOISE * noise[c] + 1e-9:  # also true for NaN (not measured)
             continue
         if (window := _frozen(D, expected, noise[c])) is not None:
             kinds = ("position", "velocity") if not D[window] else ("velocity", "position")
@@ -315,7 +316,7 @@ def _channels(sms: SpaceManipulator) -> list[str]:
 
 
 def _spans(q: FloatArray) -> list[tuple[int, int]]:
-    """Return first and last rows of windows of q (N, nq), in which the base turns by about 1 rad at most."""
+    """Return first and last rows of windows of q (N, nq), each with at most about 1 rad of base rotation."""
     turned = float(np.linalg.norm(np.diff(q[:, 3:7], axis=0), axis=1).sum()) * 2.0
     count = min(max(_WINDOWS, math.ceil(turned / _TURN)), len(q) - 1)
     edges = np.unique(np.linspace(0, len(q) - 1, count + 1).astype(int))
@@ -323,7 +324,7 @@ def _spans(q: FloatArray) -> list[tuple[int, int]]:
 
 
 def _windows(sms: SpaceManipulator, recording: Recording) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return displacements (K, 6 + n) in windows, by positions and by velocities, and their noise (6 + n,).
+    """Return displacements (K, 6 + n) in K windows, from positions and from velocities, and their noise.
 
     Displacements of the base are in the root's axes at the start of each window. If a velocity is bitwise
     constant in a window but varies elsewhere, it is treated as frozen and its displacement is zero.

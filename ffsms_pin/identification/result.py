@@ -22,8 +22,8 @@ if TYPE_CHECKING:
 
 SHOWN = 0.5  # share of the prior deviation below which a direction is observed
 _ROUNDING = 1e-14  # least variance, as a share of the prior one
-# Above these values a note warns of a wrong model: the unexplained share of the momentum, half of which arm
-# masses with errors of 15 % cause, and the mean square residual as a multiple of the stated noise.
+# A note warns of a wrong model if the unexplained share of the momentum exceeds _UNEXPLAINED, or if the mean
+# square of the weighted residuals exceeds _SUSPICIOUS. Arm masses with errors of 15 % cause a share of 0.04.
 _UNEXPLAINED = 0.08
 _SUSPICIOUS = 4.0
 
@@ -186,7 +186,7 @@ class Identification(Mapping[str, BodyEstimate]):
 
     @cached_property
     def unobservable(self) -> tuple[Direction, ...]:
-        """All other directions, which nearly keep their prior values."""
+        """The directions that are not `observable`; they nearly keep their prior values."""
         return tuple(direction for direction in self.directions if direction.left >= SHOWN)
 
     def __str__(self) -> str:
@@ -200,7 +200,7 @@ class Identification(Mapping[str, BodyEstimate]):
 def identification_of(identifier: Identifier, near: FloatArray | None = None) -> Identification:
     """Return the consistent estimate from an identifier's samples, with covariance and notes.
 
-    `near` (b, 10) are consistent parameters near the estimate, at which the search for it begins.
+    `near` (b, 10) are consistent parameters near the estimate, at which the search begins.
     """
     bodies, solved = identifier.bodies, identifier.solution()
     free = np.array([body.free for body in bodies])
