@@ -166,7 +166,7 @@ class Clearance(Limit):
         broken = [minimum for minimum in minima if self.clearance - minimum[0].value > minimum[1].tolerance]
         worst, stack = min(broken or minima, key=lambda minimum: minimum[0].value)
         pair, distance = stack.names[worst.pair], 1e3 * worst.value
-        how = "come within" if worst.exact else "come no nearer than"
+        how = "come no nearer than" if broken and not worst.exact else "come within"
         kept = Violation(0.0, instants, nearest=f"{pair}, which {how} {distance:.1f} mm")
         if not broken:
             return kept
