@@ -93,10 +93,10 @@ def rate_bounds(
 ) -> tuple[FloatArray, FloatArray]:
     """Return the least and greatest joint rates w (n,) [rad/s] at the end of a step of constant acceleration.
 
-    They keep the limits during the step, and leave the distance to brake afterwards with the largest
-    acceleration a. With the distance d to the upper limit, w satisfies dt (rate + w) / 2 + w^2 / (2 a) <= d.
-    If even w = 0 is too fast for that, w < 0 satisfies rate^2 dt / (2 (rate - w)) <= d. The acceleration
-    limit has priority over the others.
+    With these rates each joint keeps its limits during the step, and can brake before its stop afterwards
+    with the largest acceleration a. With the distance d to the upper limit, w satisfies
+    dt (rate + w) / 2 + w^2 / (2 a) <= d. If even w = 0 is too fast for that, w < 0 satisfies
+    rate^2 dt / (2 (rate - w)) <= d. The acceleration limit has priority over the others.
     """
     least, greatest = kernel.rate_bounds(limits.table, joints, rates, dt)
     return least, greatest
@@ -166,9 +166,9 @@ def braked_note(braked: int, steps: int) -> str:
 
 
 def sides_across(displacement: FloatArray, J: FloatArray) -> list[FloatArray]:
-    """Return unit vectors perpendicular to a displacement (3,): both senses of the strongest directions of J.
+    """Return unit vectors (3,) perpendicular to a displacement (3,), in the strongest directions of J.
 
-    For a planar arm they are the two sides of the displacement.
+    Each direction is returned with both signs. For a planar arm these are the two sides of the displacement.
     """
     distance = float(np.linalg.norm(displacement))
     across = np.eye(3) if distance < 1e-12 else np.eye(3) - np.outer(displacement, displacement) / distance**2
@@ -180,7 +180,7 @@ def sides_across(displacement: FloatArray, J: FloatArray) -> list[FloatArray]:
 def braking(step: StepState) -> FloatArray:
     """Return the rates (n,) [rad/s] at the end of a step in which the arm brakes as fast as its joints can.
 
-    All joints brake in the same time, so that reactions on the base that cancel continue to cancel.
+    All joints brake in the same time. If their reactions on the base cancel, they do so while braking, too.
     """
     return np.asarray(step.rates * max(0.0, 1.0 - step.dt / max(_stop(step, step.rates), 1e-12)))
 

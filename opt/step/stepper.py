@@ -109,7 +109,7 @@ class StepProblem(NamedTuple):
 
 
 class StepQP(NamedTuple):
-    """The QP in the solver's form, with rows low <= A x <= up, A (m, n + 2), of which the last are bounds.
+    """The QP in the solver's form, with rows low <= A x <= up; the last two rows of A (m, n + 2) are bounds.
 
     Bounds are rows, because ProxQP has no warm start for the multipliers of its bounds.
     """
@@ -181,8 +181,8 @@ def new_solver(variables: int, rows: int) -> Any:
     qp = dense.QP(variables, 0, rows, dense_backend=dense.DenseBackend.PrimalDualLDLT)
     settings = qp.settings
     settings.eps_abs, settings.eps_rel = _TOLERANCE, 0.0
-    # Far below the least curvature (`_TOLERANCE`), because each iteration multiplies the error by about
-    # regularisation / curvature.
+    # The regularisation is far below the least curvature (see `_TOLERANCE`), because each iteration
+    # multiplies the error by about regularisation / curvature.
     settings.default_rho = 1e-8
     # Most QPs need a few iterations. If this number is reached, the QP is not solved.
     settings.max_iter = settings.max_iter_in = 40
@@ -236,7 +236,7 @@ class StepSolver:
         if solved and (exact := kernel.refined(*p, results.z, _TOLERANCE)) is not None:
             return StepSolution(*exact, True)
         x, z = np.array(results.x), np.array(results.z)
-        solved = solved and math.isfinite(x.dot(x))  # finite if all of x is finite
+        solved = solved and math.isfinite(x.dot(x))  # finite only if all of x is finite
         if not solved:
             del self._solvers[size]  # its state is useless for the next QP
         # After a warm start ProxQP may report success with multipliers of inactive rows.

@@ -27,8 +27,8 @@ from ffsms_pin.opt.trajectory import Trajectory, measure
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.robot.base_motion import advance
 
-# The weights of classical methods and of re-planned motions. Their effort is ten times the default, and still
-# small enough for an arm to leave a singular start.
+# The weights of classical methods and of re-planned motions. The weight of the effort is ten times the
+# default, and still small enough for an arm to leave a singular start.
 REFERENCE_WEIGHTS = StepWeights(effort=1e-5)
 
 
@@ -116,7 +116,7 @@ def with_rest_at_end(problem: Problem, rates: FloatArray) -> FloatArray:
     left = np.arange(len(rates))[::-1, None]
     most = at_rest(problem) + 0.5 * problem.dt * left * np.minimum(problem.sms.limits.acceleration, 1e6)
     share = np.min(most / np.maximum(np.abs(rates), 1e-12), axis=1, keepdims=True)
-    share[0] = 1.0  # the rates at the start are given
+    share[0] = 1.0  # the rates at the start cannot be changed
     return np.asarray(rates * np.minimum(share, 1.0))
 
 
