@@ -12,7 +12,7 @@ from ffsms_pin.checks import FloatArray, at_least_zero, frozen, instance, one_ea
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.options import NotNegative, PerJointPositive, Positive, Rows, Unit
 
-STANDARD_GRAVITY = 9.80665  # [m/s^2] by which a specific impulse in seconds is multiplied
+STANDARD_GRAVITY = 9.80665  # [m/s^2] ratio of exhaust velocity to specific impulse in seconds
 _PULSES = 10.0  # default period as a multiple of the least on-time
 
 
@@ -100,7 +100,7 @@ class ThrusterAllocation:
     def shares(self) -> FloatArray:
         """The thruster forces (k, 6) per unit of [force; moment], by the pseudo-inverse; some are negative.
 
-        In an opposed pair of thrusters, each has half of the force that one of them must exert.
+        In an opposed pair of thrusters, each share is half of the force that a single thruster must exert.
         """
         scale = np.repeat([self._length, 1.0], 3)
         shares: FloatArray = np.linalg.pinv(self._effect) * scale

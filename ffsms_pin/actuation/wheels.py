@@ -67,7 +67,7 @@ class ReactionWheels:
     """A set of wheels that are fixed to the base, each balanced and symmetric about its axis.
 
     The base's mass and inertia include the wheels as fixed bodies. A robot with wheels therefore has the same
-    inertia matrix, H_b and C_bm as the robot without wheels.
+    inertia matrix, with the same blocks H_b and C_bm, as the robot without wheels.
 
     Raises
     ------

@@ -47,7 +47,7 @@ class QuaternionFeedback:
         The reaction in the torque: to the joint torques ("torque"), to the planned joint motion ("plan"), or
         none ("none").
     dump : MomentumDump, optional
-        The schedule by which thrusters unload the wheels. Default: they do not.
+        The schedule by which thrusters unload the wheels. Default: no unloading.
 
     Raises
     ------
@@ -129,9 +129,9 @@ class MomentumDump:
     """
 
     above: Annotated[Positive, Unit()] = 0.8
-    """The share of its largest momentum above which a wheel starts the dump."""
+    """The dump starts if a wheel's momentum exceeds this share of its limit."""
     below: Annotated[NotNegative, Unit()] = 0.1
-    """The share of their largest momenta below which all wheels must be for the dump to end."""
+    """The dump ends if no wheel's momentum exceeds this share of its limit."""
     time_constant: Annotated[Positive, Unit("s")] = 20.0
     """The time constant with which the momentum decays."""
 

@@ -26,7 +26,7 @@ class BaseView(NamedTuple):
     t : float
         Time [s].
     q, v : ndarray, shape (nq,), (6 + n,)
-        Measured configuration and velocity, Pinocchio's.
+        Measured configuration and velocity in Pinocchio's layout.
     wheel_momentum : ndarray, shape (w,)
         Measured spin momenta relative to the base [N m s]; empty without wheels.
     wanted : tuple of ndarray, shape (n,) each
@@ -133,9 +133,9 @@ def partly_held(
 ) -> FloatArray:
     """Return the force (6 + n,) on base and joints for partly prescribed accelerations.
 
-    The force is M v' + c with v' = prescribed + free x. Only the joint torques `tau` (n,) [N m] act along the
-    directions `free` (6 + n, k), which determines the unknowns x. Accelerations are Pinocchio's, root axes
-    [m/s^2; rad/s^2].
+    The force is M v' + c with the inertia matrix M and the velocity effects c. The acceleration is v' =
+    prescribed + free x, as in Pinocchio in root axes [m/s^2; rad/s^2]. Along the directions `free` (6 + n, k)
+    no force acts except the joint torques `tau` (n,) [N m], which determines the unknowns x (k,).
     """
     M, effects = dynamics.inertia_matrix(sms, q), dynamics.velocity_effects(sms, q, v)
     acting = -M @ prescribed - effects
@@ -166,9 +166,9 @@ class StationKeeping:
         p'' = -bandwidth^2 (p - p_0) - 2 damping bandwidth p'.
 
     Force and moment include the reaction to the joint torques of this control step. If `holds` is "both", the
-    attitude is controlled as well, by the wheels or, without wheels, by the thrusters. If it is "place", the
-    attitude is free, and the thrusters exert no moment about the base's centre of mass. These are the modes
-    "flying" and "translation-flying" of `opt.Problem`.
+    attitude is controlled as well, by the wheels or, without wheels, by the thrusters. If `holds` is "place",
+    the attitude is free, and the thrusters exert no moment about the base's centre of mass. The two values
+    correspond to the modes "flying" and "translation-flying" of `opt.Problem`.
 
     Parameters
     ----------
@@ -258,16 +258,16 @@ class StationKeeping:
 
 
 class PulseWidth:
-    """A modulator of desired forces into pulses: at most one per period, from the period's start on.
+    """A modulator that turns desired thruster forces into pulses.
 
-    A pulse is a whole number of control steps and no shorter than the least on-time. An impulse that is too
-    small for a pulse is carried over to the next periods, so that the mean force equals the desired force. If
-    the missing impulse exceeds that of a whole period, the excess is dropped, because the thruster is too
-    weak.
+    A period has at most one pulse, which begins with the period. A pulse lasts a whole number of control
+    steps, and no less than the least on-time. An impulse that is too small for a pulse is carried over to the
+    next periods, so that the mean force equals the desired force. If the missing impulse exceeds that of a
+    pulse over a whole period, the excess is dropped, because the thruster is too weak.
 
     Source: the pulse-width modulation of W. E. Vander Velde and J. He, "Design of space structure control
-    systems using on-off thrusters", Journal of Guidance, Control, and Dynamics 6 (1983), with the remainder
-    carried on as in sigma-delta modulation.
+    systems using on-off thrusters", Journal of Guidance, Control, and Dynamics 6 (1983). The remainder is
+    carried over as in sigma-delta modulation.
 
     Parameters
     ----------
@@ -290,7 +290,7 @@ class PulseWidth:
         self._force = thrusters.force
         self._steps = max(1, round(thrusters.period / dt))
         self._least = min(self._steps, max(1, int(np.ceil(thrusters.least_on_time / dt - 1e-9))))
-        self._desired = np.zeros(len(thrusters))  # sum of the desired shares since the last period began
+        self._desired = np.zeros(len(thrusters))  # missing impulse, in control steps at the largest force
         self._on = np.zeros(len(thrusters))  # number of control steps of the present pulse
         self._step = 0
 

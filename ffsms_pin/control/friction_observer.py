@@ -14,26 +14,27 @@ from ffsms_pin.control.step_observer import StepObserver
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.system import dynamics
 
-# Upper bound of the estimate as a share of a joint's torque limit; bearings and gears take some per cent.
+# Upper bound of the estimate as a share of a joint's torque limit; usually friction is some per cent of it.
 _SHARE = 0.25
 _SMOOTHING, _WINDOW = 0.05, 1.0  # [s] time constants of the smoothed measurements and of their averages
-# Shares of the torque's variance that friction explains: below the first the estimate is not used, above the
-# second it is used in full.
+# Squared partial correlations: below the first the estimate is not used, above the second it is used in full.
 _EXPLAINED = 0.5, 0.8
-_ENOUGH = 0.2  # measured share of the window below which the estimate is reduced: any model fits few samples
+# Measured share of the window below which the estimate is reduced, because any model fits few samples.
+_ENOUGH = 0.2
 
 
 class FrictionObserver(StepObserver):
-    """An estimate of Coulomb friction by regression of the missing torque on the direction of motion.
+    """An estimator of Coulomb friction by regression of the missing torque on the direction of motion.
 
     Over a control step the measured rates change by dt qdd. For a floating base, the model's torque for this
     change is tau_m = H_q qdd + C_q, at the middle of the step. For a robot with wheels or thrusters, tau_m is
-    the joint torque for qdd and the measured acceleration of the base, for any force on the base. With
-    the applied torque tau and the known friction tau_k (negative for positive rates), each joint misses the
-    torque w = tau + tau_k - tau_m. It is fitted by F s + I qdd over the last second, with s = tanh(qd / 0.01
-    rad/s) and F at least zero. I absorbs the effect of a wrong inertia, such as that of an unknown payload;
-    compensated as friction, this effect would make the arm oscillate. F is weighted by the squared partial
-    correlation, the share of the remaining variance of w that F explains.
+    the joint torque for qdd and the measured acceleration of the base, for any force on the base. Let tau be
+    the applied torque, and tau_k the known friction (negative for positive rates). The missing torque of each
+    joint is w = tau + tau_k - tau_m. It is fitted by F s + I qdd over the last second, with s = tanh(qd /
+    0.01 rad/s) and F at least zero. I absorbs the effect of a wrong inertia, such as that of an unknown
+    payload; a law that compensated this effect as friction would make the arm oscillate. The weight of F
+    rises from 0 to 1 with the squared partial correlation, the share of the variance of w that F s explains
+    after the regression on qdd.
 
     Parameters
     ----------
@@ -64,7 +65,7 @@ class FrictionObserver(StepObserver):
 
     @property
     def friction(self) -> FloatArray:
-        """The estimate F (n,) [N m], weighted by the share of the torque that it explains."""
+        """The weighted estimate F (n,) [N m]."""
         (ww, ws, wa), (_, ss, sa), (_, _, aa) = self._means
         along = 1.0 / np.maximum(aa, 1e-12)
         missing, side, both = ww - wa * wa * along, ss - sa * sa * along, ws - wa * sa * along
@@ -81,7 +82,7 @@ class FrictionObserver(StepObserver):
         qdd = step.acceleration[6:]
         if self._driven:
             needed = pin.rnea(sms.model, self._data, step.q, step.v, step.acceleration)[6:]
-        else:  # the base's velocity is noisier than the joints'
+        else:  # without the base's acceleration, because the base's velocity is noisy
             needed = dynamics.floating_torque(sms, step.q, step.v, qdd)
         seen = np.stack([step.tau - needed, np.tanh(step.v[6:] / SLOW), qdd])
         self._smooth += self._quick * (seen - self._smooth)

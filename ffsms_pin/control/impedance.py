@@ -54,15 +54,15 @@ class _Compliant(JointLaw):
 
 
 class Impedance(_Compliant):
-    """An impedance law: a compliant end effector about the pose of the desired joints; the base is free.
+    """An impedance law: the end effector is compliant about its pose at the desired joints; the base is free.
 
     tau = J_star^T f - k q_n - D qd_e + H_q qdd_d + C qd_d + friction(qd_d)
 
-    f is the wrench of a spring between the end effector's pose and that of the desired joints, both rolled
-    out from the same base (see docs/contact.md). q_n is the displacement of the joints from the desired
-    joints in the end effector's nullspace, and k its stiffness. D gives all modes of the arm with its springs
-    one damping ratio. The arm keeps its natural inertia, so no force sensor is needed. The friction of the
-    joints is that of the robot's file.
+    f is the wrench of a spring between the end effector's pose and its pose at the desired joints, both
+    rolled out from the same base (see docs/contact.md). q_n is the displacement of the joints from the
+    desired joints in the end effector's nullspace, and k the stiffness of a joint spring in this nullspace. D
+    gives all modes of arm and springs the same damping ratio. The arm keeps its natural inertia, so no force
+    sensor is needed. The friction of the joints is that of the robot's file.
 
     Proof, for desired joints at rest: let T be the kinetic energy of the whole system, U the energy of the
     springs, and P the power of all external forces. V = T + U has dV/dt = P - qd^T D qd, for any momentum and
@@ -156,14 +156,14 @@ class Admittance(_Compliant):
 
     F is the wrench measured at the wrist, and F_s is F after a low pass with the time constant of the inner
     law. f, k and q_n are those of `Impedance`, between the commanded joints q_c and the desired joints q_d. D
-    gives all modes one damping ratio. The joint displacement x is integrated. A tenth of the arm's own
-    inertia keeps M invertible where J_star is singular. Computed torque, the inner law, tracks the commanded
-    joints; F_s compensates the load at rest.
+    gives all modes the same damping ratio. The joint displacement x is integrated. A tenth of the arm's own
+    inertia keeps M invertible where J_star is singular. The inner law is computed torque, which tracks the
+    commanded joints; F_s compensates the load at rest.
 
     The virtual mass is passive for the measured F. The closed loop is not passive, because F is delayed and
     the inner law is stiff. In contact with a wall of stiffness k_w [N/m], a delay T of F reduces the damping
-    by k_w T, which must stay below 2 damping_ratio (stiffness mass)^(1/2). Unlike `Impedance`, the law also
-    reduces the effect of unknown joint friction, by its inner law. A bias of the wrist sensor displaces the
+    by k_w T, which must stay below 2 damping_ratio (stiffness mass)^(1/2). Unlike `Impedance`, this law has
+    an inner law that reduces the effect of unknown joint friction. A bias of the wrist sensor displaces the
     end effector by bias / stiffness, so subtract the bias before the contact.
 
     Sources: N. Hogan (1985), as for `Impedance`; Y. Nakamura and H. Hanafusa, "Inverse kinematic solutions

@@ -105,9 +105,9 @@ class JointLaw(Observer, ABC):
         Parameters
         ----------
         q : array_like, shape (nq,)
-            Measured configuration, Pinocchio's.
+            Measured configuration in Pinocchio's layout.
         v : array_like, shape (6 + n,)
-            Measured velocity, Pinocchio's.
+            Measured velocity in Pinocchio's layout.
         q_d, qd_d, qdd_d : array_like, shape (n,)
             Desired joint positions [rad], rates [rad/s] and accelerations [rad/s^2].
 
@@ -149,7 +149,7 @@ def gain_matrix(name: str, value: ArrayLike, n: int) -> FloatArray:
 
 
 def gain_text(gain: ArrayLike) -> str:
-    """Return a short text for a gain: a number if all joints have the same, the diagonal, or the shape."""
+    """Return a gain as text: a number if all joints have the same gain, else the diagonal or the shape."""
     values = np.asarray(gain)
     if values.ndim == 2:
         diagonal = np.diag(values)
@@ -176,9 +176,9 @@ def reduced_dynamics(sms: SpaceManipulator, q: FloatArray, v: FloatArray) -> tup
     ----------
     sms : SpaceManipulator
     q : ndarray, shape (nq,)
-        Configuration, Pinocchio's.
+        Configuration in Pinocchio's layout.
     v : ndarray, shape (6 + n,)
-        Velocity, Pinocchio's.
+        Velocity in Pinocchio's layout.
 
     Returns
     -------
@@ -213,8 +213,8 @@ class SlidingModeController(JointLaw):
     step; below half of the control step, the torque chatters.
 
     Proof (paper, appendix): V = s^T H_q s / 2 has dV/dt = -s^T K_s sat(s / boundary) + s^T (dH_q/dt) s / 2.
-    The paper neglects the last term, so V certainly decreases only if the first term dominates, with slow
-    joints or a large K_s. The proof by passivity in docs/simulate.md neglects nothing.
+    The paper neglects the last term. V therefore decreases for certain only if the first term dominates, as
+    with slow joints or a large K_s. The proof by passivity in docs/simulate.md neglects no term.
 
     Parameters
     ----------
@@ -293,8 +293,9 @@ class PD(JointLaw):
     K_p : array_like
         Stiffness [N m/rad]: one number, a diagonal (n,), or a symmetric positive definite matrix.
     K_d : array_like
-        Damping [N m s/rad], in the same forms as K_p. K_d dt must be smaller than the smallest H_q. The
-        default suits the paper's planar system, with 0.002 kg m^2, at a control step of 1 ms.
+        Damping [N m s/rad], in the same forms as K_p. K_d times the control step must be smaller than the
+        smallest eigenvalue of H_q. The default suits the paper's planar system, whose smallest eigenvalue is
+        0.002 kg m^2, at a control step of 1 ms.
     torque_limit : array_like, optional
         See `JointLaw`.
 
@@ -337,8 +338,8 @@ class ComputedTorque(JointLaw):
     from its reference. Both estimates begin with `reset`, which `simulate` calls before a run; a single call
     of `torque` includes neither.
 
-    After `joint_failed` for a limp joint, H_q and C_q are those of the other joints, while the limp joint
-    moves passively.
+    After `joint_failed` for a limp joint, the torques of the other joints take into account that the limp
+    joint moves passively.
 
     Proof: with an exact model qdd_e + K_d qd_e + K_p q_e = 0. V = qd_e^T qd_e / 2 + q_e^T K_p q_e / 2 has
     dV/dt = -qd_e^T K_d qd_e <= 0. By LaSalle the error goes to zero, exponentially because the loop is
@@ -367,8 +368,8 @@ class ComputedTorque(JointLaw):
         The expected viscous friction of the joints [N m s/rad]. Default: that of the robot's file
         (`sms.joint_damping`).
     adaptive : bool
-        True if friction and payload are estimated. If the end effector is in contact, it must be False,
-        because contact forces are not in the law's model. Default: True.
+        True to estimate friction and payload. It must be False if the end effector is in contact, because
+        contact forces are not in the law's model. Default: True.
 
     Raises
     ------

@@ -20,21 +20,21 @@ _SHARE = 0.1  # prior deviation from no payload, as a share of the robot's mass 
 _NOISE = 2e-3  # [m/s^2, rad/s^2] standard deviation of the averages
 _LEAST = 1e-5  # [m/s^2, rad/s^2] least size of the base's rows, above rounding and errors of differences
 _EXPLAINED = 0.9  # adjusted coefficient of determination above which a payload is accepted
-_WORSE = 2.0  # factor on the variance without a payload above which an accepted payload is rejected
+_WORSE = 2.0  # an accepted payload that increases the variance of the base's rows by this factor is rejected
 _ROUNDS = 10  # iterations of a solution, warm-started from the last one
 _CONVERGED = 1e-4  # relative change in an iteration at convergence
 _CHANGE = 0.02  # relative change of the payload above which the robot model is updated
 
 
 class PayloadObserver(StepObserver):
-    """An estimate of the ten inertial parameters of a payload by regression of the missing force.
+    """An estimator of the ten inertial parameters of a payload by regression of the missing force.
 
-    Over a control step the measured velocities change by dt a. With the inertia matrix M and the nonlinear
-    effects b at the middle of the step, the torques tau less the expected friction, and no force on the base,
-    the missing force is w = [0; tau] - M a - b. It equals Y phi for a payload with the parameters phi on the
-    end effector's link, whose regressor is Y(q, v, a). Rows are divided by the diagonal of M and averaged
-    over 0.05 s. phi is the least squares solution over the last 2 s, with a prior around zero, among the
-    physically consistent parameters.
+    Over a control step the measured velocities change by dt a. Let M be the inertia matrix and b the
+    nonlinear effects at the middle of the step, and tau the joint torques less the expected friction. Without
+    a force on the base, the missing force is w = [0; tau] - M a - b. For a payload with the parameters phi,
+    w = Y phi, where Y(q, v, a) is the regressor of the end effector's link. The rows of w and Y are divided
+    by the diagonal of M and averaged over 0.05 s. phi is the least squares solution over the last 2 s, with a
+    prior around zero, among the physically consistent parameters.
 
     phi is accepted if it explains 90 % of the variance of the base's rows. Joint torques do not enter these
     rows, so friction, weak drives and failed joints cannot be mistaken for a payload, but external forces
@@ -128,8 +128,9 @@ class PayloadObserver(StepObserver):
     def _consistent(self, inverse: FloatArray) -> FloatArray:
         """Return the physically consistent parameters (10,) that fit best, in prior standard deviations.
 
-        Least squares with a prior around the last estimate, by the `inverse` (10, 10) of the normal matrix,
-        alternate with projections on the consistent parameters. So mainly unobservable parameters change.
+        Least squares solutions alternate with projections on the consistent parameters. Each solution uses
+        the `inverse` (10, 10) of the normal matrix and a prior around the last estimate. So mainly
+        unobservable parameters change.
         """
         units, share = np.outer(self._length, self._length), self._near
         for _ in range(_ROUNDS):

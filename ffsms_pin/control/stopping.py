@@ -15,7 +15,7 @@ from ffsms_pin.system.dynamics import floating_motion
 
 _TIME = 0.5  # [s] default time constant of braking
 _CORRECTION = 0.02  # [s] time constant of the correction by measured rates; delays of drives must be shorter
-_SHARE = 0.5  # least dissipated power, as a share of that of braking without the correction
+_SHARE = 0.5  # least dissipated power, as a share of the power of braking without the correction
 _RESERVE = 1e-3  # [rad or m] safety margin before a stop
 STEPS = 4.0  # control steps in the shortest time constant of braking
 
@@ -32,12 +32,12 @@ class StoppingLaw:
     joints move passively, the Schur complement of H_q.
 
     With wrong masses, such as an unknown payload, this torque alone would accelerate light joints while the
-    others slow down. So each call after the first adds H_q times the difference between the measured rates
-    and those of qdd = -k qd, with a time constant of 0.02 s.
+    others slow down. So a correction is added: the integral of H_q (-k qd - qdd) / 0.02 s with the measured
+    rates qd and accelerations qdd.
 
-    The torque dissipates energy for any masses. A constraint requires that the power qd^T tau is at most half
-    of that of tau* scaled down into the limits, which is negative because H_q is positive definite. The
-    scaled torque satisfies all constraints, so the problem is feasible.
+    The torque dissipates energy for any masses, because of a constraint on its power. Let tau_s be tau*
+    scaled down into the limits. Its power qd^T tau_s is negative, because H_q is positive definite. The power
+    qd^T tau must be at most half of it. tau_s satisfies all constraints, so the problem is feasible.
 
     Parameters
     ----------
@@ -87,7 +87,7 @@ class StoppingLaw:
 
     def _correction(self, H: FloatArray, k: float, rates: FloatArray) -> FloatArray:
         """Return the torques (n,) that compensate the effect of wrong masses in the model."""
-        if self._last is None or self._last[0].shape != rates.shape:  # a joint has become limp
+        if self._last is None or self._last[0].shape != rates.shape:  # first call, or a new limp joint
             return np.zeros_like(rates)
         before, correction = self._last
         missing = -k * 0.5 * (rates + before) - (rates - before) / self._dt
@@ -120,13 +120,14 @@ def _nearest(
     except np.linalg.LinAlgError:
         return None
     size = float(np.linalg.norm(np.linalg.solve(L, desired)))
-    # With tau = desired + size L z, |z| is minimised; every row is scaled by the limit of its joint.
+    # With tau = desired + size L z, |z| is minimised; each row is divided by the limit of its joint.
     unit = np.maximum(most[bound], 1e-9 * np.abs(desired).max())
     rows, at, bounds = size * L[bound] / unit[:, None], desired[bound] / unit, most[bound] / unit
     scale = max(float(np.abs(rates) @ np.abs(desired)), 1e-300)
     rows = np.vstack([rows, size * (rates @ L) / scale])
     upper, lower = np.append(bounds - at, (power - rates @ desired) / scale), np.append(-bounds - at, -np.inf)
-    sense = np.where(np.append(bounds, 1.0) > 0.0, 0, 5).astype(np.int32)  # DAQP's 5: an equality constraint
+    # DAQP's code 5 is an equality constraint, for a joint with a limit of zero.
+    sense = np.where(np.append(bounds, 1.0) > 0.0, 0, 5).astype(np.int32)
     z, _, status, _ = daqp.solve(None, np.zeros(len(L)), rows, upper, lower, sense)
     if status != 1 or not np.isfinite(z).all():
         return None

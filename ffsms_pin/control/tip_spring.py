@@ -55,9 +55,9 @@ def posture(sms: SpaceManipulator, q: FloatArray) -> Posture:
 class MotionPair(NamedTuple):
     """A pair of joint motions at one time.
 
-    `turn` (3, 3) is the attitude of the second base in the axes of the first. `nullspace` (n,) is the
-    displacement of the first joints from the second; in each step a law keeps only its part in the end
-    effector's nullspace (`Pull.nullspace`).
+    `turn` (3, 3) is the attitude of the second base in the axes of the first base. `nullspace` (n,) is the
+    displacement of the first joints from the second joints. After each step, a law keeps only the part of the
+    displacement in the end effector's nullspace (`Pull.nullspace`).
     """
 
     first: Posture
@@ -113,10 +113,11 @@ class TipSpring:
 
         U = u(e^T K e) + phi^T K_r phi / 2 + k |q_n|^2 / 2,
 
-    where q_n is the joint displacement in the nullspace. u(s^2) is s^2 / 2 up to the s at which the force
-    -dU/de of the stiffest axis reaches the force limit, and linear in s beyond, so the force is within the
-    limit in every direction. The moment is -J_r^-T K_r phi in the first end effector's axes, with the right
-    Jacobian J_r of SO(3). It is the exact gradient, also for three different stiffnesses.
+    where q_n is the joint displacement in the nullspace, and K, K_r and k are the stiffnesses of translation,
+    rotation and posture. u(s^2) is s^2 / 2 up to the s at which the force -dU/de of the stiffest axis reaches
+    the force limit. Beyond, u is linear in s, so the force is within the limit in every direction. The moment
+    is -J_r^-T K_r phi in the first end effector's axes, with the right Jacobian J_r of SO(3). The moment is
+    the exact gradient, also for three different stiffnesses.
     """
 
     def __init__(
