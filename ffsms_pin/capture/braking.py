@@ -18,7 +18,7 @@ from ffsms_pin.system.dynamics import floating_torque
 _STEP = 0.02  # [s] time step of a braking
 _SLOWER = 1.25  # factor on the duration if a torque is too large
 _LONGEST = 60.0  # [s] longest duration of a braking
-_BACK = 0.0, 0.05, 0.15  # [m] additional clearances of final postures, because joints overshoot a posture
+_BACK = 0.0, 0.05, 0.15  # [m] additional clearances of final postures, because a motion may overshoot its end
 _LEAST = 0.5  # [s] shortest duration; it avoids a jump of the torque when slow joints stop
 
 
@@ -48,9 +48,9 @@ class Braking:
     note : str
         The violated limits, with values; empty if all are satisfied.
     clearance : float
-        The least distance [m] from the grasped client to the servicer's other bodies and to obstacles, or
-        between two bodies of the servicer that are nearer than required. Infinite if no clearance is
-        required.
+        The least distance [m] from the grasped client to the servicer's other bodies and to obstacles,
+        infinite if no clearance is required. If two bodies of the servicer come nearer to each other than
+        this distance and than required, their distance replaces it.
     nearest : str
         The names of the two bodies at the distance `clearance`.
     """

@@ -115,7 +115,7 @@ class ClientDistances:
         return float(nearest.distance[0]), self.names[int(nearest.pair[0])]
 
     def closing_speed(self, v: FloatArray, client_twist: FloatArray) -> float:
-        """Return an upper bound of the closing speed of any pair [m/s], for v (6 + n,) and client twist."""
+        """Return an upper bound of the closing speeds of all pairs [m/s], for v (6 + n,) and a twist (6,)."""
         length = self._stack.arm.length + float(self._stack.sizes[:, 0].max())
         turning = float(np.linalg.norm(v[3:6]) + np.abs(v[6:]).sum())
         linear = float(np.linalg.norm(v[:3]) + np.linalg.norm(client_twist[:3]))

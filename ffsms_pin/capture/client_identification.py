@@ -32,8 +32,8 @@ class IdentifiedClient:
     mass, mass_deviation : float
         The mass and its standard deviation [kg].
     com, com_deviation : ndarray, shape (3,)
-        The displacement of the centre of mass from the assumed one, and its standard deviation, in the
-        client's axes [m].
+        The displacement of the centre of mass from the assumed centre of mass, and the standard deviation of
+        the displacement, in the client's axes [m].
     inertia, inertia_deviation : ndarray, shape (3, 3)
         The inertia about the centre of mass, and its standard deviation, in the client's axes [kg m^2].
     believed : Client

@@ -147,7 +147,7 @@ def relative_motion(
 ) -> FloatArray:
     """Return displacement, rotation vector and relative twist (12,) from end effector to grasp.
 
-    `grasp` is a pose (pinocchio.SE3) and `twist` (6,) its twist; all are in inertial axes.
+    The pose `grasp` (pinocchio.SE3), its `twist` (6,) and the result are in inertial axes.
     """
     state = sms.at(q, v)
     pose = state.end_effector_pose

@@ -1,8 +1,8 @@
 """The end of an aborted capture: a motion to rest, after which servicer and client keep clear of each other.
 
-Without thrusters, servicer and client drift with constant momenta. When its joints rest, the servicer is a
-free rigid body like the client. The distance between them can then be predicted, with the uncertainty of the
-client's estimate.
+Without thrusters, servicer and client drift with constant momenta. When the servicer's joints rest, both are
+free rigid bodies. The distance between them can then be predicted, with the uncertainty of the client's
+estimate.
 """
 
 from __future__ import annotations
@@ -137,7 +137,7 @@ def departure(
         The braking at the present posture.
     drifts : tuple of two bools
         The first is true if no base law holds the base's position, so that it drifts with the linear
-        momentum. The second is true if no base law holds the base's attitude.
+        momentum. The second is the same for the base's attitude and the angular momentum.
     postures : list of ndarray
         Joint positions (n,) at which the arm may rest; random positions are tried as well. If the list is
         empty, only `plain` is tried.

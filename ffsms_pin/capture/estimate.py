@@ -10,11 +10,12 @@ A Kalman filter (R. E. Kalman, "A new approach to linear filtering and predictio
 Engineering 82, 1960) processes each measurement at the time at which it was made. From that time on the
 client is predicted by its torque-free motion, so latency only increases the age of the estimate.
 
-The error of the assumed inertia has six parameters, the entries of a symmetric matrix X: the second moments
-of mass S = tr(I)/2 - I become S^1/2 exp(X) S^1/2. The inertia is then physically consistent for every X (Lee,
-Wensing, Park, IEEE Transactions on Robotics 36, 2020). The tumbling motion determines the ratios of the
-inertia. The scale of the inertia, tr(X), and the mass are unobservable in free motion, so their uncertainty
-stays. The state has velocities instead of momenta, because measured velocities do not depend on the inertia.
+The error of the assumed inertia has six parameters, the entries of a symmetric matrix X. With this error, the
+second moments of mass S = tr(I)/2 - I become S^1/2 exp(X) S^1/2. The inertia is then physically consistent
+for every X (Lee, Wensing, Park, IEEE Transactions on Robotics 36, 2020). The tumbling motion determines the
+ratios of the inertia. The scale of the inertia, tr(X), and the mass are unobservable in free motion, so their
+uncertainty does not decrease. The state has velocities instead of momenta, because measured velocities do not
+depend on the inertia.
 
 Let nu be the innovation of a measurement and P_nu its covariance. The measurement is refused as an outlier if
 nu^T P_nu^-1 nu exceeds the 99.9 % quantile of the chi-squared distribution. If several refused measurements
@@ -62,7 +63,8 @@ class ClientEstimate:
     Parameters
     ----------
     first : Client
-        The client as measured first, with the assumed mass and inertia and its time zero at the measurement.
+        The client of the first measurement, with the assumed mass and inertia. Its time zero is the time of
+        the measurement.
     t : float
         The time of the first measurement [s].
     sensor : Camera
@@ -183,9 +185,9 @@ class ClientEstimate:
     def spread(self) -> list[Client]:
         """Return clients that deviate by one standard deviation in independent directions of the state.
 
-        There are twelve clients, six more if the inertia is uncertain, and one more if the mass is. To first
-        order, the standard deviation of a function of the client is the root of the sum of its squared
-        changes over these clients.
+        There are twelve clients, six more if the inertia is uncertain, and one more if the mass is uncertain.
+        To first order, the standard deviation of a function of the client is the root of the sum of the
+        squared changes of the function over these clients.
         """
         return [self._from_start(body) for body in self._spread_bodies()]
 

@@ -68,7 +68,7 @@ def fly(
     q0 : array_like, shape (nq,)
         Initial configuration, as from `sms.configuration`.
     goal : opt.Meet
-        The true client, whose time zero is the start, and the grasp on it.
+        The true client, with its time zero at the start, and the grasp on the client.
     duration : float
         Time to the contact [s], above zero.
     camera : Camera, optional

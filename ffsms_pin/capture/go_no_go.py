@@ -36,11 +36,11 @@ class GoLimits:
 
     age: Annotated[Positive | None, Unit("s", "the latency and 2 s, or 5 periods")] = None
     """The largest age of the last accepted measurement. Default: the sensor's latency plus 2 s or five
-    sensor periods, whichever is longer. The default allows a few lost measurements. At the largest speed of
-    the default envelope, 50 mm/s, an end effector moves 0.1 m in 2 s, and can stop within this distance."""
+    sensor periods, whichever is longer. The default allows a few lost measurements. An end effector moves
+    0.1 m in 2 s at the largest speed of the default envelope, 50 mm/s."""
     distance: Annotated[Positive | None, Unit("m", "that of the envelope")] = None
     """The limit of three standard deviations of the predicted grasp position at the contact. The default is
-    at most the half width of the corridor at its mouth."""
+    that of the envelope, but at most half of the corridor's width at its mouth."""
     turn: Annotated[Positive | None, Angle("rad", "that of the envelope")] = None
     """The limit of three standard deviations of the predicted grasp attitude at the contact."""
 

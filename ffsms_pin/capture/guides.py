@@ -64,13 +64,13 @@ def probe_in_nozzle(
     exponent: float = 1.0,
     **surface: float,
 ) -> Scene:
-    """Make a probe, which is a rod with a round tip, and a nozzle whose cone guides it into the throat.
+    """Make a probe and a nozzle, whose cone guides the probe into the throat.
 
-    The end-effector frame is at the tip, z along the rod and outward. The cone narrows from its entry to the
-    throat, a tube with a floor. The cross-sections are polygons whose inscribed circles have the given radii,
-    so walls are flat. Each side is a convex piece, thick enough that the rod cannot pass through; the floor
-    is another piece. The default dimensions are those of github.com/biorobotics/on_orbit, with a radial play
-    of 1.4 mm in the throat.
+    The probe is a rod with a round tip. The end-effector frame is at the tip, z along the rod and outward.
+    The cone narrows from its entry to the throat, a tube with a floor. The cross-sections are polygons whose
+    inscribed circles have the given radii, so walls are flat. Each side is a convex piece, thick enough that
+    the rod cannot pass through; the floor is another piece. The default dimensions are those of
+    github.com/biorobotics/on_orbit, with a radial play of 1.4 mm in the throat.
 
     Parameters
     ----------

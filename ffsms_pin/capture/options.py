@@ -256,7 +256,9 @@ _LAW = partial(ComputedTorque, K_p=100.0, K_d=20.0, adaptive=False)
 
 @dataclass(frozen=True, eq=False)
 class Control:
-    """The control laws, created for the servicer, and after the latch for servicer and client as one robot.
+    """The control laws of a capture.
+
+    They are created for the servicer, and after the latch again for servicer and client as one robot.
 
     Attributes
     ----------

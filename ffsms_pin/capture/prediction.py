@@ -94,7 +94,7 @@ class Prediction:
     rest : Client
         Servicer and client as one free body, with its time zero when the joints have come to rest.
     spread : tuple of Client
-        The same body for clients and servicers that deviate by one standard deviation in independent
+        The bodies `rest` for clients and servicers that deviate by one standard deviation in independent
         directions.
     braking : float
         The time from the contact until the joints are at rest [s].

@@ -49,7 +49,7 @@ class Procedure:
     """The share of the torque limits that braking and the motion of `identify` may use."""
     identify: Annotated[NotNegative, Unit("s")] = 0.0
     """The duration of a motion of small swings after the braking, from which the client's mass and inertia
-    are identified. 0: no such motion. Braking and rest alone leave most of the parameters unobservable."""
+    are identified; 0 for no such motion. Without it, most of the parameters are unobservable."""
     keep_clear: Annotated[Positive, Unit("s")] = 600.0
     """The time after an abort for which servicer and client must keep clear of each other, as predicted. The
     default leaves ten minutes for the next decision."""
@@ -135,9 +135,9 @@ class CaptureOptions(Procedure):
     def teach(
         self, joined: AfterCapture, pose: Any, locked: Sequence[str] = ()
     ) -> tuple[Trajectory | None, str]:
-        """Return the motion of `identify` with the client at a pose (pinocchio.SE3); or None and the reason.
+        """Return the motion of `identify`, or None and the reason.
 
-        `locked` has the names of joints that cannot move.
+        `pose` (pinocchio.SE3) is the client's pose. `locked` has the names of joints that cannot move.
         """
         room = None if self.room is None else self.room(joined.q, pose)
         return teaching_motion(joined, self.identify, self.torque_share, room, locked)

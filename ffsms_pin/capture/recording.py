@@ -53,7 +53,7 @@ class Captured:
     after : AfterCapture, optional
         The servicer with the true client right after the latch. None: the client was not latched.
     braking : Braking, optional
-        The last braking. None: there was none.
+        The last braking. None: the joints did not brake.
     arrival : float
         The deadline of the plan [s].
     limits : ndarray, shape (n,)

@@ -57,14 +57,14 @@ Again = Callable[..., Problem]
 
 _LOOK_BACK = 1.0  # [s] over which the momentum is averaged before another plan
 _LONGEST_BRAKING = 160.0  # [s] upper bound; the motions of `departure` take up to two minutes
-_LEAST_CLOSING = 1.0  # [s] from the latest go decision to the deadline, enough to open a gripper
+_LEAST_CLOSING = 1.0  # [s] least time from the go decision to the deadline, enough to open a gripper
 _LOOK = 0.2  # [s] between two checks of the uncertainty and of the corridor
 _AHEAD, _PATH = 3.0, 0.5  # [s] span of the collision check ahead, and time between two checks
 _COARSE, _FINE = 0.25, 0.05  # [s] time steps of predicted motions, for distances and for the final state
 _LOST = 0.5  # [s] for which a miss is predicted before an abort, because re-planning corrects most misses
 _MOVED = 0.01  # [m] smallest displacement of the grasp that a reason mentions
 _DARK = 1.0  # [s] shortest interruption of the measurements that a reason mentions
-_KNOCK, _KNOCKED = 1.0, 3.0  # [s] after a contact in which joints may exceed rate limits, up to this factor
+_KNOCK, _KNOCKED = 1.0, 3.0  # [s] time after a contact in which joint rates may exceed limits; largest factor
 LATCHED = "both are one body"  # the reason for braking after a latch
 TOUCH = 1e-4  # [m] overlap above which bodies count as touching
 _FASTEST = 0.5  # [m/s] largest speed of an end effector towards the corridor
@@ -130,7 +130,8 @@ class StateMachine(Observer, Supervisor):
         self._dark = 0.0  # [s] the largest age of the estimate since the go decision
         self._promised: Any = None  # the pose of the grasp at the deadline, as estimated at the go decision
         self._closeness, self._true = handling.closeness(sms), handling.touching(plant)
-        self._away = handling.closeness(sms, guides=True)  # outside the corridor no contact is permitted
+        # The distances include the guide, because no contact is permitted outside the corridor.
+        self._away = handling.closeness(sms, guides=True)
         self._near = 0.0  # [s] time of the next evaluation of the true distance
         self._felt = -math.inf  # [s] time of the last contact
         # Two values, for the base's position and attitude: True if it drifts, False if a base law holds it.
@@ -327,7 +328,7 @@ class StateMachine(Observer, Supervisor):
         if now.t < self._look - 1e-9:
             return False
         left = float(np.linalg.norm(self._off(now))) - self._meet.standoff
-        # A motion may enter beside the edge of the mouth, by up to the distance of the envelope.
+        # A motion may enter the corridor beside its mouth, by up to the distance of the envelope.
         inside = left <= 0.0 and self._beside_corridor(now) <= self.handling.envelope.distance
         entered, self._outside = self._outside and inside, self._outside or not inside
         self._look = now.t + min(max(left, 0.0) / _FASTEST, _LOOK)
@@ -503,7 +504,7 @@ class StateMachine(Observer, Supervisor):
         return None if now.t < self._begin + self._follow.duration - 1e-9 else self._another(now)
 
     def _another(self, now: Instant, *reasons: str, events: Sequence[Event] = ()) -> Transition:
-        """Begin another attempt from the current state; retreat and stop if none is possible."""
+        """Begin another attempt from the current state; retreat and stop if no attempt is possible."""
         tried, most = self._count("approach"), self.handling.attempts
         plan, trouble = None, f"given up after {tried} attempt{'s' if tried > 1 else ''}"
         if tried < most:
@@ -636,9 +637,9 @@ class StateMachine(Observer, Supervisor):
         return Transition("retreat", reason, events)
 
     def _stop(self, now: Instant, reason: str, *events: Event, moves: bool = True) -> Transition:
-        """Bring the joints to rest in a posture in which servicer and client keep clear of each other.
+        """Begin a motion to rest in a posture in which servicer and client keep clear of each other.
 
-        If `moves` is false, the arm brakes in its present posture.
+        If `moves` is false, the arm only brakes.
         """
         q, v = self._seen
         robot, limit, share = self.model, self.law.torque_limit, self.handling.torque_share
@@ -662,10 +663,10 @@ class StateMachine(Observer, Supervisor):
         )
 
     def _planned(self, now: Instant, duration: float, *displacements: FloatArray) -> Planned:
-        """Plan a motion to the grasp or, with `displacements` (3,) [m], a retreat by the first feasible one.
+        """Plan a motion to the grasp, or a retreat by the first feasible of `displacements` (3,) [m].
 
-        The plan starts at the measured base pose. It starts at the commanded joint positions, so that these
-        do not jump. Return None and the reason if there is no plan.
+        The plan starts at the measured base pose and, so that the command does not jump, at the commanded
+        joint positions. Return None and the reason if there is no plan.
         """
         if self._again is None:
             return None, "only one attempt is planned"

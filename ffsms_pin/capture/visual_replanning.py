@@ -55,7 +55,7 @@ class VisualReplanning(Replanning):
     """A `Replanning` to a client that a camera measures with noise and latency.
 
     `client` is the true client. The goal of the problem is an `opt.Meet` of the `estimate`, or an `opt.Path`
-    on it. Each measurement updates the estimate. A path always moves with the estimate.
+    on the estimate. Each measurement updates the estimate. A path always moves with the estimate.
 
     In a plan to meet the client, goal and obstacles use the new estimate in the second half of the time. In
     the first half, the new estimate is used only if it displaces the grasp at the deadline by more than one

@@ -1,4 +1,4 @@
-"""An estimate of the joints' Coulomb friction during a controlled motion."""
+"""The estimation of the joints' Coulomb friction during a controlled motion."""
 
 from __future__ import annotations
 

@@ -336,7 +336,7 @@ class ComputedTorque(JointLaw):
     of 0.05 N m leaves an error of 1 rad at a wrist of 0.001 kg m^2. H_q and C_q include the estimated payload
     (`PayloadObserver`, the law's `robot`). Without this estimate, a wrist with an unknown payload diverges
     from its reference. Both estimates begin with `reset`, which `simulate` calls before a run; a single call
-    of `torque` includes neither.
+    of `torque` includes neither. For a robot with thrusters, no payload is estimated.
 
     After `joint_failed` for a limp joint, the torques of the other joints take into account that the limp
     joint moves passively.

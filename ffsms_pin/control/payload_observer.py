@@ -1,4 +1,4 @@
-"""An estimate of a payload on the end effector during a controlled motion."""
+"""The estimation of a payload on the end effector during a controlled motion."""
 
 from __future__ import annotations
 

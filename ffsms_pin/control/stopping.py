@@ -24,7 +24,7 @@ class StoppingLaw:
     """A joint torque law that brakes all joints within their torque limits; each braking needs a new law.
 
     Without limits the torque is tau* = -k H_q qd, with the reduced inertia matrix H_q, so all joints
-    decelerate alike: qdd = -k qd. With limits it is the torque nearest to tau* within the limits, in the
+    decelerate alike: qdd = -k qd. With limits the torque is the nearest to tau* within the limits, in the
     metric of H_q^-1. The rate k is 1 / `time`, or larger if a joint would otherwise reach its stop, but at
     most 1 / (4 dt).
 

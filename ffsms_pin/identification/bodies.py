@@ -17,7 +17,7 @@ from ffsms_pin.system.regressors import PER_BODY
 
 PARAMETERS = ("m", "m cx", "m cy", "m cz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
 PAYLOAD = "payload"
-_MASSLESS = 1e-9  # mass and inertia of a payload without a prior, as a share of the robot's
+_MASSLESS = 1e-9  # mass and inertia of a payload without a prior, as a share of their deviations
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,7 +38,7 @@ class UnknownBody:
     deviation : ndarray, shape (10,)
         The standard deviations of the prior parameters.
     free : ndarray of bool, shape (10,)
-        True for the parameters that are estimated; the others are known.
+        True for the estimated parameters, False for the known parameters.
     """
 
     name: str

@@ -1,8 +1,8 @@
 """A cost term that makes a motion informative about unknown inertial parameters.
 
 The information of a motion is M = sum_k Y_k^T W Y_k, where Y_k is the regressor of the momentum at instant k
-and W the weight of the measurements. A criterion F(M) of experiment design is no sum over instants. Its
-linearisation about a plan, -trace(G M) with G = -dF/dM, is such a sum. If G = sum_j g_j g_j^T, the
+and W the weight of the measurements. A criterion F(M) of experiment design is not a sum over instants. But
+its linearisation about a plan, -trace(G M) with G = -dF/dM, is such a sum. If G = sum_j g_j g_j^T, the
 linearisation is the integral of -sum_j |y_j|^2, where y_j = W^1/2 Y g_j is the weighted momentum of bodies
 with the parameters g_j. The term is the integral of sum_j |y_j - 2 y_j0|^2, where y_j0 is y_j in the plan. Up
 to a constant, this sum of squares is a majorant of the linearisation, with the same gradient at the plan.

@@ -32,7 +32,7 @@ from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.simulation import Sensors
 
 _WIDEST = np.pi / 2.0  # [rad or m] largest displacement to either side
-_SHARE = 0.95  # used share of ranges, rates and accelerations
+_SHARE = 0.95  # used share of the limits of position, rate and acceleration
 _SIZES = (1.0, 0.8, 0.6, 0.45, 0.3, 0.2, 0.1)  # scale factors, tried in this order until all limits are kept
 _NODES = 80  # number of instants at which a candidate is evaluated
 SAMPLES = 100.0  # [1/s] assumed sampling rate of the measurements
@@ -141,7 +141,7 @@ class _Search:
         return window * waves, rate * (slope * waves + window * slopes)
 
     def rates(self, coefficients: FloatArray, nodes: int) -> FloatArray:
-        """Return joint rates (nodes, n), scaled so that ranges, rates and accelerations are kept."""
+        """Return joint rates (nodes, n), scaled to the limits of position, rate and acceleration."""
         basis, slope = self._basis(nodes)
         c = coefficients.reshape(self.shape)
         travel, rates = basis.T @ c, slope.T @ c

@@ -142,7 +142,7 @@ class Identifier(Learner):
         Parameters
         ----------
         t : float
-            Time [s], later than that of the previous sample.
+            Time [s], later than the time of the previous sample.
         q : array_like, shape (nq,)
             Measured configuration in Pinocchio's layout.
         v : array_like, shape (6 + n,)
@@ -203,8 +203,8 @@ class Identifier(Learner):
     def weigh_by(self, other: Identifier) -> None:
         """Compute the weights of all samples from the estimate of another identifier of the same bodies.
 
-        The noise of the momentum is that of the velocities times the parameters, so weights depend on the
-        estimate. By default the identifier uses its own estimate.
+        The noise of the momentum is the noise of the velocities times the parameters, so weights depend on
+        the estimate. By default the identifier uses its own estimate.
         """
         self._weighting, self._reweighted = other._parameters(), math.inf
 
@@ -332,8 +332,8 @@ class Identifier(Learner):
     def uncertainty(self) -> float:
         """Return the remaining share of the uncertainty about the momentum of the motion so far.
 
-        The share is the standard deviation of the momentum due to the estimated parameters, divided by that
-        due to the prior parameters. Before the first sample it is 1.
+        The share is the standard deviation of the momentum due to the estimated parameters, divided by the
+        standard deviation due to the prior parameters. Before the first sample the share is 1.
         """
         if not self.samples:
             return 1.0
@@ -353,7 +353,7 @@ class Identifier(Learner):
         Parameters
         ----------
         last : SpaceManipulator
-            The previously returned robot; at first the prior one.
+            The previously returned robot; at first the prior robot.
         """
         if self.samples < _FEWEST or self.uncertainty() > _CERTAIN:
             return last
@@ -379,7 +379,7 @@ class Identifier(Learner):
 def _linear_velocity(A: FloatArray) -> FloatArray:
     """Return a map (3, 3 + n) from angular velocity and joint rates to linear velocity of the base.
 
-    The linear momentum is zero. `A` (6, 6 + n) maps velocities to momentum.
+    The linear momentum is assumed to be zero. `A` (6, 6 + n) maps velocities to momentum.
     """
     return np.asarray(-np.linalg.solve(A[:3, :3], A[:3, 3:]))
 

@@ -324,7 +324,7 @@ def _spans(q: FloatArray) -> list[tuple[int, int]]:
 
 
 def _windows(sms: SpaceManipulator, recording: Recording) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return displacements (K, 6 + n) in K windows, from positions and from velocities, and their noise.
+    """Return displacements (K, 6 + n) in K windows, by positions and by velocities, and noise (6 + n,).
 
     Displacements of the base are in the root's axes at the start of each window. If a velocity is bitwise
     constant in a window but varies elsewhere, it is treated as frozen and its displacement is zero.

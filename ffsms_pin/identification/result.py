@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from ffsms_pin.identification.identifier import Identifier
 
 SHOWN = 0.5  # share of the prior deviation below which a direction is observed
-_ROUNDING = 1e-14  # least variance, as a share of the prior one
+_ROUNDING = 1e-14  # least variance, as a share of the prior variance
 # A note warns of a wrong model if the unexplained share of the momentum exceeds _UNEXPLAINED, or if the mean
 # square of the weighted residuals exceeds _SUSPICIOUS. Arm masses with errors of 15 % cause a share of 0.04.
 _UNEXPLAINED = 0.08
