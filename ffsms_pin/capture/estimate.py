@@ -1,8 +1,8 @@
 """A Kalman filter of a client's pose, twist, inertia and mass, from noisy and late measurements.
 
 The state of the filter has the errors of position and velocity and, in body axes, the errors theta of the
-attitude and dw of the angular velocity w. With the inertia I, its error dI, and the angular acceleration of a
-free body, a = w' = I^-1 (I w x w),
+attitude and dw of the angular velocity w. Let I be the inertia, dI its error, and a = w' = I^-1 (I w x w) the
+angular acceleration of a free body. Then
 
     theta' = dw - w x theta,    dw' = I^-1 (I dw x w + I w x dw + dI w x w - dI a).
 

@@ -6,11 +6,11 @@
     any -> collision, if bodies touch whose contact the simulation does not model: the run ends
 
 The go or no-go decision is made at the hold point, where the corridor to the grasp begins. For a go, the
-uncertainty of the client must be within `GoLimits`, the plan must arrive without collision, the grip must
-bear the contact, and braking must be possible within the torque limits and without collision. Until the
-contact, the attempt is aborted if the uncertainty exceeds its limits or the end effector leaves the corridor.
-At the deadline the gripper closes; it grasps the client if the errors are inside the envelope. After an abort
-the arm comes to rest where servicer and client keep clear of each other (`departure`).
+uncertainty of the client must be within `GoLimits`, and the plan must arrive without collision. The grip must
+bear the contact. Braking must be possible within the torque limits and without collision. Until the contact,
+the attempt is aborted if the uncertainty exceeds its limits or the end effector leaves the corridor. At the
+deadline the gripper closes; it grasps the client if the errors are inside the envelope. After an abort the
+arm comes to rest where servicer and client keep clear of each other (`departure`).
 """
 
 from __future__ import annotations
@@ -283,9 +283,9 @@ class StateMachine(Observer, Supervisor):
     def guard_tripped(self, now: Instant, trip: Trip) -> Sequence[Event]:
         """Return the reaction to a guard: joints brake, and the gripper opens unless the client is latched.
 
-        If the contact force is too large, the arm retreats instead, under the present law. If a contact has
-        accelerated a joint beyond its rate limit, but to less than three times the limit, the law brakes the
-        joint without another reaction, because drives cannot resist an impact.
+        If the contact force is too large, the arm retreats instead, under the present law. Drives cannot
+        resist an impact, so a contact may accelerate a joint to less than three times its rate limit. The law
+        then brakes the joint without another reaction.
         """
         if trip.guard == "rate_margin" and self._knocked(now):
             return ()

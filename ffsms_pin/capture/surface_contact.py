@@ -1,7 +1,7 @@
 """Contact between convex shapes: normal force after Hunt and Crossley, and Coulomb friction.
 
-With the depth d by which two shapes overlap, its rate d', and their slip velocity s at the point of contact,
-the normal and the tangential force are
+Let d be the depth of the overlap of two shapes, d' its rate, and s the slip velocity at the point of contact.
+The normal and the tangential force are
 
     f_n = k d^p (1 + 3/2 c d'),  not below zero,      f_t = mu f_n tanh(|s| / s_0) s / |s|.
 
@@ -98,8 +98,8 @@ class SurfaceContact:
     transition: float = 1e-3
     _tool: tuple[Part, ...] = field(init=False, repr=False)
     _client: tuple[Part, ...] = field(init=False, repr=False)
-    # The shapes' centres, (m, 3) in the end-effector frame and (k, 3) in body axes, and the squared distances
-    # (m, k) [m^2] between the centres of two shapes up to which the shapes can touch.
+    # _centres: the shapes' centres, (m, 3) in the end-effector frame and (k, 3) in body axes. _reach: the
+    # squared distances (m, k) [m^2] between the centres of two shapes up to which the shapes can touch.
     _centres: tuple[FloatArray, FloatArray] = field(init=False, repr=False)
     _reach: FloatArray = field(init=False, repr=False)
 

@@ -121,7 +121,7 @@ def after_capture(
 def plastic(M: FloatArray, momentum: FloatArray, locked: Sequence[int]) -> FloatArray:
     """Return the velocity v (6 + n,) after an instantaneous plastic impact.
 
-    Drives transmit no impulse, so M v equals the generalised `momentum` (6 + n,) before the impact, where M
+    Drives transmit no impulse, so M v equals the generalised `momentum` (6 + n,) before the impact. Here M
     (6 + n, 6 + n) is the inertia matrix with the client. `locked` joints (indices in v) transmit impulses and
     do not move.
     """

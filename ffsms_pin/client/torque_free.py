@@ -1,8 +1,8 @@
 """The torque-free motion of a rigid body, in closed form.
 
-In principal axes the unit vector m along the angular momentum h moves round the axis z of the least or the
-greatest inertia, depending on the energy (Poinsot). With a = 1 / inertia (three numbers), M = |h|, Jacobi's
-elliptic functions cn, sn, dn of modulus k, and constants X, Y, Z and lambda,
+In principal axes the unit vector m along the angular momentum h moves round the axis z. Depending on the
+energy, z is the axis of the least or the greatest inertia (Poinsot). Let a = 1 / inertia (three numbers) and
+M = |h|. With Jacobi's elliptic functions cn, sn, dn of modulus k, and constants X, Y, Z and lambda,
 
     m = (X cn u, Y sn u, Z dn u),     u = u0 + M lambda t,     Z > 0.
 

@@ -82,8 +82,8 @@ class HoldsBase(Protocol):
 class AttitudeHold:
     """A desired attitude of the base, and the angular acceleration towards it.
 
-    With the vector part eps and the scalar part eta of the quaternion from the desired to the measured
-    attitude, and the base's angular velocity w,
+    Let eps be the vector part and eta the scalar part of the quaternion from the desired to the measured
+    attitude, and w the base's angular velocity. The desired acceleration is
 
         w' = -2 bandwidth^2 sign(eta) eps - 2 damping bandwidth w.
 

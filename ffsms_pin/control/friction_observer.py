@@ -33,8 +33,8 @@ class FrictionObserver(StepObserver):
     joint is w = tau + tau_k - tau_m. It is fitted by F s + I qdd over the last second, with s = tanh(qd /
     0.01 rad/s) and F at least zero. I absorbs the effect of a wrong inertia, such as that of an unknown
     payload; a law that compensated this effect as friction would make the arm oscillate. The weight of F
-    rises from 0 to 1 with the squared partial correlation, the share of the variance of w that F s explains
-    after the regression on qdd.
+    rises from 0 to 1 with the squared partial correlation. This is the share of the variance of w that F s
+    explains after the regression on qdd.
 
     Parameters
     ----------

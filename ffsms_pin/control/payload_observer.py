@@ -21,7 +21,7 @@ _NOISE = 2e-3  # [m/s^2, rad/s^2] standard deviation of the averages
 _LEAST = 1e-5  # [m/s^2, rad/s^2] least size of the base's rows, above rounding and errors of differences
 _EXPLAINED = 0.9  # adjusted coefficient of determination above which a payload is accepted
 _WORSE = 2.0  # an accepted payload that increases the variance of the base's rows by this factor is rejected
-_ROUNDS = 10  # iterations of a solution, warm-started from the last one
+_ROUNDS = 10  # iterations of a solution, warm-started from the last solution
 _CONVERGED = 1e-4  # relative change in an iteration at convergence
 _CHANGE = 0.02  # relative change of the payload above which the robot model is updated
 
@@ -99,7 +99,8 @@ class PayloadObserver(StepObserver):
 
     def _solve(self) -> None:
         """Update the robot if a payload explains the missing force."""
-        count = (self._base.stop / _SMOOTHING) * min(self._steps * self._dt, _WINDOW)  # independent rows
+        # The number of independent rows.
+        count = (self._base.stop / _SMOOTHING) * min(self._steps * self._dt, _WINDOW)
         left = count - PER_BODY - 1.0
         if left <= 0.0 or self._of_base[-1, -1] < _LEAST**2:
             return

@@ -108,8 +108,8 @@ class Pull(NamedTuple):
 class TipSpring:
     """A spring from one end effector to another, and a weak joint spring in the nullspace.
 
-    With the displacement e from the desired position and the rotation vector phi from the desired attitude,
-    both in the desired end effector's axes, the energy is
+    Let e be the displacement from the desired position and phi the rotation vector from the desired attitude,
+    both in the desired end effector's axes. The energy is
 
         U = u(e^T K e) + phi^T K_r phi / 2 + k |q_n|^2 / 2,
 
@@ -166,7 +166,7 @@ def _free(J: FloatArray) -> FloatArray:
 
 
 def modal_damping(H: FloatArray, K: FloatArray, ratio: float) -> FloatArray:
-    """Return D (n, n) >= 0 that gives all modes of H x'' + D x' + K x = 0 one damping ratio.
+    """Return D (n, n) >= 0 that gives all modes of H x'' + D x' + K x = 0 the damping ratio `ratio`.
 
     Source: A. Albu-Schaeffer, C. Ott, U. Frese, G. Hirzinger, "Cartesian impedance control of redundant
     robots: recent results with the DLR-light-weight-arms", ICRA (2003).

@@ -1,10 +1,10 @@
 """The physical consistency of inertial parameters.
 
-A body's ten parameters are consistent if some mass distribution has them. This is the case if and only if
-the (4, 4) pseudo-inertia [[1/2 tr(I) 1 - I, m c], [(m c)^T, m]] is positive definite, where I is the inertia
-about the link's origin, 1 the identity matrix, m the mass and c the centre of mass. The pseudo-inertia is
-written as L L^T with a lower triangular matrix L, which has exponentials on its diagonal. Ten free numbers
-then give all consistent bodies and no others.
+A body's ten parameters are consistent if some mass distribution has them. Let m be the mass, c the centre of
+mass, I the inertia about the link's origin, and 1 the identity matrix. The parameters are consistent if and
+only if the (4, 4) pseudo-inertia [[1/2 tr(I) 1 - I, m c], [(m c)^T, m]] is positive definite. It is written
+as L L^T with a lower triangular matrix L, which has exponentials on its diagonal. Ten free numbers then give
+all consistent bodies and no others.
 
 References
 ----------
