@@ -31,7 +31,7 @@ class Campaign:
     seed: int = 1  #: seed of the first run
     compare: bool = False  #: True to run each drawn scenario twice: planned once and re-planned
     allow_import: bool = False  #: the argument of `ffsms_pin.scenario`
-    hash: str = ""  #: `digest` of the stored results
+    hash: str = ""  #: `digest` of the inputs of the stored results
 
     @classmethod
     def read(
@@ -51,7 +51,7 @@ class Campaign:
         if compare:
             content.setdefault("reference", {})["kind"] = "re-planning"
         campaign = cls(source, content, draws, whole("runs", runs, 1), first, compare, allow_import)
-        campaign.scenario(first).load()  # raises errors in keys or robot before the first run
+        campaign.scenario(first).load()  # reports wrong keys or a wrong robot before the first run
         return campaign
 
     @classmethod
@@ -76,9 +76,9 @@ class Campaign:
         return scenario_of(Path(self.source), content, allow_import=self.allow_import)
 
     def digest(self) -> str:
-        """Return the SHA-256 of all inputs: file, distributions, named files, and versions of packages.
+        """Return the SHA-256 of all inputs: tables, distributions, files in tables, and package versions.
 
-        Named files include those with a user's own terms and limits, but not the modules that they import.
+        Modules with a user's own terms and limits are included, but not the modules that they import.
         """
         names = [self.content.get(table, {}).get("model") for table in ("robot", "plant")]
         names += [row.get("file") for row in self.content.get("obstacle", [])]

@@ -15,7 +15,7 @@ import numpy as np
 from ffsms_pin.errors import InvalidScenario
 from ffsms_pin.options.tables import DEGREES
 
-# Keys that get a new value for each seed if the scenario has their table.
+# Keys of random seeds; each run sets the keys whose tables the scenario has.
 _SEEDS = ("sensors.seed", "wrist.seed", "plant.random.seed", "client.sensor.seed")
 _KINDS = ("uniform", "normal", "choice")
 _ADVICE = "write { uniform = [low, high] }, { normal = [mean, deviation] } or { choice = [value, value] }"
@@ -33,7 +33,8 @@ def flat_draws(table: Mapping[str, Any], path: str = "") -> Iterator[tuple[str, 
 def drawn_columns(draws: Mapping[str, Any], seed: int) -> dict[str, Any]:
     """Return a seed's drawn values as columns by name.
 
-    A drawn list has a numbered column for each entry. Choices other than texts and numbers are JSON.
+    A drawn list has a numbered column for each entry. A choice that is neither text nor number is written as
+    JSON.
     """
     columns: dict[str, Any] = {}
     for key, distribution in draws.items():
@@ -74,14 +75,14 @@ def drawn_content(
                 f"[campaign.draw] {key} is no key of the file; write it like plant.arm_mass or fault.1.time"
             )
             raise InvalidScenario(source, message) from None
-    for name in ("fault", "capture", "disturbance"):  # a drawn {} removes the entry
+    for name in ("fault", "capture", "disturbance"):  # drop entries for which {} was drawn
         if isinstance(tables.get(name), list):
             tables[name] = [row for row in tables[name] if row != {}]
     return tables
 
 
 def _stream(key: str, seed: int) -> np.random.Generator:
-    """Return the random generator of a key, which does not depend on the other draws in the file."""
+    """Return the random generator of a key and a seed; it does not depend on other draws in the file."""
     return np.random.default_rng([seed, zlib.crc32(key.encode())])
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from ffsms_pin.analysis import finite, wilson_interval
 
 _PERCENTILES = (5, 25, 50, 75, 95, 99)
-_SHOWN = ("seed", "outcome", "error")  # columns of the worst runs
+_SHOWN = ("seed", "outcome", "error")  # columns in the list of worst runs, besides errors
 
 
 def by_method(table: dict[str, Any]) -> dict[str, dict[str, Any]]:

@@ -83,7 +83,7 @@ def read_table(folder: str | os.PathLike[str]) -> dict[str, Any]:
 def _chunks(of: Campaign) -> list[range]:
     """Return the seeds in chunks of at most 16; each chunk has a file of its own.
 
-    The size of a chunk depends only on the number of earlier runs, so an extended campaign keeps its chunks.
+    The size of a chunk depends only on the number of seeds before it, so more runs keep existing chunks.
     """
     chunks, start = [], 0
     while start < of.runs:
@@ -94,7 +94,7 @@ def _chunks(of: Campaign) -> list[range]:
 
 
 def _run(of: Campaign, folder: Path, seeds: range, rows: list[Any] | None = None) -> range:
-    """Write the file of a chunk, and return its seeds; run them unless `rows` are given."""
+    """Write the file of a chunk of seeds, and return the seeds; without `rows`, run the seeds first."""
     rows = [row for seed in seeds for row in _rows(of, seed)] if rows is None else rows
     chunk = {"campaign": of.hash, "seeds": list(seeds), "rows": rows}
     write_content(folder / "chunks" / f"{seeds[0]:010d}.json", json.dumps(chunk) + "\n")
@@ -111,14 +111,17 @@ def _read(of: Campaign, folder: Path, seeds: range) -> list[Any] | None:
 
 
 def _rows(of: Campaign, seed: int, error: str = "") -> list[Any]:
-    """Run a seed and return its rows, one per method; with `error`, report a run that killed its process."""
+    """Run a seed and return its rows, one per method.
+
+    With an `error` nothing is run; the rows report that the run killed its process.
+    """
     rows = []
     for method in ("planned once", "re-planned") if of.compare else ("",):
         row = {"seed": seed, **({"method": method} if method else {}), **drawn_columns(of.draws, seed)}
         numbers: dict[str, Any] = {"outcome": "killed", "error": error, "final_error_m": None}
         try:
             numbers = numbers if error else run_numbers(of.scenario(seed), method == "planned once", of.hash)
-        except Exception as problem:  # any error, so that the other runs continue
+        except Exception as problem:  # after any error the other runs continue
             numbers |= {"outcome": "failed", "error": f"{type(problem).__name__}: {problem}"}
         rows.append(row | numbers)
     return rows

@@ -16,7 +16,7 @@ from ffsms_pin.geometry.shapes import ShapeKind, visual_shapes
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.system.urdf_elements import unused
 
-NO_LIMIT = 10.0 * LARGEST_POSITIVE  # number for an infinite limit in a file, which `load` reads as no limit
+NO_LIMIT = 10.0 * LARGEST_POSITIVE  # an infinite limit in a file; `load` reads it as no limit
 _CARRIERS = (pin.FrameType.BODY, pin.FrameType.OP_FRAME)
 
 
@@ -57,8 +57,8 @@ class ExportedLink(NamedTuple):
 class Links(list[ExportedLink]):
     """The links of a robot, one for each body frame, parents before their children.
 
-    `moving` maps each joint to the index of the joint's first link. A name that is already used or in `taken`
-    gets a `_` at its end.
+    `moving` maps each joint to the index of the joint's first link. If a name is already used or in `taken`,
+    a `_` is appended.
     """
 
     def __init__(self, sms: SpaceManipulator, taken: Collection[str] = ()) -> None:
@@ -92,7 +92,7 @@ class Links(list[ExportedLink]):
                 self.append(ExportedLink(name, j, frame.placement, parent, via, False))
 
     def shapes(self, sms: SpaceManipulator, kind: ShapeKind) -> Iterator[tuple[int, Any, Any]]:
-        """Yield for each shape its link's index, its pose (pinocchio.SE3) in the link, and the shape itself.
+        """Yield each shape: the index of its link, its pose (pinocchio.SE3) in the link, and the shape.
 
         Shapes are of the class pinocchio.GeometryObject. A robot without visual shapes yields placeholder
         shapes. `GeometryError` is raised if a collision mesh is missing or cannot be read.
@@ -107,7 +107,7 @@ class Links(list[ExportedLink]):
                 yield at, self[at].place.actInv(item.placement), item
 
     def carrier(self, frame: int, joint: int) -> int:
-        """Return the index of the link that carries a frame; by default, of the joint's first link."""
+        """Return the index of the joint's link that carries a frame; by default the joint's first link."""
         while 0 < frame < len(self._parents):
             if frame in self._of_frame:
                 link = self._of_frame[frame]

@@ -64,7 +64,7 @@ def to_mjcf(
         if link.parent is None:
             body = SubElement(world, "body", {"name": link.name})
             SubElement(body, "freejoint", {"name": link.joint_name})
-        elif link.moves:  # child of a moving body, because MuJoCo would reorder the joints otherwise
+        elif link.moves:  # child of the parent joint's body, to keep the order of the joints
             on = bodies[links.moving[int(model.parents[link.joint])]]
             body = SubElement(on, "body", {"name": link.name, **_place(model.jointPlacements[link.joint])})
             _joint(body, sms, link.joint - 2, axes[link.joint - 2])
@@ -139,7 +139,7 @@ def _shape(item: Any, assets: Element, meshes: dict[Any, str]) -> dict[str, str]
     if known not in meshes:
         corners, faces = triangles(item)
         meshes[known] = name = f"mesh_{len(meshes)}"
-        vertex = " ".join(map(str, corners.astype(np.float32).ravel()))  # the precision of mesh files
+        vertex = " ".join(map(str, corners.astype(np.float32).ravel()))  # float32, as in mesh files
         face = " ".join(map(str, faces.ravel()))
         # A shell, because an open mesh has no volume, which MuJoCo rejects.
         SubElement(assets, "mesh", {"name": name, "inertia": "shell", "vertex": vertex, "face": face})

@@ -29,7 +29,7 @@ MOMENTUM = (
     *("momentum.x [kg m/s]", "momentum.y [kg m/s]", "momentum.z [kg m/s]"),
     *("angular momentum.x [N m s]", "angular momentum.y [N m s]", "angular momentum.z [N m s]"),
 )
-MODE = "mode"  # the only column of text, missing for a floating base
+MODE = "mode"  # the only text column; a floating base has no such column
 
 # The joint rates of a plan integrate to its positions up to rounding. In a simulated motion accelerations
 # vary within a step, so rates and positions agree only within the error of the trapezoidal rule.
@@ -103,7 +103,7 @@ def _columns(sms: SpaceManipulator, motion: Trajectory | Tracking) -> dict[str, 
         columns[f"{name}.rate [{rate}]"] = motion.v[:, 6 + i]
     torque = motion.tau
     if isinstance(motion, Tracking):
-        torque = np.vstack([torque, torque[-1:]])  # constant over the step that begins at a node
+        torque = np.vstack([torque, torque[-1:]])  # the torque is constant over the step after a node
     for i, (name, (*_, unit)) in enumerate(units.items()):
         columns[f"{name}.torque [{unit}]"] = torque[:, i]
     columns["position error [m]"] = motion.position_error
@@ -230,7 +230,7 @@ def _check_base(
     units = base[:, 3:] / np.linalg.norm(base[:, 3:], axis=1)[:, None]
     parallel = np.abs(np.einsum("kx,kx->k", units, motion.q[:, 3:7]))
     angles = 2.0 * np.arccos(np.minimum(parallel, 1.0))
-    # Rounding makes the angle between equal quaternions 1e-8.
+    # Because of rounding, the angle between equal quaternions may be 1e-8 rad.
     beyond = np.flatnonzero((distances > allowed) | (angles > allowed))
     if not len(beyond):
         return

@@ -42,7 +42,7 @@ class Fault:
     remedy : str or None
         The change that a repair makes; None if only the file's author can decide.
     mend : callable or None
-        The function that makes this change.
+        The function that makes the change of `remedy`.
     """
 
     where: str
@@ -79,7 +79,7 @@ _ATTRIBUTES: dict[str, dict[str, int]] = {
     "sphere": {"radius": 1},
     "mesh": {"scale": 3},
 }
-# Elements in which an unreadable number does not make `load` refuse the file.
+# Elements whose unreadable numbers do not prevent `load` from loading the file.
 _NOT_READ = {"cylinder", "capsule", "sphere", "mesh", "mimic"}
 _COMMA = re.compile(r"[+-]?\d+,\d+", re.ASCII)
 _FORMULA = re.compile(r"(?:[\d.+\-*/() \t]|[eE](?=[+-]?\d)|math\.pi|M_PI|PI|pi)+", re.ASCII)

@@ -47,7 +47,7 @@ def inertia_faults(robot: ElementTree.Element, settings: Settings) -> Iterator[F
                 yield Fault(where, problem, True, "<inertial> removed", mend)
         elif missing := [key for key in urdf.INERTIA_KEYS if key not in element.attrib]:
             problem = f"its <inertia> has no {', '.join(missing)}"
-            if all(key[1] != key[2] for key in missing):  # products of inertia alone
+            if all(key[1] != key[2] for key in missing):  # only products of inertia are missing
                 mend = partial(element.attrib.update, dict.fromkeys(missing, "0"))
                 yield Fault(where, problem, True, "set to zero", mend)
             else:

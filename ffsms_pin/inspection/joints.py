@@ -174,7 +174,7 @@ def _mimic_fault(
     robot: ElementTree.Element, joint: ElementTree.Element, mimic: ElementTree.Element, where: str
 ) -> Fault:
     leaders = [other.get("name", "") for other in robot.findall("joint") if other is not joint]
-    blocks = mimic.get("joint", "") not in leaders  # otherwise `load` locks the joint as the repair does
+    blocks = mimic.get("joint", "") not in leaders  # if the leader exists, `load` itself locks the joint
     problem = f"it mimics '{mimic.get('joint', '')}', which is not supported"
     if _axis_length(joint) <= 1e-9:
         return Fault(where, problem, True)

@@ -73,7 +73,7 @@ def examine(robot: ElementTree.Element, settings: Settings) -> Examination:
                 if fault.mend is not None:
                     fault.mend()
                     mends += 1
-                elif (fault.where, fault.problem) in lasting:  # a fault that stays is found on every pass
+                elif (fault.where, fault.problem) in lasting:  # every pass finds a fault without repair again
                     continue
                 else:
                     lasting.add((fault.where, fault.problem))
@@ -97,7 +97,7 @@ def refusal(path: Path, robot: ElementTree.Element) -> FfsmsError | None:
         copied = copy.deepcopy(robot)
         lenient(copied, path)
         urdf = UrdfFile(path, copied)
-        if not any(joint.moves for joint in urdf.joints):  # a client: one rigid body
+        if not any(joint.moves for joint in urdf.joints):  # the file describes a client, a single rigid body
             model_of(urdf)
             return None
         build(urdf, LoadOptions(next(iter(urdf.tips()), urdf.root)))
@@ -278,7 +278,7 @@ def repair(
     changes = [Change(fault.where, fault.problem, str(fault.remedy)) for fault in mended]
     changes += _move_meshes(examination.mended, settings.path, Path(out))
     if changes:
-        # An XML comment must not contain two dashes.
+        # An XML comment must not contain two dashes in a row.
         comment_text = "\n".join(["Changed by ffsms-pin:", *(f"  {change}" for change in changes), ""])
         comment: Any = ElementTree.Comment(" " + comment_text.replace("--", "- -"))
         comment.tail = "\n"
@@ -289,7 +289,7 @@ def repair(
 
 
 def _move_meshes(robot: ElementTree.Element, source: Path, out: Path) -> list[Change]:
-    """Rewrite mesh names that are relative to the folder of `source` for the folder of `out`."""
+    """Make mesh paths relative to the folder of `out` instead of the folder of `source`."""
     moved: dict[Change, None] = {}
     for mesh in robot.iter("mesh"):
         name = mesh.get("filename", "")

@@ -30,9 +30,9 @@ def plot_capture(outcome: Outcome) -> Figure:
     capture = outcome.capture
     assert capture is not None
     around, end = _client_shapes(outcome), float(capture.whole.t[-1])
-    first = capture.phases[1].time  # the hold point
+    first = capture.phases[1].time  # [s] arrival at the hold point
     force = np.linalg.norm(capture.whole.contact_wrench[:, :3], axis=1)
-    touched = np.flatnonzero(force > 0.01 * force.max())  # smaller forces also act after the motion has ended
+    touched = np.flatnonzero(force > 0.01 * force.max())  # a small force remains at rest
     heights = (1.0, 1.0, 1.4, 1.0) if touched.size else (1.0, 1.0, 1.4)
     figure = Figure(figsize=(5.2, 10.0), layout="constrained")
     above, below = figure.subfigures(2, 1, height_ratios=(0.38, 0.62))
@@ -150,7 +150,7 @@ def _grip(capture: Captured, ax: Axes, rows: slice) -> None:
         ax.plot([], [], " ", label=label)
     ax.set_ylim(0.0, 2.4 * max(float(force.max()), expected.most_force if expected is not None else 0.0))
     legend_above(ax)
-    if capture.caught:  # a line at the latch, because the braking after it loads the tool, too
+    if capture.caught:  # mark the latch, because braking loads the tool, too
         latched, early = capture.latched_at, capture.latched_at < 0.5 * sum(ax.get_xlim())
         ax.axvline(latched, color=NEUTRAL, linewidth=0.8)
         label = f" latched, {latched:.4g} s; \n braking begins "

@@ -43,15 +43,16 @@ def _label(name: str, made: Trajectory) -> str:
 
 
 def _shares(ax: Axes, errors: FloatArray, **look: Any) -> None:
-    """Draw the share of runs whose final error is below a distance; `errors` [m] of failed runs are infinite.
+    """Draw the share of runs with a final error below a distance, over the distance.
 
-    The axis is logarithmic if the distances span more than a factor of four, with plain numbers at its ticks.
+    `errors` [m] of failed runs are infinite. If the finite errors span more than a factor of four, the axis
+    of distances is logarithmic.
     """
     share = np.arange(1, len(errors) + 1) / len(errors)
     errors = 1e3 * np.sort(errors)
     ended = np.flatnonzero(np.isfinite(errors))
     if ended.size:
-        # The line begins at zero, and ends at the share of the runs that were not stopped.
+        # The line begins at zero, and ends at the share of runs with a finite error.
         rows = ended[thinned(ended.size, _POINTS)]
         ax.step([errors[0], *errors[rows]], [0.0, *share[rows]], where="post", **look)
     if ended.size and errors[0] > 0.0 and errors[ended[-1]] > 4.0 * errors[0]:

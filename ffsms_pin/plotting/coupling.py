@@ -60,9 +60,9 @@ def plot_position_error(
 ) -> Axes:
     """Plot the distance from the end effector to the target, and the tolerance.
 
-    The tolerance is the paper's r_th of const8, which applies in the last tenth of the time. For a path, the
-    distance to the path is drawn, and the tolerance applies at all times. If `flown` is given, it is drawn
-    instead of the plan, together with `open_loop` as in `plot_tracked_position_error`.
+    The tolerance is r_th of the paper's constraint const8, which applies in the last tenth of the duration.
+    For a path, the distance to the path is drawn, and the tolerance applies at all times. If `flown` is
+    given, it is drawn instead of the plan, with `open_loop` as in `plot_tracked_position_error`.
     """
     on_path = bool(np.isfinite(trajectory.path_error).all())
     planned = trajectory.path_error if on_path else trajectory.position_error
@@ -103,11 +103,11 @@ def plot_sigma(
 ) -> Axes:
     """Plot the singular values of C_bm over time, on a logarithmic scale if they span several decades.
 
-    If `flown` differs from the plan, it is drawn, with the plan thin and pale beside it.
+    If `flown` differs visibly from the plan, both are drawn, the plan thin and pale.
     """
     made = [_sigma(sms, motion) for motion in (trajectory, flown) if motion is not None]
     largest = float(made[0].values.max())
-    nonzero = made[0].values.max(axis=0) > _NO_RANK * largest  # a planar arm has three directions, not six
+    nonzero = made[0].values.max(axis=0) > _NO_RANK * largest  # a planar arm has only three nonzero values
     made = [Series(t, values[:, nonzero]) for t, values in made]
     names = [_sigma_name(i) for i in np.flatnonzero(nonzero).tolist()]
     ax = plot_flown(ax, made, "singular values of $C_{bm}$\n[m/rad, rad/rad]", names)
@@ -123,9 +123,10 @@ def plot_entropy(
     sms: SpaceManipulator | None = None,
     flown: Tracking | None = None,
 ) -> Axes:
-    """Plot the paper's H_norm: 0 if one direction has all the coupling, 1 if all have equal coupling.
+    """Plot the entropy H_norm (paper): 0 if one direction has all the coupling, 1 if all have the same.
 
-    If `flown`, a motion of `sms`, differs from the plan, it is drawn, with the plan thin and pale beside it.
+    `flown` is a recording of the robot `sms`. If it differs visibly from the plan, both are drawn, the plan
+    thin and pale.
     """
     planned = Series(trajectory.t[:-1], trajectory.entropy[:, None])
     top = float(planned.values.max())
@@ -155,9 +156,9 @@ def entropy_grid(
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return positions (points,) [rad or m] of two joints, and the entropy (points, points) over them.
 
-    A column of the entropy belongs to a position of the first joint, a row to one of the second joint. The
-    two joints, indices from 0, cover their position ranges, or -pi to pi if they have no limits. All other
-    joints are at `at` (n,), by default zero. The base's pose has no influence.
+    Entry [i, j] of the entropy is at position j of the first joint and position i of the second joint. The
+    two joints, indices from 0, cover their position ranges; a joint without limits covers -pi to pi. All
+    other joints are at `at` (n,), by default zero. The base's pose has no influence.
     """
     i, j = joints
     positions = np.zeros(sms.n) if at is None else np.asarray(at, dtype=np.float64)

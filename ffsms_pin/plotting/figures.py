@@ -54,11 +54,11 @@ FIGURES: Mapping[str, tuple[Panel, ...]] = {
         ),
         lambda o, ax: _torques(o, ax),
     ),
-    "motion": (),  # a panel for each side: see `_motion`
+    "motion": (),  # one panel for each direction of view: see `_motion`
 }
 """Figures by file name, and their panels from top to bottom."""
 
-# Further figures of outcomes with a capture, and with wheels.
+# Further figures, of a capture and of wheels.
 _MORE: Mapping[str, tuple[Panel, ...]] = {
     "capture": (),  # see `plot_capture`
     "wheels": (
@@ -70,7 +70,7 @@ _MORE: Mapping[str, tuple[Panel, ...]] = {
     ),
 }
 
-_STILL = 1e-9  # [m/s, rad/s] the base is fixed if its planned velocity is at most this
+_STILL = 1e-9  # [m/s, rad/s] largest planned velocity of a fixed base
 # The metadata without a date, so that the same outcome gives the same file.
 _UNDATED: dict[str, dict[str, Any]] = {"pdf": {"CreationDate": None}, "svg": {"Date": None}, "png": {}}
 
@@ -89,7 +89,7 @@ def _torques(outcome: Outcome, ax: Axes) -> Axes:
 
 @drawing
 def figure(outcome: Outcome, name: str) -> Figure:
-    """Draw the figure of an outcome that has a name of `figure_names`."""
+    """Draw the figure `name` of an outcome; see `figure_names`."""
     panels = {**FIGURES, **_MORE}[name]
     if not panels:
         return plot_capture(outcome) if name == "capture" else _motion(outcome)
@@ -113,9 +113,10 @@ def figure(outcome: Outcome, name: str) -> Figure:
 
 
 def figure_names(outcome: Outcome) -> list[str]:
-    """Return the names of an outcome's figures, without those of the base if the plan does not move the base.
+    """Return the names of an outcome's figures.
 
-    A capture has the figure "capture" instead of "motion".
+    A figure of base translation or rotation is left out if the planned base velocity is zero. A capture has
+    the figure "capture" instead of "motion".
     """
     plan = outcome.trajectory
     still = {"base-linear": plan.v[:, :3], "base-angular": plan.v[:, 3:6]}
@@ -145,7 +146,7 @@ def _motion(outcome: Outcome) -> Figure:
     panels = subplots(result, 1, len(sides))
     for ax, side in zip(panels, sides, strict=True):
         plot_motion(outcome.plant, outcome.trajectory, ax, 6, paths, obstacles, side, flown)
-    if len(panels) > 1:  # one legend for both
+    if len(panels) > 1:  # write the times once, below both drawings
         for ax in panels:
             ax.set_xlabel(ax.get_xlabel().partition("\n")[0])
         result.supxlabel(times_drawn(flown), fontsize=9.0)

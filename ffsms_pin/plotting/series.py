@@ -130,7 +130,8 @@ def near_limits(
     """Return the label of values (k, m), and the lower and upper limits (m,) to draw.
 
     A limit is drawn if a value reaches the share `near` of the limit, because distant limits would flatten
-    the curves. All other limits are infinite. If no limit is drawn, the label states the largest share.
+    the curves. All other limits are infinite. If no limit is drawn, the label states the largest value as a
+    share of its limit.
     """
     shares = (np.abs(values) / limit).max(axis=0, initial=0.0)
     if (shares > near).any():
@@ -227,7 +228,7 @@ def plot_joint_positions(
 ) -> Axes:
     """Plot joint positions [deg or m] over time, with dotted limits of joints that come near a limit.
 
-    If `flown` differs from the plan, it is drawn, with the plan thin and pale beside it.
+    If `flown` differs visibly from the plan, both are drawn, the plan thin and pale.
     """
     factors = joint_factors(sms)
     motions = [
@@ -248,8 +249,8 @@ def plot_joint_rates(
 ) -> Axes:
     """Plot joint rates [deg/s or m/s] over time, with dotted limits of joints that come near a limit.
 
-    If no joint comes near a limit, the label states the largest used share. `flown` is drawn as in
-    `plot_joint_positions`.
+    If no joint comes near a limit, the label states the largest rate as a share of its limit. `flown` is
+    drawn as in `plot_joint_positions`.
     """
     factors = joint_factors(sms)
     made = [Series(motion.t, motion.v[:, 6:] * factors) for motion in _motions(trajectory, flown)]
@@ -292,9 +293,9 @@ def _plot_joints(
 def plot_base_position(
     sms: SpaceManipulator, trajectory: Trajectory, ax: Axes | None = None, flown: Motion | None = None
 ) -> Axes:
-    """Plot the displacement [mm] of the base's centre of mass from its start, inertial axes.
+    """Plot the displacement [mm] of the base's centre of mass from the start, in inertial axes.
 
-    If `flown` differs from the plan, it is drawn, with the plan thin and pale beside it.
+    If `flown` differs visibly from the plan, both are drawn, the plan thin and pale.
     """
     return _plot_base(sms, trajectory, flown, ax, "base displacement [mm]", _displacements, slice(0, 3))
 
@@ -314,7 +315,7 @@ def plot_base_velocity(
 def plot_base_rotation(
     sms: SpaceManipulator, trajectory: Trajectory, ax: Axes | None = None, flown: Motion | None = None
 ) -> Axes:
-    """Plot the rotation vector [deg] of the base from its start, inertial axes.
+    """Plot the rotation vector [deg] of the base from the start, in inertial axes.
 
     `flown` is drawn as in `plot_base_position`.
     """
@@ -341,7 +342,7 @@ def _plot_base(
     of: Callable[[SpaceManipulator, FloatArray, FloatArray], FloatArray],
     columns: slice,
 ) -> Axes:
-    """Plot three of the six values (k, 6) of the base that `of` returns for q (k, nq) and v (k, nv)."""
+    """Plot three `columns` of the base's values (k, 6) that `of` returns for q (k, nq) and v (k, nv)."""
     made = []
     for motion in _motions(trajectory, flown):
         rows = thinned(len(motion.t))
@@ -381,8 +382,8 @@ def plot_tracked_position_error(
 ) -> Axes:
     """Plot the distance from the simulated end effector to the target.
 
-    If `tracking` was re-planned in the loop, `open_loop` is the tracking of the first plan. It is drawn as a
-    second line.
+    `open_loop` is the run that follows the first plan, if `tracking` was re-planned in the loop. It is drawn
+    as a second line.
     """
     label = "distance to target [m]"
     if open_loop is None:
@@ -424,8 +425,8 @@ def plot_wheels(
 ) -> Axes:
     """Plot the simulated spin momenta [N m s] of the wheels that turn, with any planned momenta dashed.
 
-    Wheels with the same momentum share a line, whose label names them. Limits are dotted; if no wheel comes
-    near its limit, the label of the axis states the largest used share instead.
+    Wheels with the same momentum share a line, and its label names them. Limits are dotted. If no wheel comes
+    near its limit, the label of the axis states the largest momentum as a share of its limit.
     """
     ax = _plot_turning_wheels(sms, tracking, ax, tracking.wheel_momentum)
     planned = trajectory.wheel_momentum
@@ -446,7 +447,7 @@ def plot_wheel_torque(sms: SpaceManipulator, tracking: Tracking, ax: Axes | None
 def _plot_turning_wheels(
     sms: SpaceManipulator, motion: Motion, ax: Axes | None, values: FloatArray, torque: bool = False
 ) -> Axes:
-    """Draw momenta or torques (k, w), one line for all wheels of equal momentum; see `plot_wheels`."""
+    """Draw momenta or torques (k, w), with one line for wheels of equal momentum; see `plot_wheels`."""
     if sms.wheels is None:
         raise InvalidValue("sms", sms, "must have wheels: sms.with_actuators(wheels=...)")
     wheels, names = sms.wheels, sms.wheels.names

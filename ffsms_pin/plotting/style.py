@@ -24,11 +24,11 @@ PLANNED: dict[str, Any] = {"linewidth": 0.9, "linestyle": "-", "alpha": 0.55}
 # The labels of limits and of plans in legends.
 LIMITS, AS_PLANNED = "limits", "as planned"
 
-_WIDTH = 5.2  # [in]
-_LEGEND_WIDTH = 38.0  # [em] width of a legend above a panel, beside long labels of an axis
-_LAST = (LIMITS, AS_PLANNED)  # always at the end of a legend
+_WIDTH = 5.2  # [in] width of a figure
+_LEGEND_WIDTH = 38.0  # [em] largest width of a legend above a panel
+_LAST = (LIMITS, AS_PLANNED)  # last entries of a legend
 
-# Matplotlib has a type for each key, and newer versions have more keys.
+# The type is Any, because the type of `rc_context` depends on Matplotlib's version.
 _STYLE: Any = {
     "font.family": "sans-serif",
     "font.size": 9.0,
@@ -49,7 +49,7 @@ _STYLE: Any = {
     "figure.dpi": 100.0,
     "savefig.dpi": 160.0,
     "pdf.fonttype": 42,
-    "svg.hashsalt": "ffsms-pin",  # the same names inside the file in every run
+    "svg.hashsalt": "ffsms-pin",  # the same internal names in every run
 }
 
 
@@ -64,7 +64,7 @@ drawing = applied()  # decorator of functions that draw
 
 
 def line(index: int) -> dict[str, Any]:
-    """Return colour and dashes of line `index` of a panel."""
+    """Return the colour and the dashes of a panel's line `index`, from 0."""
     return {"color": _COLOURS[index % len(_COLOURS)], "linestyle": _DASHES[index % len(_DASHES)]}
 
 
@@ -89,11 +89,11 @@ def over_time(ax: Axes, label: str) -> None:
 
 
 def _columns(labels: Sequence[str], width: float = 1.0) -> int:
-    """Return the number of legend columns that fit into `width` panels; entries fill column by column."""
+    """Return the number of legend columns that fit above panels with a total width of `width` panels."""
     for count in range(len(labels), 1, -1):
         rows = -(-len(labels) // count)
         columns = [labels[i : i + rows] for i in range(0, len(labels), rows)]
-        # The line, the gaps and the text, in em.
+        # A column has a line and gaps of 4.8 em, and the text.
         needed = sum(4.8 + max(_length(label) for label in column) for column in columns)
         if needed <= width * _LEGEND_WIDTH:
             return len(columns)
@@ -108,7 +108,7 @@ def _length(label: str) -> float:
 
 @drawing
 def share_legend(figure: Figure, panels: Sequence[Axes], title: str = "") -> None:
-    """Draw the title, and below it one legend for all panels if their legends have the same entries."""
+    """Draw the title, and a common legend below it if the legends of all panels have the same entries."""
     legends = [legend for ax in panels if (legend := ax.get_legend()) is not None]
     entries: dict[str, Any] = {}
     own: list[list[str]] = []

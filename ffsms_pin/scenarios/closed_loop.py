@@ -1,4 +1,4 @@
-"""The run of a scenario: its laws and conditions, checked before planning, the plan, and the closed loop."""
+"""The run of a scenario: control laws, conditions, plan, and closed loop."""
 
 from __future__ import annotations
 
@@ -52,11 +52,11 @@ from ffsms_pin.simulation.setup import checked_events, set_up
 
 StageProgress = Callable[[str, float], None]
 
-_CONTROL_STEP = 1e-3  # [s] `simulate`'s default
+_CONTROL_STEP = 1e-3  # [s] default `dt` of `simulate`
 
 
 def loop_options(scenario: Scenario, sms: SpaceManipulator, q0: FloatArray) -> dict[str, Any]:
-    """Return the keyword arguments of `simulate` for a plan from q0 (nq,), without reference and law."""
+    """Return the keyword arguments of `simulate` for a plan from q0 (nq,), except reference and law."""
     start = scenario.plant_start(sms, q0)
     table = scenario.simulation
     with scenario.named("plant"):
@@ -85,7 +85,7 @@ def loop_options(scenario: Scenario, sms: SpaceManipulator, q0: FloatArray) -> d
     }
 
 
-# The devices of the closed loop by table, which has the name of a field of `simulation.Conditions`.
+# The classes of devices by table; a table has the name of its field in `simulation.Conditions`.
 _DEVICES: Mapping[str, type] = {
     "friction": JointFriction,
     "actuator": Actuator,
@@ -96,7 +96,7 @@ _DEVICES: Mapping[str, type] = {
 
 
 def _device(scenario: Scenario, name: str) -> Any:
-    """Return a device of the closed loop; None if its table is absent or empty, False if it is off."""
+    """Return the device of table `name`; None if the file does not set it, False if it is switched off."""
     table = scenario.tables[name]
     if table is None or (not table and name not in NONE_IF_ABSENT):
         return None
@@ -104,7 +104,7 @@ def _device(scenario: Scenario, name: str) -> Any:
 
 
 def _wrenches(scenario: Scenario, plant: SpaceManipulator) -> tuple[Wrench, ...]:
-    """Return the disturbances."""
+    """Return the wrenches of [[disturbance]], checked against the plant."""
     wrenches = []
     for i in range(1, len(scenario.disturbance) + 1):
         with scenario.named(path := f"disturbance.{i}"):
@@ -114,8 +114,8 @@ def _wrenches(scenario: Scenario, plant: SpaceManipulator) -> tuple[Wrench, ...]
 
 
 def _events(scenario: Scenario, plant: SpaceManipulator) -> tuple[Capture | JointFault, ...]:
-    """Return the captures of bodies and the joint faults before the end of the run."""
-    duration = scenario.duration if scenario.meet is None else np.inf  # a capture ends when the joints rest
+    """Return the events of [[capture]] and [[fault]], checked against plant and duration."""
+    duration = scenario.duration if scenario.meet is None else np.inf  # a client's capture has no fixed end
     events: list[Any] = []
     kinds: dict[str, Any] = {"capture": Capture, "fault": JointFault}
     for name, kind in kinds.items():
@@ -126,9 +126,10 @@ def _events(scenario: Scenario, plant: SpaceManipulator) -> tuple[Capture | Join
 
 
 def guards(scenario: Scenario, path: Path | None = None) -> Guards | None:
-    """Return the guards of a scenario, which save to `path`; None if [guards] switches them off.
+    """Return the guards of a scenario; None if [guards] switches them off.
 
-    The load limits of the grip are those of [contact.envelope] unless [guards] has them.
+    If a guard stops the run, the recording is saved to `path`. Limits of the contact load that [guards] does
+    not set are those of [contact.envelope].
     """
     envelope = scenario.contact.get("envelope", {})
     loads = {f"contact_{name}": envelope[name] for name in ("force", "torque") if name in envelope}
@@ -152,13 +153,13 @@ def _plant(scenario: Scenario, sms: SpaceManipulator) -> SpaceManipulator:
 
 
 def controller(scenario: Scenario, sms: SpaceManipulator) -> JointLaw:
-    """Make the scenario's law, with its gains and torque limits."""
+    """Make the scenario's control law, with the gains and torque limits of [control]."""
     law = scenario.law
     gains = _without(scenario.control, "law", "dt", "offset", "offset" + DEGREES, "torque_limit")
     torque_limit = scenario.per_joint(sms, "control", "torque_limit")
     attitude = scenario.attitude or {}
     if law == "computed-torque" and scenario.meet is not None:
-        gains.setdefault("adaptive", False)  # a client's load is neither friction nor payload
+        gains.setdefault("adaptive", False)  # adaptation would fit a client's load as friction or payload
     with scenario.named("control", "attitude"):
         if law == COORDINATED_WITH and attitude.get("law") == "coordinated":
             return Coordinated(sms, torque_limit=torque_limit, **gains, **_base_options(attitude))
@@ -166,7 +167,7 @@ def controller(scenario: Scenario, sms: SpaceManipulator) -> JointLaw:
 
 
 def base_law(attitude: Mapping[str, Any] | None, sms: SpaceManipulator) -> BaseLaw | None:
-    """Return the base law of [attitude]; None without that table."""
+    """Return the law of the base in [attitude]; None if the file has no such table."""
     if attitude is None:
         return None
     law: BaseLaw = BASE_LAWS[attitude.get("law", "quaternion")](sms, **_base_options(attitude))
@@ -174,7 +175,7 @@ def base_law(attitude: Mapping[str, Any] | None, sms: SpaceManipulator) -> BaseL
 
 
 def _base_options(attitude: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the keyword arguments of a base law."""
+    """Return the keyword arguments of a base law from the table [attitude]."""
     options = radians(_without(attitude, "law", "dump"))
     if "attitude" in options:
         options["attitude"] = pin.rpy.rpyToMatrix(np.array(options["attitude"]))
@@ -194,7 +195,7 @@ class Attempt(NamedTuple):
     Attributes
     ----------
     tracking : Tracking
-        The recording; if the state diverged, up to the last finite state.
+        The recording. If the state diverged, it ends at the last finite state.
     stopped : str
         The time and the reason for a stop; empty for a complete run.
     """
@@ -205,7 +206,7 @@ class Attempt(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class ClosedLoop:
-    """A scenario's conditions, ready for `simulate`: its keyword arguments are `options`."""
+    """The closed loop of a scenario; `options` are the keyword arguments of `simulate`."""
 
     scenario: Scenario
     sms: SpaceManipulator
@@ -238,7 +239,7 @@ class ClosedLoop:
         return simulate(self.sms, reference, law, progress=progress, **self.options)
 
     def saving(self, path: Path | None) -> ClosedLoop:
-        """Return the closed loop whose guards save the recording to `path`; None: they save nothing."""
+        """Return a copy with guards that save the recording to `path`; without a path, the loop itself."""
         if path is None:
             return self
         conditions = replace(self.options["conditions"], guards=guards(self.scenario, path))
@@ -246,20 +247,20 @@ class ClosedLoop:
 
 
 def prepared(scenario: Scenario, sms: SpaceManipulator, q0: FloatArray) -> ClosedLoop:
-    """Return a scenario's closed loop for a plan from q0 (nq,), checked against robot and motion."""
+    """Return a scenario's closed loop for a plan from q0 (nq,), after a check of all its options."""
     loop = ClosedLoop(scenario, sms, loop_options(scenario, sms, q0))
     if scenario.replans:
         replanning(scenario, sms)
     target = scenario.target.get("position", (0.0, 0.0, 0.0))
     with scenario.named("control", "simulation", "plan"):
-        conditions = replace(loop.options["conditions"], events=())  # checked one by one
+        conditions = replace(loop.options["conditions"], events=())  # `_events` has checked the events
         rest = Rest(scenario.duration, target, sms.joint_positions(q0))
         set_up(sms, rest, **{**loop.options, "conditions": conditions})
     return loop
 
 
 def attempt(run: Callable[[], Tracking]) -> Attempt:
-    """Run to the end, or to the last finite state."""
+    """Call `run`; if the state diverges, keep the recording up to the last finite state."""
     try:
         tracking = run()
         return Attempt(tracking, tracking.stopped)
@@ -274,7 +275,7 @@ def planned(
     progress: Callable[[float], None] | None,
     method: str | None = None,
 ) -> opt.Trajectory:
-    """Plan the scenario's motion from q0; `method` replaces the scenario's own."""
+    """Plan the scenario's motion from q0 (nq,); `method` replaces the method of [plan]."""
     method = scenario.plan.get("method", "horizon") if method is None else method
     options = opt.SearchOptions(**scenario.options(opt.SearchOptions, "plan"))
     problem = scenario.problem(sms, q0)
@@ -289,14 +290,14 @@ class Timing(NamedTuple):
     tracking: float
 
 
-@dataclass(frozen=True, eq=False)  # comparing arrays gives arrays, not a truth value
+@dataclass(frozen=True, eq=False)  # `==` of arrays is an array, not a bool
 class Outcome:
     """The outcome of a scenario.
 
     Attributes
     ----------
     sms : SpaceManipulator
-        The model of plan and controller.
+        The model that planner and controller use.
     plant : SpaceManipulator
         The simulated robot.
     controller : JointLaw
@@ -306,9 +307,9 @@ class Outcome:
         The recording of the closed loop, with the plan or the re-planned motion as reference.
     timing : Timing
     note : str
-        The failures of re-planning, as reported by the reference; else empty.
+        The problems of re-planning, such as a predicted miss of the target; empty if there are none.
     open_loop : Attempt, optional
-        The plan made once, flown under the same conditions, if the motion was re-planned.
+        The run that follows the first plan under the same conditions, if the motion was re-planned.
     capture : Captured, optional
         The result of a capture, if the scenario has one.
     learnt : mapping, optional
@@ -349,8 +350,8 @@ def run(
     Parameters
     ----------
     progress : callable, optional
-        A function called with "planning", "tracking" or "plan once" and the completed share of that stage, 0
-        to 1.
+        A function that is called with a stage ("planning", "tracking" or "plan once") and its completed
+        share, 0 to 1.
     folder : Path, optional
         The folder of the results, to which the file of [guards] is relative. Default: the folder of the
         scenario's file.
@@ -362,7 +363,7 @@ def run(
     InvalidScenario
         A value does not fit the robot, or a file lies outside the folder.
     ResultError
-        The file of [guards] cannot be written; raised before anything is planned.
+        The file of [guards] cannot be written; raised before planning.
     FfsmsError
         The robot cannot be loaded, or the simulation does not stay finite.
     """
@@ -395,10 +396,10 @@ def flown(
     progress: Callable[[float], None] | None = None,
     once: bool = False,
 ) -> tuple[Tracking, Captured | None, str, Mapping[str, Any] | None]:
-    """Follow a plan under a law, or re-plan if the scenario does; capture the client if there is one.
+    """Simulate a plan under a law, with re-planning and the capture of a client if the scenario has them.
 
-    With `once` the plan is not re-planned. The results are the recording, the capture, and the note and the
-    estimates of re-planning.
+    If `once` is True, the plan is followed without re-planning. Return the recording, the capture, and the
+    note and the estimates of re-planning.
     """
     if loop.scenario.meet is not None:
         flight = _fly(loop, plan, progress, once)
@@ -443,13 +444,13 @@ def _fly(
 
 
 def check_call(scenario: Scenario, progress: StageProgress | None) -> None:
-    """Raise `InvalidValue` unless the arguments are a scenario and a function or None."""
+    """Raise `InvalidValue` if `scenario` is no Scenario, or `progress` neither a function nor None."""
     instance("scenario", scenario, Scenario)
     optional_callable("progress", progress)
 
 
 def stage(progress: StageProgress | None, name: str) -> Callable[[float], None] | None:
-    """Report the beginning of a stage and return a function that reports its progress."""
+    """Report the beginning of a stage and return a function that reports the completed share, 0 to 1."""
     if progress is None:
         return None
     progress(name, 0.0)
@@ -457,10 +458,10 @@ def stage(progress: StageProgress | None, name: str) -> Callable[[float], None] 
 
 
 def _recording_path(scenario: Scenario, folder: Path | None, allow_outside: bool) -> Path | None:
-    """Return the file to which the guards save the recording; None if they save nothing.
+    """Return the path of the recording that the guards save; None if [guards] has no path.
 
-    The file is relative to `folder`, by default that of the scenario. If it cannot be written, `ResultError`
-    is raised before the run.
+    The path in [guards] is relative to `folder`, by default the folder of the scenario's file. Raise
+    `ResultError` if the recording cannot be written.
     """
     name = scenario.guards.get("path")
     if name is None:

@@ -23,9 +23,9 @@ class Comparison:
     plans : dict of str to Trajectory
         The plans by method, in the requested order.
     times : dict of str to float
-        Wall time of each plan [s].
+        The wall times of planning by method [s].
     left_out : dict of str to str
-        The reasons by method why it cannot plan the scenario; empty if methods were named.
+        The methods that cannot plan the scenario, with the reasons; empty if the caller named methods.
     """
 
     scenario: Scenario
@@ -39,14 +39,14 @@ class Comparison:
 def compare(
     scenario: Scenario, methods: tuple[str, ...] | None = None, progress: StageProgress | None = None
 ) -> Comparison:
-    """Plan a scenario's motion by each method: same robot, start, target, time, limits and clearances.
+    """Plan a scenario's motion by several methods, with the same robot, start, target and limits.
 
     The options effort, base and time_limit of [plan] apply only to "horizon".
 
     Parameters
     ----------
     methods : tuple of str
-        Methods from `ffsms_pin.opt.METHODS`. Default: all that can plan the scenario.
+        Methods from `ffsms_pin.opt.METHODS`. Default: all methods that can plan the scenario.
     progress : callable, optional
         A function called with a method's name and the completed share of its plan, 0 to 1.
     """

@@ -1,4 +1,4 @@
-"""The class `Scenario`, its reading from TOML files, and its storage beside the results of a run."""
+"""The class `Scenario`, and functions that read it from TOML and store it with the results of a run."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ from ffsms_pin.urdf import model_names
 
 T = TypeVar("T")
 
-# Other names that users write for tables.
+# Wrong names of tables that users may write, and the right names, for messages.
 _SYNONYMS = {"goal": "target", "waypoint": "via", "noise": "sensors", "controller": "control"}
 
 
@@ -48,18 +48,18 @@ _SYNONYMS = {"goal": "target", "waypoint": "via", "noise": "sensors", "controlle
 class Scenario:
     """The checked tables of a scenario file, and methods that make robot, problem, client and start.
 
-    Each table is an attribute, such as `scenario.plan`; the page "Scenario files" explains the keys. A table
-    that is missing in the file is empty, or None if an empty table would mean something else; the library's
-    defaults apply. Values are as in the file: SI units, radians, and degrees under keys that end in `_deg`.
+    Each table is an attribute, such as `scenario.plan`; the page "Scenario files" explains the keys. If
+    the file has no such table, the attribute is empty, or None if an empty table has another meaning. Values
+    are as in the file: SI units, radians, and degrees under keys that end in `_deg`.
 
     Attributes
     ----------
     name : str
         The packaged name, or the file's name without its ending.
     source : Path
-        The file.
+        The path of the file.
     tables : mapping
-        The tables by name: mappings of keys to values, or tuples of mappings if a file may have several.
+        The tables by name. A table that a file may repeat, such as [[via]], is a tuple of mappings.
     allow_import : bool
         True if terms and limits may be imported from a user's Python modules.
     """
@@ -70,7 +70,7 @@ class Scenario:
     allow_import: bool = False
 
     def __getattr__(self, name: str) -> Any:
-        tables = vars(self).get("tables", {})  # absent while a copy is under construction
+        tables = vars(self).get("tables", {})  # missing while `copy.copy` makes the object
         if name not in tables:
             raise AttributeError(f"'Scenario' has no table '{name}'", name=name, obj=self)
         return tables[name]
@@ -99,12 +99,12 @@ class Scenario:
 
     @property
     def duration(self) -> float:
-        """The simulated time [s]: until the arrival, and while the target is held."""
+        """The duration of the simulation [s]: the time of arrival plus the time of holding the target."""
         return self.arrival + float(self.reference.get("hold", 0.0))
 
     @property
     def clearance(self) -> tuple[float, str]:
-        """The required clearance of the plan [m], and its pairs of bodies."""
+        """The required clearance of the plan [m], and the pairs of bodies that must keep it."""
         (source,) = [part for part in self.limit if part["use"] == "clearance"][:1] or [self.plan]
         return float(source.get("clearance", opt.Clearance.clearance)), str(
             source.get("collision", opt.Clearance.collision)
@@ -115,12 +115,14 @@ class Scenario:
 
         Raises
         ------
+        InvalidScenario
+            A value does not fit the robot.
         FfsmsError
-            An error of `ffsms_pin.load`, with the key of the file; `InvalidScenario` for a value.
+            `ffsms_pin.load` cannot load the robot; the message names the file and the key.
         """
         with self.named("robot"):
             sms = self._robot()
-            _ = sms.end_effector  # raises here, with the key, if none is chosen
+            _ = sms.end_effector  # raises if no end effector is chosen
         with self.named("limits"):
             names = [field.name for field in fields(RobotLimits)]
             limits = {name: self.per_joint(sms, "limits", name) for name in names}
@@ -136,7 +138,7 @@ class Scenario:
 
     @contextmanager
     def named(self, *paths: str) -> Iterator[None]:
-        """Add the file and the key with the wrong value to errors of the library inside the block.
+        """Add the scenario file and the wrong key to the messages of errors inside the block.
 
         `paths` are the tables that the block reads, such as "friction", "client.sensor" or "via.2", the
         second [[via]]. The message names the first table that has the key.
@@ -156,12 +158,12 @@ class Scenario:
             raise
 
     def made(self, kind: type[T], path: str, /, **values: Any) -> T:
-        """Return a dataclass of options from the matching keys of a table and from `values`."""
+        """Make an object of the dataclass `kind` from a table's matching keys and from `values`."""
         with self.named(path):
             return kind(**{**self.options(kind, path), **values})
 
     def options(self, kind: type, path: str) -> dict[str, Any]:
-        """Return the values of a table for fields of a dataclass, in radians; `path` as in `named`."""
+        """Return a table's values for fields of a dataclass, in radians; for `path` see `named`."""
         known = {field.name for field in fields(kind)}
         _, table = table_at(self.tables, path)
         return {key: value for key, value in radians(table).items() if key in known}
@@ -180,23 +182,23 @@ class Scenario:
         return mount(arm if arm.is_file() else model, base, placement, **options)
 
     def _load_options(self) -> dict[str, Any]:
-        """Return the keyword arguments of `load` in [robot]."""
+        """Return the keyword arguments of `load` from the table [robot]."""
         options = radians({key: value for key, value in self.robot.items() if key not in ("model", "mount")})
         if "package_dirs" in options:
             options["package_dirs"] = [self.source.parent / folder for folder in options["package_dirs"]]
         return options
 
     def load_plant(self, sms: SpaceManipulator) -> SpaceManipulator:
-        """Load the robot of [plant], which replaces the model `sms`, with the options of [robot]."""
+        """Load the robot named in [plant], with the options of [robot] and the actuators of `sms`."""
         chosen = {"end_effector": self.plant.get("end_effector", sms.end_effector)}
         plant = load(self.robot_path(self.plant["model"]), **{**self._load_options(), **chosen})
         plant = plant.with_actuators(wheels=sms.wheels, thrusters=sms.thrusters)
         if plant.joint_names != sms.joint_names:
-            return plant  # `simulate` refuses it
+            return plant  # `simulate` rejects a plant with other joints
         return plant.with_limits(sms.limits)
 
     def robot_path(self, model: str) -> str | Path:
-        """Return the argument of `load` for a robot: a known name, or a path from the file's folder."""
+        """Return the argument of `load` for a robot: a packaged name, or a path in the file's folder."""
         return model if model in (*model_names(), *satellite_names()) else self.source.parent / model
 
     problem = planning_problem
@@ -206,11 +208,11 @@ class Scenario:
     def start_configuration(self, sms: SpaceManipulator) -> FloatArray:
         """Return the start q0 (nq,) of the plan, with the system's centre of mass at the inertial origin."""
         joints = self.per_joint(sms, "start", "joints")
-        assert joints is not None  # the schema requires it
+        assert joints is not None  # the schema requires the key
         return self._placed(sms, "start", "joints", joints)
 
     def plant_start(self, sms: SpaceManipulator, q0: FloatArray) -> FloatArray | None:
-        """Return the start (nq,) of the simulated arm; None for the plan's `q0`."""
+        """Return the start configuration (nq,) of the plant; None if it is the plan's `q0`."""
         if "q0" in self.simulation:
             return sms.checked_configuration("[simulation] q0", self.simulation["q0"])
         offset = self.per_joint(sms, "control", "offset")
@@ -219,10 +221,10 @@ class Scenario:
         return self._placed(sms, "control", "offset", sms.joint_positions(q0) + offset)
 
     def per_joint(self, sms: SpaceManipulator, table: str, key: str) -> FloatArray | None:
-        """Return the values (n,) of a key per joint, in radians and metres; None if it is not in the file.
+        """Return the values (n,) of a per-joint key, with angles in radians; None if the key is missing.
 
-        One number stands for all joints. `InvalidScenario` is raised if the number of joints differs, or if
-        sliding joints are given in degrees.
+        A single number applies to all joints. Raise `InvalidScenario` if the number of values is wrong, or if
+        the values are in degrees and the robot has prismatic joints.
         """
         used, values = self._spelt(table, key), getattr(self, table)
         if used not in values:
@@ -244,11 +246,11 @@ class Scenario:
         return np.full(sms.n, array if used == key else np.deg2rad(array))
 
     def _spelt(self, table: str, key: str) -> str:
-        """Return the spelling of a key in the file: without or with _deg."""
+        """Return the key as written in the file: with or without the ending `_deg`."""
         return key if key in getattr(self, table) else key + DEGREES
 
     def _placed(self, sms: SpaceManipulator, table: str, key: str, joints: FloatArray) -> FloatArray:
-        """Return the configuration (nq,) at joints (n,); `InvalidScenario` outside their limits."""
+        """Return the configuration (nq,) at joint positions (n,); raise `InvalidScenario` beyond limits."""
         outside = sms.limits.violation(joints)
         if outside.any():
             i = int(np.argmax(outside))
@@ -265,9 +267,9 @@ class Scenario:
 def scenario(name_or_path: str | os.PathLike[str], *, allow_import: bool = False) -> Scenario:
     """Read a scenario.
 
-    Its keys and values are checked; the robot is loaded by `Scenario.load`. Reading runs no code of the
-    user's. With `allow_import`, planning imports the Python modules that the file names as terms and limits,
-    so allow it only for files that you trust like a program.
+    Keys and values are checked, but the robot is not loaded; see `Scenario.load`. Reading a file runs no code
+    of the user. If `allow_import` is True, planning imports the Python modules that the file names in
+    [[term]] and [[limit]]. Allow this only for files that you trust like a program.
 
     Parameters
     ----------
@@ -297,14 +299,14 @@ def scenario_of(source: Path, content: Mapping[str, Any], *, allow_import: bool 
 
 
 def save_scenario(scenario: Scenario, path: str | os.PathLike[str]) -> None:
-    """Write the tables of a scenario as JSON, and the path of its file, atomically."""
+    """Write a scenario's name, file path and tables to a JSON file, atomically."""
     tables = {name: table for name, table in scenario.tables.items() if table or table == {}}
     content = {"name": scenario.name, "file": str(scenario.source.absolute()), "tables": tables}
     write_content(path, json.dumps(content, indent=1, ensure_ascii=False) + "\n")
 
 
 def load_scenario(path: str | os.PathLike[str]) -> Scenario:
-    """Read a file of `save_scenario`; raise `ResultError` if it cannot be read or is of another kind."""
+    """Read a file written by `save_scenario`; raise `ResultError` if it is unreadable or another file."""
     content, kinds = read_json(path), {"tables": dict, "name": str, "file": str}
     if not all(isinstance(content.get(key), kind) for key, kind in kinds.items()):
         raise ResultError(path, "is not the scenario of a run")
@@ -317,12 +319,12 @@ def scenario_names() -> list[str]:
 
 
 def packaged_path(name: str) -> Path:
-    """Return the file of a packaged scenario."""
+    """Return the path of a packaged scenario's TOML file."""
     return Path(__file__).with_name(f"{name}.toml")
 
 
 def read(source: Path) -> dict[str, Any]:
-    """Read a TOML file; `InvalidScenario` if it is missing, cannot be read, or is not TOML."""
+    """Read a TOML file; raise `InvalidScenario` if it is missing, cannot be read, or is not TOML."""
     try:
         return read_toml(source)
     except ResultError as error:
@@ -342,10 +344,10 @@ def schema() -> dict[str, Any]:
 def checked_tables(source: Path, content: Mapping[str, Any]) -> dict[str, Any]:
     """Check the tables of a scenario and return them.
 
-    `InvalidScenario` names the wrong table. A missing table is returned empty, or as None if an empty table
-    would mean something else.
+    Raise `InvalidScenario` if a key or value is wrong, or if tables do not fit together. A missing table is
+    returned empty, or as None if an empty table has another meaning.
     """
-    if "watchdog" in content and "guards" not in content:  # former name of the table
+    if "watchdog" in content and "guards" not in content:  # former name of [guards]
         content = {"guards" if name == "watchdog" else name: value for name, value in content.items()}
     try:
         typed = ScenarioFile.model_validate(content).given_values()

@@ -13,9 +13,9 @@ from ffsms_pin.options.messages import is_table
 from ffsms_pin.options.tables import DEGREES
 from ffsms_pin.scenarios.tables import DEFAULT_LAW, NONE_IF_ABSENT, STATION_KEEPING, ScenarioFile
 
-COORDINATED_WITH = "computed-torque"  # the joints' law whose gains the base law "coordinated" uses
-OF_HORIZON = ("effort", "base", "time_limit")  # keys of [plan] only for the method "horizon"
-# Defaults of the keys whose values are conditions.
+COORDINATED_WITH = "computed-torque"  # the joint law that the base law "coordinated" needs
+OF_HORIZON = ("effort", "base", "time_limit")  # keys of [plan] for the method "horizon" only
+# Defaults of keys that conditions below compare with a value.
 _DEFAULTS = {
     "plan.method": "horizon",
     "control.law": DEFAULT_LAW,
@@ -31,7 +31,7 @@ _SET_TWICE = (
     ("limit", "clearance", ("clearance", "collision")),
     ("limit", "base", ("base_limits",)),
 )
-# Keys that need an attitude.
+# Keys that need the key `rpy` in their table.
 _OF_ATTITUDE = ("spin", "arrival_spin", "orientation_reach")
 
 _Tables = Mapping[str, Any]
@@ -41,10 +41,10 @@ _SENSOR = "a table {}, its sensor; may be empty"
 _ATTITUDE = "attitude, faces, or a file with attitudes"
 
 # Conditions are tables, keys or values of keys: "attitude", "attitude.dump", "attitude.law = coordinated".
-# A row has a condition, and conditions separated by |. If the condition holds, at least one of the others
-# must hold, too. The last entry is the end of the message, in which {} stands for the first of the others.
+# A row has a condition, its requirements (conditions separated by |), and the end of the message. If the
+# condition holds, at least one requirement must hold, too. In the message {} is the first requirement.
 _NEEDS: tuple[tuple[str, str, str], ...] = (
-    # Re-planning takes terms for any method of the first plan.
+    # Re-planning uses these keys even if the first plan has another method.
     ("plan.effort", "plan.method = horizon | reference.kind = re-planning", _OTHERS),
     ("plan.base", "plan.method = horizon | reference.kind = re-planning", _OTHERS),
     ("plan.time_limit", "plan.method = horizon", _OTHERS),
@@ -120,7 +120,7 @@ def check_fits(source: Path, tables: _Tables) -> None:
 
 
 def _parts(tables: _Tables) -> Iterator[str]:
-    """Yield messages about terms that the method does not take, and parts that [plan] sets too."""
+    """Yield messages about terms that the method does not use, and about values that [plan] sets too."""
     replans = tables["reference"].get("kind") == "re-planning"
     method = tables["plan"].get("method", "horizon")
     with_terms = ("horizon", "step") if tables["path"] is None else ("horizon",)
@@ -145,7 +145,7 @@ def _conditions(tables: _Tables) -> Iterator[str]:
 
 
 def _given(tables: _Tables, condition: str) -> bool:
-    """Return whether a condition holds for a file, which may leave out keys with a default."""
+    """Return whether a condition holds; a missing key has its default."""
     path, _, value = condition.partition(" = ")
     table, _, key = path.partition(".")
     values = tables[table]
@@ -202,7 +202,7 @@ def _places(tables: _Tables) -> Iterator[str]:
 
 
 def _attitude(title: str, place: _Tables) -> Iterator[str]:
-    """Yield messages about keys that need an attitude, if there is none."""
+    """Yield messages about keys of a table that need the key `rpy`, if the table has no such key."""
     for key in place:
         if key.removesuffix(DEGREES) in _OF_ATTITUDE and not _has(place, "rpy"):
             yield f"{title} {key} needs an attitude: add rpy"

@@ -21,9 +21,9 @@ _KINDS: Mapping[str, type] = {"term": opt.Term, "limit": opt.Limit}
 def made_part(scenario: Scenario, kind: str, number: int, values: Mapping[str, Any]) -> Any:
     """Make the term or limit of row `number` (from 1) of [[kind]].
 
-    A user's modules are searched in the file's folder first. They are imported, which runs their code, only
-    if the scenario allows it. `InvalidScenario` is raised if the class is missing, is no term or limit,
-    rejects the values, or may not be imported.
+    A user's module is searched in the file's folder first. Its import runs its code, so it is imported only
+    if `scenario.allow_import` is True. Raise `InvalidScenario` if the import is not allowed, or if the class
+    is missing, is no term or limit, or rejects the values.
     """
     title = f"[[{kind}]] {number} use = '{values['use']}'"
     arguments = {key: value for key, value in values.items() if key != "use"}
@@ -47,7 +47,7 @@ def _own(scenario: Scenario, kind: str, title: str, use: str, arguments: Mapping
 
 
 def _called(title: str, part: Any, arguments: Mapping[str, Any]) -> Any:
-    """Return a term or limit with these arguments of its class."""
+    """Make a term or limit of the class `part`; raise `FfsmsError` if the class rejects the arguments."""
     signature = inspect.signature(part)
     try:
         signature.bind(**arguments)

@@ -44,7 +44,7 @@ if TYPE_CHECKING:
     from ffsms_pin.scenarios.definition import Scenario
 
 Options = TypeVar("Options", bound=opt.ReplanOptions)
-_REACHES = ("tolerance", "reach", "orientation_reach")  # tolerances of a goal
+_REACHES = ("tolerance", "reach", "orientation_reach")  # keys of a goal's tolerances
 
 
 def planning_problem(
@@ -54,19 +54,19 @@ def planning_problem(
     dt: float | None = None,
     client: Client | ClientEstimate | None = None,
 ) -> opt.Problem:
-    """Return a new planning problem with start, target, time, and every term and limit.
+    """Return the planning problem of a scenario: robot, start, goal, duration, terms and limits.
 
     Parameters
     ----------
     sms : SpaceManipulator
         The robot returned by `load`.
     q0 : ndarray, shape (nq,), optional
-        Start; default: `start_configuration`.
+        Start configuration. Default: the start in the file.
     dt : float, optional
-        Step [s]; default: that of [plan].
+        Time step [s]. Default: `dt` of [plan].
     client : Client or ClientEstimate, optional
-        The client for planning, if the scenario has one. Default: its first measurement if it has a sensor,
-        else the true client.
+        The client for planning. Default: the first estimate of the client if [client] has a sensor, else the
+        true client.
 
     Raises
     ------
@@ -91,7 +91,7 @@ def planning_problem(
 def parts(
     scenario: Scenario, sms: SpaceManipulator, q0: FloatArray, goal: opt.Goal, client: Any
 ) -> dict[str, Any]:
-    """Return the arguments of `opt.Problem` that have tables of their own, for a start q0 (nq,)."""
+    """Return the arguments of `opt.Problem` from other tables than [plan], for a start q0 (nq,)."""
     holds = scenario.plan.get("mode") == "rotation-floating"
     others = [*_other_goals(scenario, sms, q0), *_waypoints(scenario, sms, q0)]
     return {
@@ -112,17 +112,17 @@ def terms(scenario: Scenario, goal: opt.Goal) -> list[opt.Term]:
 
 
 def limits(scenario: Scenario, client: Any) -> list[opt.Limit]:
-    """Return the limits: the defaults, and those set by keys of [plan], by [[limit]] and by a `client`."""
+    """Return the limits: the defaults, and those of [plan], [[limit]], and obstacles on `client`."""
     limits = scenario.made(opt.BaseLimits, "plan.base_limits") if "base_limits" in scenario.plan else None
     defaults = default_limits(*scenario.clearance, scenario.obstacles(client), limits)
     return _with_rows(scenario, "limit", defaults)
 
 
 def _with_rows(scenario: Scenario, kind: str, defaults: tuple[Any, ...]) -> list[Any]:
-    """Return terms or limits extended by those of [[kind]], which replace others of the same name."""
+    """Return the defaults and the rows of [[kind]]; a row replaces the default of the same name."""
     ours = {part.name: part for part in defaults}
     more = [
-        # The default clearance already has the values of such a row, see `Scenario.clearance`.
+        # The default clearance already has the values of this row, see `Scenario.clearance`.
         ours["clearance"] if row["use"] == "clearance" else made_part(scenario, kind, i, row)
         for i, row in enumerate(getattr(scenario, kind), start=1)
     ]
@@ -144,7 +144,7 @@ def _target(target: Mapping[str, Any], sms: SpaceManipulator, q0: FloatArray) ->
     velocity, spin = vector("velocity"), vector("spin")
     if velocity.any() or spin.any():
         start = place if turned else pin.SE3(np.eye(3), place)
-        ball = Client(1.0, np.ones(3), start, np.append(velocity, spin))  # a torque-free ball keeps its spin
+        ball = Client(1.0, np.ones(3), start, np.append(velocity, spin))  # constant twist
         return opt.Moving(ball.pose if turned else lambda t: ball.pose(t).translation, **reaches)
     arrives = "arrival_velocity" in values
     if turned:
@@ -190,7 +190,7 @@ def _placement(values: Mapping[str, Any], sms: SpaceManipulator, q0: FloatArray,
 
 
 def _samples(scenario: Scenario, values: Mapping[str, Any]) -> PathSamples:
-    """Return the samples of the table, or of its file."""
+    """Return the samples of a path from the table [path], or from the CSV file that it names."""
     if "file" not in values:
         return PathSamples(np.array(values["points"]), None, values.get("times"))
     file = f"[path] file = '{values['file']}'"
@@ -205,7 +205,7 @@ def _samples(scenario: Scenario, values: Mapping[str, Any]) -> PathSamples:
 
 
 def _other_goals(scenario: Scenario, sms: SpaceManipulator, q0: FloatArray) -> list[opt.FrameGoal]:
-    """Return the goals of other frames in [[also]]."""
+    """Return the goals of [[also]], which are for frames other than the end effector."""
     goals = []
     for i, values in enumerate(map(radians, scenario.also), start=1):
         frame = values["frame"]
@@ -232,10 +232,10 @@ def _waypoints(scenario: Scenario, sms: SpaceManipulator, q0: FloatArray) -> lis
 
 
 def bare_client(scenario: Scenario, sms: SpaceManipulator) -> Client:
-    """Return the client without the nozzle or ring of [contact]; its time zero is the start of the motion.
+    """Return the client without the nozzle or ring of [contact]; t = 0 is the start of the motion.
 
-    With `joints` the file states the client's motion at the deadline. Its grasp is then at the end
-    effector's pose after a smooth straight joint-space move to these joints, so that the grasp is reachable.
+    If [client] has `joints`, its velocities are at the deadline. The grasp is then at the pose to which a
+    smooth straight joint-space motion to these joint positions brings the end effector.
     """
     assert scenario.client is not None
     values = radians(scenario.client)
@@ -246,7 +246,7 @@ def bare_client(scenario: Scenario, sms: SpaceManipulator) -> Client:
         if "position" in values:
             return Client(*body, _pose(values), twist, shapes)
         joints = scenario.per_joint(sms, "client", "joints")
-        assert joints is not None  # the file has position or joints
+        assert joints is not None  # [client] has position or joints
         duration, q0 = scenario.arrival, scenario.start_configuration(sms)
         end = sms.at(straight_end(sms, q0, joints, duration, scenario.plan.get("momentum")))
         then = Client(*body, end.end_effector_pose * grasp_of(scenario.meet or {}).inverse(), twist, shapes)
@@ -259,7 +259,7 @@ def made_client(scenario: Scenario, sms: SpaceManipulator) -> Client:
 
 
 def seen_client(scenario: Scenario, sms: SpaceManipulator) -> Client | ClientEstimate:
-    """Return the client of a path for planning: measured once at the start if it has a sensor."""
+    """Return the client for planning a path; with a sensor, the estimate after the first measurement."""
     client = bare_client(scenario, sms)
     if "sensor" not in (scenario.client or {}):
         return client
@@ -291,13 +291,13 @@ def rendezvous(scenario: Scenario, sms: SpaceManipulator, q0: FloatArray | None 
 
 
 def meeting(meet: Mapping[str, Any], client: Client | ClientEstimate) -> opt.Meet:
-    """Return the goal of meeting a client from the table [meet]."""
+    """Return the goal of the table [meet] for a client."""
     others = {key: value for key, value in radians(meet).items() if key not in ("grasp", "grasp_rpy")}
     return opt.Meet(client, grasp_of(meet), **others)
 
 
 def made_obstacles(scenario: Scenario, client: Any = None) -> list[opt.Obstacle]:
-    """Return the obstacles; obstacles on the client only if a client is given.
+    """Return the obstacles; those fixed to the client only if `client` is not None.
 
     Paths of meshes are relative to the file's folder.
     """
@@ -334,12 +334,12 @@ def _pose(values: Mapping[str, Any]) -> Any:
 
 
 def _place(values: Mapping[str, Any], axes: Any) -> Any:
-    """Return a position (3,) or a pose (pinocchio.SE3) in inertial axes."""
+    """Return the position (3,), or with `rpy` the pose (pinocchio.SE3), in inertial axes."""
     return axes * _pose(values) if "rpy" in values else np.asarray(axes.act(np.array(values["position"])))
 
 
 def _axes(values: Mapping[str, Any], sms: SpaceManipulator, q0: FloatArray, frame: str) -> Any:
-    """Return the pose (pinocchio.SE3) at the start of the axes that `relative_to` names."""
+    """Return the inertial pose (pinocchio.SE3) of the axes named by `relative_to`, at q0 (nq,)."""
     which = values.get("relative_to", "inertial")
     if which == "inertial":
         return pin.SE3.Identity()
@@ -351,17 +351,17 @@ def _axes(values: Mapping[str, Any], sms: SpaceManipulator, q0: FloatArray, fram
 def replanning(
     scenario: Scenario, sms: SpaceManipulator, plan: opt.Trajectory | None = None
 ) -> opt.Replanning:
-    """Return a reference that re-plans from the measured state, for one run.
+    """Return a reference that re-plans from the measured state; each run needs a new reference.
 
-    A client with a sensor is measured in the loop. Waypoints without a time get the time at which `plan`
-    passes them, because the loop cannot detect passed waypoints.
+    If [client] has a sensor, the client is measured in the loop. Waypoints without a time get the time at
+    which `plan` passes them, because the loop cannot detect passed waypoints.
     """
     if scenario.meet is not None:
         return rendezvous(scenario, sms).replanning(plan, replan_options(scenario, sms, Replan))
     reference, options = scenario.reference, replan_options(scenario, sms, opt.ReplanOptions)
     client = None if scenario.client is None else seen_client(scenario, sms)
     problem = replannable(scenario.problem(sms, dt=reference.get("dt"), client=client), plan)
-    if isinstance(problem.goal, opt.Path) and problem.goal.timing == "fastest":  # the plan fixes the times
+    if isinstance(problem.goal, opt.Path) and problem.goal.timing == "fastest":  # keep the times of the plan
         if plan is None or plan.problem is None:
             problem = replace(problem, goal=replace(problem.goal, timing="given"))
         else:
@@ -380,7 +380,7 @@ def replan_options(scenario: Scenario, sms: SpaceManipulator, kind: type[Options
 
 
 def learner(scenario: Scenario, sms: SpaceManipulator) -> Identifier | None:
-    """Return the identifier of [learn], with the noise of [sensors]; None without that table."""
+    """Return the identifier of [learn], with the noise of [sensors]; None if the file has no [learn]."""
     table = scenario.learn
     if table is None:
         return None

@@ -17,15 +17,15 @@ from ffsms_pin.scenarios.tables import NONE_IF_ABSENT
 from ffsms_pin.simulation import Wrench, WristSensor
 from ffsms_pin.version import __version__
 
-# Tables of the planning problem, whose values are elsewhere in a summary.
+# Tables that are no conditions of the closed loop.
 _PLANNING = ("robot", "start", "target", "path", "plan", "obstacle", "limits", "campaign")
 
 
 def summary(outcome: Outcome) -> dict[str, Any]:
     """Return all results of a run as numbers, texts, lists and dictionaries for JSON.
 
-    Every key of a quantity ends in its unit. Limits that do not exist are None. Numbers of the plan cover
-    the motion between its nodes too; clearances are sampled there.
+    Keys of quantities with a unit end in the unit. Infinite limits are None. Extreme values of the plan
+    include the motion between the nodes, where clearances are sampled.
     """
     instance("outcome", outcome, Outcome)
     plan = outcome.trajectory
@@ -54,7 +54,7 @@ def summary(outcome: Outcome) -> dict[str, Any]:
 
 
 def _tracking(outcome: Outcome) -> dict[str, Any]:
-    """Return the numbers of the closed loop and, if it was re-planned, those of the plan made once."""
+    """Return the numbers of the closed loop and, after re-planning, of the run with the first plan."""
     sms, plan, once = outcome.sms, outcome.trajectory, outcome.open_loop
     return {
         **analysis.tracked_numbers(sms, plan, outcome.tracking, outcome.plant),
@@ -69,7 +69,7 @@ def _tracking(outcome: Outcome) -> dict[str, Any]:
 
 
 def _note(outcome: Outcome) -> str:
-    """Return the recording's note without the phases of a capture, which have their own list."""
+    """Return the recording's note without the phases of a capture, which the summary lists elsewhere."""
     note = outcome.tracking.note
     for phase in () if outcome.capture is None else outcome.capture.phases:
         note = note.replace(f"t = {phase.time:.6g} s: {phase}", "")
@@ -77,7 +77,7 @@ def _note(outcome: Outcome) -> str:
 
 
 def _wrist(outcome: Outcome) -> dict[str, Any]:
-    """Return the largest load of the wrist and its limits; empty without a sensor."""
+    """Return the largest load on the wrist sensor, and the sensor's limits; empty without a sensor."""
     scenario = outcome.scenario
     tracking = outcome.tracking if outcome.capture is None else outcome.capture.whole
     if scenario.wrist is None:
@@ -99,7 +99,7 @@ def _timing(outcome: Outcome) -> dict[str, float]:
 
 
 def _described(scenario: Scenario) -> dict[str, str]:
-    """Return the keys of the closed loop as text, by table, without defaults."""
+    """Return the conditions of the closed loop as text, by table; defaults are left out."""
     defaults = {"control": {"law": scenario.law}, "reference": {"kind": "plan"}}
     lines = {}
     for name, table in scenario.tables.items():

@@ -1,4 +1,4 @@
-"""The tables of a scenario file, from options of the library and keys only of the file."""
+"""The tables of a scenario file: options of the library's classes, and keys that only files have."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ class MountTable(FileKeys):
     """The table [robot.mount]: the satellite that an arm is mounted on."""
 
     position: Annotated[Vector3, Unit("m", "centre of the +x face")] = None
-    """position of the arm's root link in the base frame, whose origin is the box's centre"""
+    """position of the arm's root link in the base frame, whose origin is the centre of the satellite's box"""
     rpy: Annotated[Vector3, Angle("rad", "[0, 1.5708, 0]")] = None
     """roll, pitch and yaw of the arm's root link. Default: the arm's z axis along the base's x axis"""
 
@@ -86,8 +86,8 @@ class PlaceTable(FileKeys):
     rpy: Annotated[Vector3, Angle("rad", "any attitude")] = None
     """desired attitude of the frame: roll, pitch and yaw about the axes of `relative_to`"""
     relative_to: Annotated[Literal["inertial", "base", "start"], Unit()] = "inertial"
-    """axes of `position` and `rpy`: "inertial"; "base", the base link's frame at the start of the motion; or
-    "start", this frame itself at the start. The desired pose does not move with the base"""
+    """axes of `position` and `rpy`: "inertial"; "base" (the base link's frame at the start of the motion); or
+    "start" (the goal's own frame at the start). The desired pose does not move with the base"""
 
 
 class TargetTable(PlaceTable):
@@ -127,7 +127,8 @@ class PathTable(FileKeys):
     rpy: Annotated[Vector3, Angle("rad", "0")] = None
     """roll, pitch and yaw of the curve's axes"""
     relative_to: Annotated[Literal["frame", "start"], Unit()] = "frame"
-    """"start": `position` and `rpy` are relative to the end effector at the start of the motion"""
+    """"frame": `position` and `rpy` are in the axes of `frame`; "start": they are in the axes of the end
+    effector at the start of the motion"""
     attitude: Annotated[Vector3, Angle("rad", "any")] = None
     """roll, pitch and yaw of the end effector in the curve's axes"""
 
@@ -138,8 +139,8 @@ class PointsTable(PathTable):
     points: Annotated[Rows, Unit("m")] = None
     """positions, in the curve's axes"""
     file: Annotated[Text | None, Unit()] = None
-    """CSV file in place of `points` and `times`, relative to the scenario file's folder: columns x, y, z [m]
-    and, optionally, t [s] and an attitude qx, qy, qz, qw, named in its first line"""
+    """CSV file that replaces `points` and `times`; its path is relative to the scenario file's folder. The
+    first line names the columns: x, y, z [m] and, optionally, t [s] and an attitude qx, qy, qz, qw"""
     times: Annotated[Numbers, Unit("s", "none: a geometric curve")] = None
     """times of the points, beginning at zero. If the motion ends before the last point, it does not follow
     the rest of the path, and the plan has a note"""
@@ -153,11 +154,11 @@ class ClientTable(FileKeys):
     rpy: Annotated[Vector3, Angle("rad", "0")] = None
     """roll, pitch and yaw of the client at the start"""
     joints: Annotated[Numbers, Angle("rad or m")] = None
-    """joint positions that place the client, instead of `position` and `rpy`: at the deadline its grasp is
-    where a straight joint-space motion to these positions brings the end effector"""
+    """joint positions that define the client's pose, instead of `position` and `rpy`: a straight joint-space
+    motion to these joint positions brings the end effector to the grasp at the deadline"""
     velocity: Annotated[Vector3, Unit("m/s", "0")] = None
-    """velocity of the client's centre of mass, inertial axes; at the start, or with `joints` at the
-    deadline"""
+    """velocity of the client's centre of mass in inertial axes: at the start of the motion, or at the
+    deadline if `joints` is set"""
     spin: Annotated[Vector3, Angle("rad/s", "0")] = None
     """angular velocity of the client at the time of `velocity`"""
     size: Annotated[Sizes3, Unit("m")] = None
@@ -176,10 +177,11 @@ class MeetTable(FileKeys):
 
 
 class ContactTable(FileKeys):
-    """The table [contact]: the contact with the client, and the time after it."""
+    """The table [contact]: the contact with the client, and the motion after it."""
 
     kind: Annotated[Text, Unit()] = "rigid"
-    """"rigid": the grip is rigid from the contact on; "compliant": it is a spring and a damper, then rigid"""
+    """"rigid": the grip is rigid from the contact on; "compliant": it is first a spring with a damper, then
+    rigid"""
     envelope: Annotated[Any, table_of(Envelope)] = None
     go: Annotated[Any, table_of(GoLimits)] = None
     masses: Annotated[Any, _MASSES] = None
@@ -197,7 +199,7 @@ class ObstacleTable(FileKeys):
     rpy: Annotated[Vector3, Angle("rad", "0")] = None
     """roll, pitch and yaw of the shape, as in a URDF"""
     on: Annotated[Literal["inertial", "base", "client"], Unit()] = "inertial"
-    """frame to which the obstacle is fixed: "inertial" axes, the "base" link's or the "client"'s"""
+    """frame to which the obstacle is fixed: "inertial", "base" or "client"."""
 
 
 class PlanTable(FileKeys):
@@ -222,7 +224,7 @@ class ControlTable(FileKeys):
     dt: Annotated[Positive, Unit("s")] = 0.001
     """control and integration step; the torque is constant in a step"""
     offset: Annotated[PerJoint, Angle("rad or m", "0")] = None
-    """deviation of the simulated arm from the plan's start; per joint"""
+    """simulated minus planned joint positions at the start; per joint"""
 
 
 class AttitudeTable(FileKeys):
@@ -233,7 +235,7 @@ class AttitudeTable(FileKeys):
     and base, with `law = "computed-torque"` and its gains under [control]; "station-keeping": thrusters also
     hold the base's position"""
     attitude: Annotated[Vector3, Angle("rad", "that at the start")] = None
-    """roll, pitch, yaw of the root frame to hold"""
+    """desired roll, pitch and yaw of the root frame"""
 
 
 class DumpingTable(AttitudeTable):
@@ -246,8 +248,8 @@ class ReferenceTable(FileKeys):
     """The table [reference]: the reference of the closed loop."""
 
     kind: Annotated[Text, Unit()] = "plan"
-    """"plan": the plan made once; "re-planning": the motion is re-planned from the measured state by
-    `opt.Replanning`. The plan made once is then simulated for comparison"""
+    """"plan": the plan, without changes; "re-planning": the motion is re-planned from the measured state by
+    `opt.Replanning`, and a second simulation follows the first plan for comparison"""
     hold: Annotated[NotNegative, Unit("s")] = 0.0
     """time for which the target is held after the arrival"""
 
@@ -261,7 +263,7 @@ class SimulationTable(FileKeys):
 
 
 class RandomPlantTable(FileKeys):
-    """The table [plant.random]: a plant drawn at random around that of [plant]."""
+    """The table [plant.random]: random errors of the plant's inertia, in addition to those of [plant]."""
 
     seed: Annotated[Whole, Unit()]
     """seed of the draw; equal seeds give equal plants"""
@@ -271,7 +273,7 @@ class PlantTable(FileKeys):
     """The table [plant]: the simulated robot, if it differs from the model."""
 
     model: Annotated[Text | None, Unit("", "the model")] = None
-    """another robot with the same joints, as under [robot]"""
+    """another robot with the same joints; a name or path as in [robot]"""
     end_effector: Annotated[Text | None, Unit("", "the model's")] = None
     """end-effector frame of that robot; needs `model`"""
     random: Annotated[Any, table_of(RandomPlantTable, simulation.random_plants)] = None
@@ -285,7 +287,7 @@ class EstimatorTable(FileKeys):
 
 
 class GuardsTable(FileKeys):
-    """The table [guards]: limits of the flight."""
+    """The table [guards]: limits that stop a run."""
 
     on: Annotated[bool, Unit()] = True
     """false: no guards; only a state that is not finite ends the run"""
@@ -383,5 +385,5 @@ _ABOUT = "A scenario: robot, task, plan, control, and the conditions of the clos
 ScenarioFile: type[Keys] = file_of(_TABLES, "ScenarioFile", _ABOUT, required=_REQUIRED)
 """The tables of a scenario file by name."""
 
-# Tables whose absence differs from a table without keys.
+# Tables that have another meaning if they are empty than if they are missing.
 NONE_IF_ABSENT = ("path", "client", "meet", "wheels", "thrusters", "attitude", "wrist", "learn")

@@ -44,7 +44,7 @@ from ffsms_pin.viewer.page import chosen_layers, facts, page, readings, staged
 from ffsms_pin.viewer.robot import animate, draw_motion, moving_layers
 from ffsms_pin.viewer.scene import Stage
 
-_KAPPA = 10.0  # for a motion without a plan
+_KAPPA = 10.0  # the paper's kappa for a motion without a plan
 
 
 def view(
@@ -119,9 +119,9 @@ def view(
     Raises
     ------
     InvalidValue
-        If a value is out of range, or if the result is of another robot.
+        A value is out of range, or the result is of another robot.
     GeometryError
-        If the robot's shapes cannot be drawn.
+        The robot's shapes cannot be drawn.
     """
     if isinstance(result, SpaceManipulator) or isinstance(sms, Flight):
         sms, result = result, sms  # type: ignore[assignment]  # checked below
@@ -229,7 +229,7 @@ class View:
 
     @property
     def duration(self) -> float:
-        """The length of the motion [s]."""
+        """The duration of the motion [s]."""
         return float(self._frames.t[-1] - self._frames.t[0])
 
     def _repr_html_(self) -> str:
@@ -243,7 +243,7 @@ def view_capture(outcome: Outcome, **options: Any) -> View:
     Raises
     ------
     InvalidValue
-        If the outcome has no capture.
+        The outcome has no capture.
     """
     capture = outcome.capture
     if capture is None:

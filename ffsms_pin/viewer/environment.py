@@ -22,11 +22,11 @@ from ffsms_pin.viewer.marks import Mark
 from ffsms_pin.viewer.meshes import COLOURS, Mesh, along_z, hull, tube
 from ffsms_pin.viewer.scene import Stage
 
-Show: TypeAlias = Callable[[Frames, int], None]  # moves a layer to a frame of the animation
+Show: TypeAlias = Callable[[Frames, int], None]  # function that moves a layer to a frame of the animation
 
 
 def add_path(stage: Stage, name: str, path: FloatArray, cosines: FloatArray | None) -> None:
-    """Draw a path (k, 3) as a tube, coloured by `cosines` (k,) of the assistance if given."""
+    """Draw a path (k, 3) as a tube; colours show the assistance's `cosines` (k,) if they are not None."""
     rows = _thinned(path)
     if rows.size < 2:
         return
@@ -46,14 +46,14 @@ def add_trail(stage: Stage, name: str, path: FloatArray, times: FloatArray, colo
     rows = _thinned(path)
     if rows.size < 2:
         return
-    # The tube is thinner than the planned path's tube, and visible through the latter if the paths coincide.
+    # The tube is thinner than that of the planned path, and it is visible through other objects.
     mesh = tube(path[rows], 0.0022 * stage.size, sides=6)
     stage.draw(name, mesh, colour, flat=True, through=True)
     stage.trails.append({"node": name, "sides": 6, "t": np.round(times[rows], 4).tolist()})
 
 
 def add_base_trail(stage: Stage, frames: Frames) -> None:
-    """Draw the base frame at a few instants, from light to dark, and the path of its centre of mass."""
+    """Draw the base's axes at a few instants, from light to dark, and the path of its centre of mass."""
     # The axes extend beyond the faces of the box, which hides the frame's origin.
     size = frames.sms.base_size
     length = 0.35 * stage.size if size is None else 0.85 * max(size)

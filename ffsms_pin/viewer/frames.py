@@ -31,7 +31,7 @@ MOST = 1800  # largest number of frames: a minute at 30 frames per second
 FREE, ON_BASE = "free", "base"
 DARK, WHITE = "dark", "white"
 BACKGROUNDS = (DARK, WHITE)
-# Direction from the scene to each camera, inertial axes; None: the direction depends on the motion.
+# Directions from the scene to the cameras, inertial axes; None for directions that depend on the motion.
 CAMERAS: Mapping[str, tuple[float, float, float] | None] = {
     FREE: None,
     "front": (1.0, 0.0, 0.0),
@@ -48,8 +48,8 @@ BALL = 0.1  # [m] radius of a client without shapes
 class Frames:
     """The k frames of an animation: times t (k,) [s], q (k, nq), v (k, nv), and target (k, 3) [m].
 
-    `force` (k, 3) [N] is the largest contact force on the end effector from a frame to the next. Target and
-    force have inertial axes.
+    `force` (k, 3) [N] is the largest contact force on the end effector between a frame and the next frame.
+    Target and force are in inertial axes.
     """
 
     sms: SpaceManipulator
@@ -156,8 +156,8 @@ def seen_points(
 ) -> tuple[FloatArray, FloatArray]:
     """Return the points (k, 3) [m] that a fixed camera, and a camera that moves with the base, must show.
 
-    They belong to the robot, target, path, client and the client's obstacles at some instants, in inertial
-    axes. For the moving camera, the points are moved with the base to the base's first pose.
+    The points are on the robot, target, path, client and the client's obstacles at some instants, in inertial
+    axes. For the moving camera, the points of each instant are moved as if the base were at its first pose.
     """
     rows = np.unique(np.linspace(0, len(frames.t) - 1, _INSTANTS).round().astype(int))
     sms, fixed, riding = frames.sms, [frames.tips], []
@@ -190,7 +190,7 @@ def placed_outline(shape: Any, placement: Any) -> FloatArray:
 
 
 def _corners(low: FloatArray, high: FloatArray) -> FloatArray:
-    """Return the corners (8, 3) of a box."""
+    """Return the corners (8, 3) of the box between two opposite corners (3,)."""
     return np.array([np.where(side, high, low) for side in np.ndindex(2, 2, 2)])
 
 
@@ -212,7 +212,7 @@ def middle_and_radius(points: FloatArray) -> tuple[FloatArray, float]:
 def camera_direction(name: str, frames: Frames) -> FloatArray:
     """Return the unit vector (3,) from the scene to a camera.
 
-    The free camera is above a planar motion, whose extent along z is less than a micrometre.
+    The free camera is above the scene if the motion is planar: extent along z less than a micrometre.
     """
     along = CAMERAS[name]
     if along is None:

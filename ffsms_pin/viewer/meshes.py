@@ -69,7 +69,7 @@ class Mesh(NamedTuple):
     along: FloatArray
 
     def geometry(self, colours: FloatArray | None) -> dict[str, Any]:
-        """Return the geometry as three.js reads it, with colours (k, 3) of the vertices."""
+        """Return the geometry in the format of three.js, with colours (k, 3) of the vertices or None."""
         attributes = {"position": _attribute(self.vertices.astype(np.float32))}
         if colours is not None:
             attributes["color"] = _attribute(colours.astype(np.float32))
@@ -82,13 +82,13 @@ def tube(path: FloatArray, radii: FloatArray | float, sides: int = 8) -> Mesh:
     k = len(path)
     radius = np.broadcast_to(radii, (k,))
     tangents = np.gradient(path, axis=0)
-    # A tangent is zero where the path reverses.
+    # A path that reverses has a zero tangent, which cannot be normalized.
     tangents /= np.maximum(np.linalg.norm(tangents, axis=1), 1e-12)[:, None]
     normal = _any_normal(tangents[0])
     angles = np.linspace(0.0, 2.0 * np.pi, sides, endpoint=False)
     rings = []
     for place, tangent, r in zip(path, tangents, radius, strict=True):
-        normal = normal - (normal @ tangent) * tangent  # transported without twist
+        normal = normal - (normal @ tangent) * tangent  # rotate the normal without twist about the path
         length = float(np.linalg.norm(normal))
         normal = normal / length if length > 1e-9 else _any_normal(tangent)
         across = np.cross(tangent, normal)
@@ -107,7 +107,7 @@ def tube(path: FloatArray, radii: FloatArray | float, sides: int = 8) -> Mesh:
 def arrow(radius: float) -> Mesh:
     """Make an arrow of length 1 from the origin along z."""
     path = np.array([[0.0, 0.0, z] for z in (0.0, 0.74, 0.74, 1.0)])
-    # The head begins at two nearly coincident points, because `tube` needs distinct points.
+    # The radius jumps between two nearly coincident points, because `tube` needs distinct points.
     path[2, 2] += 1e-6
     return tube(path, np.array([radius, radius, 2.6 * radius, 0.0]), _SIDES)
 
@@ -128,7 +128,7 @@ def cone() -> Mesh:
 
 
 def nozzle(length: float) -> Mesh:
-    """Make a bell from the origin along z that opens to its end."""
+    """Make a bell-shaped nozzle from the origin along z, which is widest at its end."""
     z = np.linspace(0.0, length, 8)
     radii = length * (0.12 + 0.33 * np.sqrt(z / length))
     return tube(np.column_stack([np.zeros((8, 2)), z]), radii, _SIDES)

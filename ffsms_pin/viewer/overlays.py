@@ -2,11 +2,14 @@
 
 Four parts show the coupling:
 
-- the dominant base motion u_1 times sigma_1, as an arrow (translation) and a curved arrow (rotation) at the
-  base's centre of mass;
-- the end-effector motion J*_v v_i of each principal joint direction v_i;
-- the direction d to the target;
-- the cone about d of half angle acos(c*), on which the paper's cost is zero.
+- the dominant base motion sigma_1 u_1, as an arrow (translation) and a curved arrow (rotation) at the base's
+  centre of mass;
+- the end-effector velocity J*_v v_i for each principal joint direction v_i;
+- the direction d from the end effector to the target;
+- the cone about d with half angle acos(c*), on which the paper's cost is zero.
+
+The coupling matrix C_bm has the singular values sigma_i and singular vectors u_i, v_i. J*_v is the linear
+part of the generalized Jacobian, and c* is the cosine `Frames.ideal`.
 
 The singular vectors u_i and v_i have arbitrary signs. The signs are chosen to agree with the motion, and kept
 while the joints rest.
@@ -31,14 +34,14 @@ _LONGEST = 0.42  # length of the longest arrow, as a share of the robot's size
 
 
 def coupling_layer(stage: Stage, frames: Frames) -> Show:
-    """Draw the arrows and the cone of the coupling; the largest values of the motion set their scale."""
+    """Draw the arrows and the cone of the coupling; arrows are scaled by their largest length."""
     radius, longest, colours = 0.011 * stage.size, _LONGEST * stage.size, meshes.COLOURS
     # The arrows of the base motion begin inside the base, so they must be visible through it.
     look: dict[str, Any] = {"flat": True, "through": True, "opacity": 0.9}
     stage.draw("base motion u1/translation", meshes.arrow(1.3 * radius), colours["base_linear"], **look)
     stage.draw("base motion u1/rotation", meshes.turn_arrow(0.05), colours["base_turn"], **look)
     principal = [f"principal motions/v{i + 1}" for i in range(min(frames.sms.n, 6))]
-    for i, name in enumerate(principal):  # increasingly pale
+    for i, name in enumerate(principal):  # later directions are paler
         stage.draw(name, meshes.arrow(0.8 * radius), meshes.pale(colours["principal"], 0.72**i))
     if frames.target is not None:
         stage.draw("direction d", meshes.arrow(0.7 * radius), colours["direction"])
@@ -78,7 +81,7 @@ def coupling_layer(stage: Stage, frames: Frames) -> Show:
 
 
 def _agreeing(V: FloatArray, rates: FloatArray, last: FloatArray | None) -> FloatArray:
-    """Return signs (n,) that align the columns of V with the joint rates, or at rest with `last`."""
+    """Return signs (n,) that align the columns of V with the joint rates, or with `last` at rest."""
     alpha = V.T @ rates
     if last is not None:  # rates below 1e-6 rad/s are rounding errors
         alpha = np.where(np.abs(alpha) < 1e-6, np.einsum("ij,ij->j", V, last), alpha)
@@ -92,7 +95,7 @@ def _scales(frames: Frames) -> FloatArray:
     motions = [np.linalg.norm(state.J_star[:3] @ state.coupling.V, axis=0).max() for state in states]
     u1 = np.linalg.norm(twists.reshape(-1, 2, 3), axis=2).max(axis=0)
     largest = np.maximum([*u1, max(motions)], 1e-12)
-    # A part of u_1 that is a rounding error beside the other part is not scaled up.
+    # Hide the translation or rotation of u_1 if it is only rounding error.
     real = largest > 1e-9 * largest[[1, 0, 2]]
     return np.asarray(real * np.array([1.1, 0.62, 1.0]) / largest)
 
@@ -128,7 +131,7 @@ def limit_layer(stage: Stage, sms: SpaceManipulator) -> Show:
 
 
 def clearance_layer(stage: Stage, sms: SpaceManipulator) -> Show:
-    """Draw a rod between the two nearest of the paper's points, or from a point to the base box.
+    """Draw a rod at the least clearance between two of the paper's points, or a point and the base box.
 
     The rod is red up to the paper's d_safe, and blue from a clearance of 100 mm on.
     """
@@ -140,7 +143,7 @@ def clearance_layer(stage: Stage, sms: SpaceManipulator) -> Show:
         values = stack.values(stack.at(frames.q[k], 0.0))[:, 0]
         first, second = stack.ends[np.argmin(values)]
         start, end = frames.points[k, first], frames.points[k, second]
-        if second < 0:  # the base box
+        if second < 0:  # `second` is the base box
             box = frames.bases[k] * sms.base_box_placement
             end = box.act(np.clip(box.actInv(start), -half, half))
         scale = (1.0, 1.0, float(np.linalg.norm(end - start)))

@@ -73,7 +73,8 @@ LAYERS = {
 }
 """The layers by their names for `show`, in the order of the legend."""
 
-_OFF = ("ghosts", "frames", "base_trail", "principal_motions", "limits", "clearance")  # hidden at first
+# Layers that are hidden at first.
+_OFF = ("ghosts", "frames", "base_trail", "principal_motions", "limits", "clearance")
 INK = ("tracked path", "direction d")
 """The nodes that `page.js` draws light on the dark background and dark on the white background."""
 
@@ -178,7 +179,8 @@ def readings(
     """Return the readings beside the time bar: labels, units, digits, and values per frame.
 
     `aim` is the name of the target in the label of the distance. Assistance and distance end at the time
-    `latched` [s]. The distance from `path` requires a time law; planning sets it for the fastest timing.
+    `latched` [s]. The distance from `path` requires a path with a time law; for the fastest timing, planning
+    adds the time law.
     """
     before = np.full(len(frames.t), True) if latched is None else frames.t < latched - 1e-9
     rows: list[tuple[str, str, int, FloatArray, str]] = [("entropy", "", 3, frames.entropy, "")]
@@ -198,7 +200,7 @@ def readings(
             "unit": unit,
             "digits": digits,
             "values": [None if np.isnan(value) else round(float(value), 5) for value in values],
-            "without": without,  # the text for a missing value
+            "without": without,  # text for a frame without a value
         }
         for label, unit, digits, values, without in rows
     ]
@@ -207,7 +209,8 @@ def readings(
 def page(title: str, commands: Sequence[bytes], facts: dict[str, Any]) -> str:
     """Return the text of the HTML file, with Meshcat's packed commands and the data for `page.js`."""
     framed = b"".join(struct.pack("<I", len(command)) + command for command in commands)
-    # Without a time stamp the same scene gives the same text. Level 9 takes three times as long for 1 %.
+    # Without a time stamp the same scene gives the same text. Level 9 would save 1 % in three times the
+    # time.
     packed = base64.b64encode(gzip.compress(framed, 6, mtime=0)).decode("ascii")
     data = json.dumps(facts, allow_nan=False).replace("<", "\\u003c")  # "</script>" would end the element
     text = (files("ffsms_pin.viewer") / "page.html").read_text("utf-8")
@@ -223,6 +226,6 @@ def page(title: str, commands: Sequence[bytes], facts: dict[str, Any]) -> str:
 def _meshcat_script() -> str:
     """Return the script of Meshcat's page, without importing Meshcat, which loads IPython and ZeroMQ."""
     package = find_spec("meshcat")
-    assert package is not None  # `ffsms_pin.viewer` cannot be imported otherwise
+    assert package is not None  # the import of `ffsms_pin.viewer` requires Meshcat
     assert package.origin is not None
     return (File(package.origin).parent / "viewer" / "dist" / "main.min.js").read_bytes().decode()

@@ -25,8 +25,8 @@ from ffsms_pin.viewer.meshes import COLOURS, Mesh, hull, mesh_file, panel, spher
 from ffsms_pin.viewer.overlays import clearance_layer, contact_layer, coupling_layer, limit_layer
 from ffsms_pin.viewer.scene import Stage
 
-_ROOT = 1  # the joint of the base
-# The unit vectors to faces and corners of a cube, along which an outline is widened.
+_ROOT = 1  # index of the base's joint
+# Unit vectors to the corners of a cube; with those to the faces they are the directions to widen an outline.
 _CUBE = (2.0 * np.array([*np.ndindex(2, 2, 2)]) - 1.0) / np.sqrt(3.0)
 _DIRECTIONS = np.vstack([np.eye(3), -np.eye(3), _CUBE])
 
@@ -45,7 +45,7 @@ def robot_layer(stage: Stage, sms: SpaceManipulator, name: str, ghost: str | Non
         try:
             if ghost is None:
                 _draw(stage, node, item)
-            else:  # convex hulls, because they need little data
+            else:  # draw a convex hull, because it needs little data
                 line = 0.005 * stage.size * _DIRECTIONS / np.asarray(item.meshScale)
                 shape = hull(_corners(item))
                 larger = hull((shape.vertices[:, None] + line).reshape(-1, 3))
@@ -105,7 +105,7 @@ def _draw_panel(stage: Stage, name: str, box: pin.SE3, half: FloatArray, face: t
 
 
 def _draw(stage: Stage, node: str, item: Any) -> None:
-    """Draw a shape from its file if the page can read it, otherwise from the triangles of mesh or hull."""
+    """Draw a shape from its file if the page can read it, otherwise as a mesh or as a convex hull."""
     colour, opacity = np.array(item.meshColor[:3]), float(item.meshColor[3])
     path = File(item.meshPath)
     kind = path.suffix.lower() if path.is_file() else ""
@@ -123,10 +123,10 @@ def _draw(stage: Stage, node: str, item: Any) -> None:
 
 
 def _corners(item: Any) -> FloatArray:
-    """Return points (k, 3) of a shape in its own axes without its scale, which `place` applies."""
+    """Return points (k, 3) of a shape in its own axes, without the scale that `place` applies."""
     if not isinstance(item.geometry, coal.BVHModelBase):
         return outline(item.geometry)
-    # The points of a mesh from a file are already scaled.
+    # The points of a mesh from a file include the scale.
     scale = item.meshScale if File(item.meshPath).is_file() else np.ones(3)
     return np.array(item.geometry.vertices(), dtype=np.float64) / scale
 
@@ -168,7 +168,7 @@ def moving_layers(
         environment.frame_layer(stage, sms),
     ]
     if frames.target is not None:
-        ball = sphere(max(reach, 0.022 * stage.size))  # the goal's tolerance, but large enough to be visible
+        ball = sphere(max(reach, 0.022 * stage.size))  # radius: the goal's tolerance, or more to be visible
         stage.draw("target", ball, COLOURS["target"], flat=True, through=True)
         until = np.inf if latched is None else latched - 1e-9
 
@@ -191,7 +191,7 @@ def moving_layers(
 def draw_motion(
     stage: Stage, frames: Frames, plan: Frames | None, tracked: bool, client: DrawnClient | None
 ) -> None:
-    """Draw the objects that do not move: the robot at its start and end, paths, the base's trail."""
+    """Draw objects that do not move: the robot at start and end, paths, and the base's trail."""
     for name, row in (("start", 0), ("end", -1)):
         robot_layer(stage, frames.sms, name, COLOURS[name])(frames, row)
     if plan is not None:

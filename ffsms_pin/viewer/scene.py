@@ -29,7 +29,7 @@ class KeyFrames:
         self._tracks: dict[tuple[str, str, str], tuple[list[float], list[FloatArray]]] = {}
 
     def add(self, path: str, name: str, kind: str, value: FloatArray) -> None:
-        """Add a key frame of a node's property, such as "position", whose type in three.js is `kind`."""
+        """Add a key frame of a node's property `name`, such as "position"; `kind` is its type in three.js."""
         assert self.time is not None
         times, values = self._tracks.setdefault((path, name, kind), ([], []))
         times.append(self.time)
@@ -40,7 +40,7 @@ class KeyFrames:
         clips: dict[str, list[dict[str, Any]]] = {}
         for (path, name, kind), (times, values) in self._tracks.items():
             at, rows = np.array(times, dtype=np.float32), np.array(values, dtype=np.float32)
-            if np.ptp(rows, axis=0).max() <= 1e-7:  # two keys for a constant
+            if np.ptp(rows, axis=0).max() <= 1e-7:  # a constant needs two keys
                 at, rows = at[[0, -1]], rows[[0, -1]]
             clips.setdefault(path, []).append(
                 {"name": f".{name}", "type": kind, "times": packed(at), "values": packed(rows)}
@@ -65,7 +65,7 @@ class Stage:
         self._opacity: dict[str, float] = {}
         self.titles: dict[str, str] = {}  # names of nodes, shown under the pointer
         self.trails: list[dict[str, Any]] = []  # tubes that are drawn up to the current time
-        self.place(ROOT, -centre)  # the camera turns about the origin
+        self.place(ROOT, -centre)  # the centre is at the origin, about which the camera turns
         for name in ("/Grid", "/Axes"):
             self.set_property(name, "visible", False)
 
@@ -113,7 +113,7 @@ class Stage:
             "type": "MeshBasicMaterial" if flat else "MeshPhongMaterial",
             "color": _packed_colour(colours) if plain else 0xFFFFFF,
             "reflectivity": 0.5,
-            "side": 2,  # both sides of faces
+            "side": 2,  # draw both sides of faces
             "opacity": opacity,
             "transparent": opacity < 1.0 or through,  # transparent objects are drawn last
             "vertexColors": 0 if plain else 2,
@@ -126,7 +126,7 @@ class Stage:
             self.set_property(f"{name}/<object>", "renderOrder", 1)
 
     def outline(self, name: str, shape: Mesh, larger: Mesh, colour: str) -> None:
-        """Draw the silhouette of a shape as a line, the part of `larger` that is outside of the shape.
+        """Draw the silhouette of a shape as a line, where the shape `larger` extends beyond it.
 
         The shape itself is drawn invisibly and hides the inner part of `larger`. Both are drawn after all
         other objects, so they hide no other object.
@@ -134,7 +134,7 @@ class Stage:
         common = {"type": "MeshBasicMaterial", "transparent": True}
         parts = (
             ("shape", shape, {**common, "colorWrite": False, "side": 2}),
-            ("line", larger, {**common, "color": _packed_colour(rgb(colour)), "side": 1}),  # 1: back faces
+            ("line", larger, {**common, "color": _packed_colour(rgb(colour)), "side": 1}),  # back faces
         )
         for order, (part, mesh, material) in enumerate(parts, start=2):
             node = f"{name}/{part}"
@@ -157,7 +157,7 @@ class Stage:
     def place(
         self, name: str, position: FloatArray, rotation: FloatArray | None = None, scale: Any = 1.0
     ) -> None:
-        """Move a node; while key frames are recorded, only in the current frame."""
+        """Move a node; while key frames are recorded, the motion applies to the current frame only."""
         size = np.broadcast_to(np.asarray(scale, dtype=np.float64), (3,))
         size = np.where(np.abs(size) < _GONE, _GONE, size)
         turn, path, keys = np.eye(3) if rotation is None else rotation, self._path(name), self.key_frames
@@ -179,7 +179,7 @@ class Stage:
         return name if name.startswith("/") else f"{ROOT}/{name}"
 
     def tint(self, name: str, colour: FloatArray) -> None:
-        """Change the colour of a mesh; while key frames are recorded, from the current frame on."""
+        """Change a mesh's colour; while key frames are recorded, the change applies from this frame on."""
         if self.key_frames.time is None:
             self.set_property(name, "color", [*colour.tolist(), self._opacity[name]])
         else:
