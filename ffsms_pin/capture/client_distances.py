@@ -24,7 +24,7 @@ _CHUNK = 2000  # configurations in one evaluation
 
 
 class LeastDistance(NamedTuple):
-    """The least distance (K,) [m] at each of K configurations, and the index (K,) of its pair of bodies."""
+    """The least distances (K,) [m] at K configurations, and the indices (K,) of the nearest body pairs."""
 
     distance: FloatArray
     pair: np.ndarray[Any, np.dtype[np.intp]]

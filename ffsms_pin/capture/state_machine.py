@@ -56,7 +56,7 @@ Laws = Callable[[SpaceManipulator], tuple[JointLaw, BaseLaw | None]]
 Again = Callable[..., Problem]
 
 _LOOK_BACK = 1.0  # [s] over which the momentum is averaged before another plan
-_LONGEST_BRAKING = 160.0  # [s] upper bound; the motions of `departure` take up to two minutes
+_LONGEST_BRAKING = 160.0  # [s] upper bound of a braking; a `departure` takes up to two minutes
 _LEAST_CLOSING = 1.0  # [s] least time from the go decision to the deadline, enough to open a gripper
 _LOOK = 0.2  # [s] between two checks of the uncertainty and of the corridor
 _AHEAD, _PATH = 3.0, 0.5  # [s] span of the collision check ahead, and time between two checks
@@ -64,7 +64,8 @@ _COARSE, _FINE = 0.25, 0.05  # [s] time steps of predicted motions, for distance
 _LOST = 0.5  # [s] for which a miss is predicted before an abort, because re-planning corrects most misses
 _MOVED = 0.01  # [m] smallest displacement of the grasp that a reason mentions
 _DARK = 1.0  # [s] shortest interruption of the measurements that a reason mentions
-_KNOCK, _KNOCKED = 1.0, 3.0  # [s] time after a contact in which joint rates may exceed limits; largest factor
+# [s] The time after a contact in which joint rates may exceed their limits, and up to which factor.
+_KNOCK, _KNOCKED = 1.0, 3.0
 LATCHED = "both are one body"  # the reason for braking after a latch
 TOUCH = 1e-4  # [m] overlap above which bodies count as touching
 _FASTEST = 0.5  # [m/s] largest speed of an end effector towards the corridor
@@ -277,7 +278,7 @@ class StateMachine(Observer, Supervisor):
 
     @property
     def torque_limit(self) -> FloatArray:
-        """The largest torques that the joints' law commands (n,) [N m]."""
+        """The limits (n,) of the torques of the joints' law [N m]."""
         return self.law.torque_limit
 
     def guard_tripped(self, now: Instant, trip: Trip) -> Sequence[Event]:

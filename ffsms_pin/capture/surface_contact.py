@@ -37,7 +37,7 @@ class Touch(NamedTuple):
     Attributes
     ----------
     tool, client : int
-        The index of the shape in each set.
+        The indices of the shapes in `tool_shapes` and `client_shapes`.
     depth : float
         The depth of the overlap [m].
     point, normal : ndarray, shape (3,)

@@ -44,8 +44,8 @@ class QuaternionFeedback:
     attitude : array_like, shape (3, 3), optional
         The desired rotation matrix of the root frame, inertial axes. Default: that at the start of the run.
     feedforward : {"torque", "plan", "none"}
-        The reaction in the torque: to the joint torques ("torque"), to the planned joint motion ("plan"), or
-        none ("none").
+        The compensated reaction: to the joint torques ("torque"), to the planned joint motion ("plan"), or
+        no reaction ("none").
     dump : MomentumDump, optional
         The schedule by which thrusters unload the wheels. Default: no unloading.
 
@@ -88,7 +88,7 @@ class QuaternionFeedback:
         return self.shared(view, turn, self._torque(view, turn))
 
     def shared(self, view: BaseView, turn: FloatArray, torque: FloatArray) -> BaseCommand:
-        """Return the command for a torque (3,) on the base and its desired acceleration `turn` (3,)."""
+        """Return the command for a torque (3,) and a desired angular acceleration `turn` (3,) of the base."""
         if self._wheels is None:
             assert self._thrusters is not None  # checked by `__init__`
             return BaseCommand(thruster_force=self._thrusters.forces(np.zeros(3), torque))

@@ -73,7 +73,7 @@ class BaseLaw(Protocol):
 
 @runtime_checkable
 class HoldsBase(Protocol):
-    """A base law with the parts of the base's pose that it holds: "attitude", "position" or both."""
+    """A base law that holds the parts `held_parts` of the base's pose: "attitude", "position" or both."""
 
     held_parts: frozenset[str]
 
@@ -230,7 +230,7 @@ class StationKeeping:
         )
 
     def _acceleration(self, q: FloatArray, v: FloatArray) -> FloatArray:
-        """Return the desired rate of Pinocchio's v[:3] (3,), root axes, at a constant angular velocity."""
+        """Return the desired rate (3,) of Pinocchio's v[:3] without angular acceleration, root axes."""
         R, c, spin = pin.Quaternion(q[3:7]).toRotationMatrix(), self.sms.base_com, v[3:6]
         place, velocity = q[:3] + R @ c, v[:3] + np.cross(spin, c)
         if self._held is None:

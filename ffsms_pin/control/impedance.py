@@ -87,7 +87,8 @@ class Impedance(_Compliant):
         default gives 2 N at a position error of 10 mm. The fastest mode is then 39 rad/s for an arm of 18 kg
         and 45 rad/s for the paper's planar arm, so a control step of up to 10 ms is short enough.
     turn_stiffness : array_like
-        Stiffness about these axes [N m/rad]. The default gives 1 N m at 6 deg.
+        Rotational stiffness of the spring [N m/rad]: one number, or three about the axes of the desired end
+        effector. The default gives 1 N m at 6 deg.
     damping_ratio : float
         Damping ratio of every mode; 1 is critical.
     posture_stiffness : float

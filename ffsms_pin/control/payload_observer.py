@@ -17,8 +17,8 @@ from ffsms_pin.system.regressors import PER_BODY, parameters_of, pseudo_inertia,
 _SMOOTHING, _WINDOW = 0.05, 2.0  # [s] time constants of the smoothed measurements and of the sums
 _PERIOD = 0.02  # [s] between two least squares solutions
 _SHARE = 0.1  # prior deviation from no payload, as a share of the robot's mass and of the arm's length
-_NOISE = 2e-3  # [m/s^2, rad/s^2] standard deviation of the averages
-_LEAST = 1e-5  # [m/s^2, rad/s^2] least size of the base's rows, above rounding and errors of differences
+_NOISE = 2e-3  # [m/s^2, rad/s^2] standard deviation of the averaged rows
+_LEAST = 1e-5  # [m/s^2, rad/s^2] least size of the base's rows; smaller rows may be rounding errors
 _EXPLAINED = 0.9  # adjusted coefficient of determination above which a payload is accepted
 _WORSE = 2.0  # an accepted payload that increases the variance of the base's rows by this factor is rejected
 _ROUNDS = 10  # iterations of a solution, warm-started from the last solution

@@ -77,7 +77,7 @@ class Excitation(Term):
         if not shares.any():
             expected = "must move the arm enough to excite at least one unknown parameter"
             raise InvalidValue("plan", plan, expected)
-        values, vectors = np.linalg.eigh((C * shares) @ C)  # -dF/dM / 4 of F = sum of variances^4
+        values, vectors = np.linalg.eigh((C * shares) @ C)  # -dF/dM / 4 for F = sum of variances^4
         chosen = vectors[:, -directions:] * np.sqrt(np.maximum(values[-directions:], 0.0))
         y = root @ Y @ chosen
         mean = np.zeros(y.shape[1:]) if identifier.at_rest else y.mean(axis=0)

@@ -303,7 +303,7 @@ def _check_size(sms: SpaceManipulator, recording: Recording) -> None:
 
 
 def _frozen(D: FloatArray, expected: FloatArray, noise: float) -> int | None:
-    """Return the index of a window in which position or velocity is frozen while the other changes."""
+    """Return the index of a window in which only one of position and velocity changes, or None."""
     least = 4.0 * noise + 1e-3 * float(np.abs(np.concatenate([D, expected])).max()) + 1e-12
     still = ((D == 0.0) & (np.abs(expected) > least)) | ((expected == 0.0) & (np.abs(D) > least))
     return int(np.argmax(still)) if still.any() else None
