@@ -31,9 +31,9 @@ SLOW = 1e-2  # [rad/s or m/s] speed at which three quarters of the Coulomb frict
 
 def rows(name: str, value: ArrayLike, count: int | None = None) -> FloatArray:
     """Check rows of three numbers and return a read-only array (count, 3); a vector (3,) is one row."""
-    count_given = dimensions(name, value)
-    table: Any = [value] if count_given == 1 else value if isinstance(value, Sequence) else np.asarray(value)
-    length = len(table) if count_given else 0
+    dimension = dimensions(name, value)
+    table: Any = [value] if dimension == 1 else value if isinstance(value, Sequence) else np.asarray(value)
+    length = len(table) if dimension else 0
     if length == 0:
         raise InvalidValue(name, value, "must be a list of rows of three numbers")
     array = matrix(name, table, length, 3)

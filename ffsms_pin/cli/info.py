@@ -82,7 +82,7 @@ def _client(path: str) -> list[str]:
 
 
 def _posture(sms: SpaceManipulator, joints_deg: Sequence[float] | None) -> FloatArray:
-    """Return the posture (n,) [rad or m] for the coupling, by default that of the help of --joints-deg."""
+    """Return the posture (n,) [rad or m] for the coupling; the help of --joints-deg states the default."""
     if joints_deg is not None:
         if not sms.layout.turns.all():
             sliding = sms.joint_names[int(np.argmin(sms.layout.turns))]
@@ -157,7 +157,7 @@ def _coupling(sms: SpaceManipulator, posture: FloatArray) -> Table:
         ("condition number of H_b (mixes kg and kg m²) [-]", f"{np.linalg.cond(state.H_b):.4g}"),
         ("singular values of C_bm [m/rad, rad/rad]", sigma),
         ("entropy H_norm [-]", f"{entropy:.4f}"),
-        ("1 - H_norm, about the assistance of zero cost [-]", f"{1.0 - entropy:.4f}"),
+        ("1 - H_norm, approximately the assistance of zero cost [-]", f"{1.0 - entropy:.4f}"),
         ("condition number of H_q [-]", f"{np.linalg.cond(state.H_q):.4g}"),
     ):
         table.add_row(escape(quantity), value)  # brackets in the text are not markup

@@ -82,7 +82,7 @@ _IN_COMMANDS = {
 def in_options(message: str, known: Container[str] = ()) -> str:
     """Return a message of the library with its Python arguments replaced by command-line options.
 
-    An argument of `load` that is no `known` option is replaced by the repair of the file.
+    If an argument of `load` is not among the `known` options, the message names the repair of the file.
     """
     for python, command in _IN_COMMANDS.items():
         message = message.replace(python, command)
@@ -107,8 +107,8 @@ def _add_run(commands: Commands) -> None:
         example: ffsms-pin run case-2 --out results/case-2
         To repeat one run of a campaign by its seed: ffsms-pin run --replay results/mine-campaign 4711
         """,
-        "0 plan and closed loop reach the target; 1 one of them does not, results written; 2 bad input, "
-        "or a state that is not finite",
+        "0 plan and closed loop reach the target, or the client is caught; 1 otherwise, results written; "
+        "2 bad input, or a state that is not finite",
     )
     what = run.add_mutually_exclusive_group(required=True)
     what.add_argument(
@@ -240,8 +240,8 @@ def _add_info(commands: Commands) -> None:
         metavar="ANGLE",
         type=float,
         nargs="+",
-        help="posture for the coupling, one angle [deg] per joint (default: zero, or the middle of the "
-        "limits if zero is outside)",
+        help="posture for the coupling, one angle [deg] per joint (default: zero; if zero is outside "
+        "the limits, their middle, or the finite limit)",
     )
     info.add_argument("--repair", metavar="OUT", help="write a URDF that loads, and list the changes")
     info.add_argument(

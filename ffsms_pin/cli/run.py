@@ -28,7 +28,10 @@ _UNITS = {"deg_per_s": "deg/s", "Nms": "N m s"}
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Run the scenario and write its results; return 0 if plan and closed loop arrive, else 1."""
+    """Run the scenario and write its results; return 0 or 1.
+
+    The result is 0 if plan and closed loop arrive, or if the client is caught.
+    """
     if arguments.replay is None:
         chosen = scenario(arguments.scenario, allow_import=arguments.allow_import)
     else:
@@ -130,7 +133,7 @@ def _show(folder: Path, drawn: bool) -> None:
         say("nothing to show: --show needs meshcat (pip install 'ffsms-pin[view]')")
         return
     if not open_in_browser(shown):
-        say(f"picture: {shown}")
+        say(f"to see the motion, open {shown}")
 
 
 def summary_table(numbers: Mapping[str, Any]) -> Table:

@@ -73,8 +73,8 @@ class Replanning(Observer):
         True during a possible contact with the end effector, set by the caller; masses are not estimated
         meanwhile.
     failed_steps, failed_in_a_row : int
-        The number of steps in which the arm braked because the QP was not solved, in total and since the last
-        solved QP.
+        The number of steps in which the arm braked because the step was not solved, in total and since the
+        last solved step.
     held_steps : int
         The number of steps in which the arm stood still, because the new plan violated a limit by far.
     """
@@ -189,7 +189,7 @@ class Replanning(Observer):
             held = self.held_steps * self.problem.dt
             notes.append(f"the arm held still for {held:.3g} s, because the motions found violate a limit")
         if self.failed_steps:
-            notes.append(f"the arm braked in {self.failed_steps} steps whose QP was not solved")
+            notes.append(f"the arm braked in {self.failed_steps} steps that were not solved")
         return "; ".join(notes)
 
     def observe(self, t: float, q: FloatArray, v: FloatArray) -> None:

@@ -35,8 +35,9 @@ class StepState:
     from the motion's start to the step's start [s]. `time_offset` [s] is added to `time` for limits and
     moving obstacles. `momentum` (6,) is the total momentum, inertial axes, about the system's centre of mass;
     None: zero. `base_start` (7,) is the root pose relative to which base rotation and displacement are
-    measured; None: the present pose. `mode` is the part of the base's motion that is held. `wheel_total` (w,)
-    are the momenta of the wheels that hold the base's attitude, with the joints at rest [N m s].
+    measured; None: the present pose. `mode` names the part of the base's motion that is held, if any.
+    `wheel_total` (w,) are the momenta of the wheels that hold the base's attitude, with the joints at rest
+    [N m s].
 
     Derived quantities are `reaction` (6, n), the root's velocity per joint rate, root axes; `J_star` and
     `J_arm` (6, n), the end effector's Jacobians with a reacting and a fixed base, inertial axes; `V` (n, n)
@@ -103,12 +104,15 @@ def rate_bounds(
 
 
 def _spared_turn(step: StepState) -> FloatArray:
-    """Return the weight matrix of base angular velocity, whose null space is the reaction null space."""
+    """Return the scaled weight matrix of the base's angular velocity.
+
+    Its null space is the reaction null space.
+    """
     return _scaled(step.reaction[3:].T @ step.reaction[3:])
 
 
 def _spared_energy(step: StepState) -> FloatArray:
-    """Return the reduced inertia H_q, the weight matrix of twice the floating system's kinetic energy."""
+    """Return the scaled reduced inertia H_q, the weight matrix of the floating system's kinetic energy."""
     return _scaled(step.sms.arm_stack(step.mode).reduced_inertia(step.joints[:, None])[..., 0])
 
 
@@ -162,7 +166,7 @@ def roll_out_steps(
 
 def braked_note(braked: int, steps: int) -> str:
     """Return a message with the number of failed steps; empty if there are none."""
-    return f"the arm braked in {braked} of {steps} steps whose QP was not solved" if braked else ""
+    return f"the arm braked in {braked} of {steps} steps that were not solved" if braked else ""
 
 
 def sides_across(displacement: FloatArray, J: FloatArray) -> list[FloatArray]:

@@ -40,7 +40,8 @@ from ffsms_pin.threads import OneThread
 class StepWeights:
     """The weights of a step's objective, in the order of their priority; limits are rows without weights.
 
-    J*_v and J*_w are the linear and angular rows of the end effector's Jacobian, and V alpha the joint rates.
+    The objective is the sum of half of each weight times its squared term. J*_v and J*_w are the linear and
+    angular rows of the end effector's Jacobian, and V alpha the joint rates.
 
     Attributes
     ----------
@@ -54,13 +55,14 @@ class StepWeights:
         The weight of |J*_w V alpha - omega_ref|^2 [1/(rad/s)^2], with the desired angular velocity omega_ref.
         It is small, so that rotation does not bend the path.
     effort : float
-        The weight of |alpha|^2 [1/(rad/s)^2], against redundant motion. It slows the arrival by a thousandth.
+        The weight of |alpha|^2 [1/(rad/s)^2], against redundant motion. It reduces the
+        speed of the end effector by about a thousandth.
     change : float
         The weight of |V alpha - rates|^2 [1/(rad/s)^2], with the rates at the step's start, against jumps of
         redundant motion between steps.
     clearance : float
-        The weight of the slack of soft rows [1/(m/s)] and of its square [1/(m/s)^2]. It is about fifty times
-        what any other part can gain, so that a row is relaxed only if it is infeasible.
+        The weight of slack + 1/2 slack^2 [1/(m/s), 1/(m/s)^2], with the slack of the soft rows. It is about
+        fifty times the largest gain of the other terms, so that a row is relaxed only if it is infeasible.
     """
 
     direction: float = 1.0
@@ -254,7 +256,7 @@ class Step:
     cos_theta, entropy, cost : float
         Coupling assistance of these rates, H_norm, and the paper's summand, at the step's start.
     solved : bool
-        False if the QP was not solved, so that the arm brakes within its limits.
+        False if the step was not solved, so that the arm brakes within its limits.
     slack : float
         The slack of the soft limits [m/s]; zero if all of them are satisfied.
     """
@@ -346,7 +348,7 @@ class Stepper:
         base_start: FloatArray | None = None,
         deadline: float | None = None,
     ) -> None:
-        """Clear the last step, and set the side of the cone; if it is zero, the velocity selects the side."""
+        """Clear the last step, and set the attributes; if `side` is zero, the velocity selects the side."""
         self.side, self.base_start, self.deadline = np.array(side, dtype=np.float64), base_start, deadline
         # The last solution: joint rates instead of alpha, because V rotates between steps; s and slack; z.
         self._last: tuple[FloatArray, FloatArray, FloatArray] | None = None

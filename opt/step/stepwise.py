@@ -33,7 +33,10 @@ REFERENCE_WEIGHTS = StepWeights(effort=1e-5)
 
 
 def sides_of(problem: Problem) -> list[FloatArray]:
-    """Return the sides of the cone at the start, unit vectors (3,); a zero vector if it has no sides."""
+    """Return the sides of the cone at the start, unit vectors (3,), or a zero vector.
+
+    The vector is zero if J* has no direction perpendicular to the displacement.
+    """
     J = problem.rotation0 @ problem.arm0.jstar[..., 0]
     place = problem.place.aim(problem.sms, problem.q0)
     return sides_across(place.position - problem.tip0, J) or [np.zeros(3)]
@@ -53,7 +56,7 @@ def cheap_rollouts(problem: Problem, budget: float, sides: Sequence[FloatArray])
         while k < steps:
             stride = max(1, (steps - k) // 60)  # far from the deadline the motion changes slowly
             stepper.dt = stride * dt
-            # The paper pairs rates with the position one step before.
+            # The paper pairs the rates at the end of a step with the position at its start.
             before, _ = advance(sms, q, rates[-1], np.zeros(sms.n), stepper.dt - dt, problem.momentum, mode)
             step = stepper.advance(before, rates[-1], place.position, (steps - k) * dt, place.rotation)
             cost += step.cost * stepper.dt
@@ -108,10 +111,10 @@ def _done(problem: Problem, stepper: Stepper | PaperStepper, progress: Progress 
 
 
 def with_rest_at_end(problem: Problem, rates: FloatArray) -> FloatArray:
-    """Return the motion (N + 1, n) with rest at the end, slowed down if a joint would brake too late.
+    """Return the joint rates (N + 1, n) with rest at the end, reduced where a joint would brake too late.
 
-    A joint brakes with half of its acceleration limit. All joints slow down by the same factor, which
-    preserves the cost.
+    A joint brakes with half of its acceleration limit. At each node all rates are reduced by the same factor,
+    which preserves the node's cost in its configuration. The rates at the start are not changed.
     """
     left = np.arange(len(rates))[::-1, None]
     most = at_rest(problem) + 0.5 * problem.dt * left * np.minimum(problem.sms.limits.acceleration, 1e6)
@@ -174,7 +177,7 @@ class PaperStepper:
         scheduled = min(scheduled, slowest + 0.9 * (fastest - slowest))
         rows = np.vstack([np.eye(self.sms.n), -np.eye(self.sms.n), G, closing]) @ V
         least = np.concatenate([lower, -upper, least, [scheduled]])
-        # The solver starts from the last rates if they are not zero, and from the fastest approach.
+        # The solver starts from the last rates; if these are zero or fail, from the fastest approach.
         approach = np.where(closing > 0.0, upper, lower)
         starts = [approach] if not rates.any() else [np.clip(rates, lower, upper), approach]
         for start in starts:

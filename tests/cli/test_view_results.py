@@ -26,7 +26,7 @@ def test_show_makes_the_scene_with_its_obstacles(
     out = tmp_path / "out"
     file = write(tmp_path, QUICK + OBSTACLE)
     assert main(["run", str(file), "--out", str(out), "--no-figures", "--show"]) == 0
-    assert f"picture: {out / 'view.html'}" in capsys.readouterr().out
+    assert f"to see the motion, open {out / 'view.html'}" in capsys.readouterr().out
     assert {"robot", "obstacles", "tracked_path"} <= layers(out / "view.html")
 
     file.unlink()  # the results know by themselves

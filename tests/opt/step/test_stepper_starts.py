@@ -65,7 +65,7 @@ def test_where_nothing_is_possible_the_arm_brakes_within_its_limits_and_says_so(
 
     stepper = Stepper(sms, 0.01, 10.0, [StepJoints(), StepRows(contradiction)])
     done = plan_stepwise(stepper, q, TARGET, 0.05)
-    assert done.note == "the arm braked in 5 of 5 steps whose QP was not solved"
+    assert done.note == "the arm braked in 5 of 5 steps that were not solved"
     for _ in range(12):
         step = stepper.step(q, rates, TARGET, 5.0)
         assert not step.solved
