@@ -106,12 +106,13 @@ class Captured:
 
     @property
     def latched_at(self) -> float:
-        """The start of the last braking [s]; without a braking, the end of the run.
+        """The start of the first braking [s], which is the latch if the client is caught.
 
-        After a capture the braking starts at the latch.
+        If a guard trips after the latch, a second braking follows. Without a braking, the value is the end of
+        the run.
         """
-        times = [phase.time for phase in self.phases if phase.name == "braking"]
-        return times[-1] if times else float(self.whole.t[-1])
+        times = (phase.time for phase in self.phases if phase.name == "braking")
+        return next(times, float(self.whole.t[-1]))
 
     @cached_property
     def approach(self) -> Tracking:

@@ -1,5 +1,6 @@
 """A client in a scenario file: its tables, and a short run to the end."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +17,7 @@ from ffsms_pin.client import AfterCapture
 from ffsms_pin.errors import InvalidScenario
 from ffsms_pin.opt import Meet, Problem
 from ffsms_pin.scenarios.definition import packaged_path, save_scenario
-from ffsms_pin.simulation import Tracking
+from ffsms_pin.simulation import Phase, Tracking
 from ffsms_pin.simulation.client_motion import client_motion
 
 JOINTS = "joints = [0.1, -0.4, 0.1, -2.0, 0.0, 3.1, 0.9]"
@@ -64,6 +65,8 @@ def test_the_client_moves_freely_and_then_with_the_arm(outcome: Any, tmp_path: P
     assert len(whole.t) == len(outcome.tracking.t) + len(outcome.capture.tracking.t) - 1
     motion = client_motion(whole)
     assert outcome.capture.latched_at == pytest.approx(6.0)
+    guarded = replace(outcome.capture, phases=(*outcome.capture.phases, Phase(8.0, "braking", "stopped")))
+    assert guarded.latched_at == pytest.approx(6.0)
     free = outcome.capture.client
     for t in (0.0, 2.5, 5.9):
         np.testing.assert_allclose(motion.pose(t).homogeneous, free.pose(t).homogeneous, atol=1e-6)
