@@ -72,7 +72,7 @@ def plan_numbers(sms: SpaceManipulator, made: Trajectory) -> dict[str, Any]:
 
     `path_over_straight` is the length of the end effector's path divided by the distance between the path's
     ends. The joint effort is the integral of the squared joint rates. The torque effort is the integral of
-    the squared torques H_q qdd + C_q.
+    the squared torques H_q qdd + C_q, with the reduced inertia matrix H_q and the velocity terms C_q.
     """
     # Joint rates are linear between nodes, so the integral of their squares is exact.
     first, last = made.joint_rates[:-1], made.joint_rates[1:]
@@ -275,7 +275,7 @@ def joint_numbers(
 
 
 def clearance_numbers(least: LeastClearance | None) -> dict[str, Any]:
-    """Return a motion's least clearance, and its pair, time and position; None for all without a limit."""
+    """Return a motion's least clearance, its pair, time and position; all None without a clearance limit."""
     if least is None:
         return {"wanted_m": None, "least_m": None, "pair": None, "time_s": None, "place_m": None}
     required, distance = least.required, least.distance
@@ -284,7 +284,7 @@ def clearance_numbers(least: LeastClearance | None) -> dict[str, Any]:
 
 
 def _frame_numbers(tracking: Tracking) -> dict[str, dict[str, float]]:
-    """Return the final errors of frames that have goals besides the end effector, by name of the frame."""
+    """Return the final errors by frame, for frames with goals other than the end effector."""
     last = tracking.frame_error[-1]
     return {
         name: {"final_error_m": float(error[0]), "final_error_deg": float(np.degrees(error[1]))}

@@ -21,9 +21,9 @@ from ffsms_pin.errors import InvalidValue
 from ffsms_pin.kernel import kernel
 from ffsms_pin.threads import Unchanging
 
-# A velocity below this fraction of |J| |rates| is rounding error and has no direction.
+# If a velocity J rates is below this fraction of |J| |rates|, it is rounding error and has no direction.
 ROUNDING = 1e-14
-# Singular values that are exactly zero are computed as about 1e-16 of the largest.
+# Relative threshold of zero singular values, which are computed as about 1e-16 of the largest.
 NULL_SPACE_TOLERANCE = 1e-10
 
 Rows: TypeAlias = Literal["all", "translation", "rotation"]

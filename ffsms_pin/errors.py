@@ -38,7 +38,7 @@ class InvalidValue(FfsmsError, ValueError):
     value : object
         The value of the argument.
     reason : str
-        The reason for the refusal, without the argument, its value and the remedy. Default: `expected`.
+        The reason for the error, without argument, value and remedy. Default: the whole requirement.
     """
 
     def __init__(self, name: str, value: Any, expected: str, reason: str = "") -> None:

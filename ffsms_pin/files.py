@@ -92,7 +92,7 @@ def check_readable(path: str | os.PathLike[str], largest: float = LARGEST_TEXT) 
 
 
 def read_content(path: str | os.PathLike[str], largest: int = LARGEST_TEXT) -> bytes:
-    """Return the bytes of a file; errors as in `check_readable`."""
+    """Return the bytes of a file; raise the errors of `check_readable`."""
     check_readable(path, largest)
     with open(path, "rb") as file:
         # read(largest) would allocate `largest` bytes for a small file, too.
@@ -131,7 +131,7 @@ def load_arrays(path: str | os.PathLike[str], kind: str, names: Sequence[str]) -
     path = path_like("path", path)
     try:
         with wrap_os_error(path, "read"):
-            check_readable(path, math.inf)  # the limit below applies to the named arrays
+            check_readable(path, math.inf)  # `_named_arrays` limits the size
             # numpy.load does not close the file of a path if the archive is damaged; this block does.
             with open(path, "rb") as file:
                 with zipfile.ZipFile(file) as archive:

@@ -31,7 +31,7 @@ class Reference(Protocol):
 
     @property
     def duration(self) -> float:
-        """The length of the motion [s]."""
+        """The duration of the motion [s]."""
         ...
 
     @property

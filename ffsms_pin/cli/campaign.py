@@ -58,7 +58,7 @@ def _is_folder(arguments: argparse.Namespace) -> bool:
 
 
 def _campaign_of_folder(arguments: argparse.Namespace) -> tuple[campaigns.Campaign, Path]:
-    """Return the campaign in a folder, extended to --runs if given."""
+    """Return the campaign in a folder; --runs replaces the number of runs."""
     for name in ("seed", "out", "compare"):
         value = getattr(arguments, name)
         if value is not None and value is not False:  # 0 is a valid seed
@@ -78,7 +78,7 @@ def _campaign_of_file(arguments: argparse.Namespace) -> tuple[campaigns.Campaign
 
 
 def _percentiles(title: str, numbers: dict[str, Any]) -> Table:
-    """Return a table with a column for each percentile, and the outcomes below it."""
+    """Return a table with a column for each percentile, and with the outcomes as its caption."""
     table = new_table(title, "quantity", *_PERCENTILES)
     columns = (
         {name: values[percentile] for name, values in numbers["percentiles"].items()}

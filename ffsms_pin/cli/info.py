@@ -56,7 +56,7 @@ def run(arguments: argparse.Namespace) -> int:
         say(*_client(robot))
         return 0
     with warnings.catch_warnings():
-        if report is not None:  # the table of faults replaces the warnings
+        if report is not None:  # the printed faults replace the warnings
             warnings.simplefilter("ignore", FfsmsWarning)
         sms = load(robot, end_effector=arguments.end_effector)
     posture = _posture(sms, arguments.joints_deg)

@@ -18,7 +18,7 @@ from typing import Any, NoReturn, TypeAlias
 from ffsms_pin.errors import FfsmsError, FfsmsWarning, InvalidValue, advised, meant
 from ffsms_pin.version import __version__
 
-BAD_INPUT = 2  # exit code
+BAD_INPUT = 2  # exit code for wrong arguments or files
 Commands: TypeAlias = "argparse._SubParsersAction[_Parser]"
 
 _DESCRIPTION = """\
@@ -65,7 +65,7 @@ def command_names() -> list[str]:
 
 
 def named(arguments: argparse.Namespace, *names: str) -> dict[str, Any]:
-    """Return the arguments of these names as keyword arguments, without those that are None."""
+    """Return the named arguments that are not None, as keyword arguments."""
     return {name: value for name in names if (value := getattr(arguments, name)) is not None}
 
 
@@ -420,7 +420,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             sys.stdout.flush()
             return status
     except BrokenPipeError:  # the reading process, for example `head`, has ended
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # for writes at exit
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # discard writes at exit
         return BROKEN_PIPE
     except FfsmsError as error:
         message = in_options(str(error), vars(arguments))

@@ -122,7 +122,7 @@ class _Stage:
 
     @property
     def text(self) -> str:
-        """The progress as text; for counted items with mean rate and remaining time."""
+        """The progress as text; for a number of items, with mean rate and remaining time."""
         elapsed = time.perf_counter() - self.begin
         if self.total is None:
             percent = f"{100.0 * self.done:.0f} % after {elapsed:.0f} s"

@@ -63,7 +63,7 @@ def run(arguments: argparse.Namespace) -> int:
 def missed(numbers: Mapping[str, Any]) -> str:
     """Return in one line why a run failed; empty if plan and closed loop arrive.
 
-    A capture is judged by the flight, with any number of attempts.
+    A capture may succeed although its first plan misses, so only the flight is checked.
     """
     tracking = numbers["tracking"]
     if not ("capture" in numbers or numbers["reached"]):
@@ -139,7 +139,7 @@ def _show(folder: Path, drawn: bool) -> None:
 def summary_table(numbers: Mapping[str, Any]) -> Table:
     """Return a table of the numbers of `ffsms_pin.scenarios.summary`."""
     title = f"{numbers['scenario']}: {numbers['robot']}, planned by the method '{numbers['method']}'"
-    if "capture" in numbers:  # all on one screen, the capture first
+    if "capture" in numbers:  # a shorter table, the capture first
         table, capture = new_table(title, "quantity", "value", "details"), numbers["capture"]
         client = _learnt("client", capture["client"]) if "client" in capture else ()
         return filled(table, _course(capture), _contact(capture), _after(capture), client, _flown(numbers))

@@ -25,7 +25,7 @@ class Unit:
     name : str
         The unit, empty for a number without one.
     default : str
-        The default as text, if the value does not show it.
+        The default as text, if the field's value does not show it (for example None).
     """
 
     name: str = ""
@@ -39,7 +39,7 @@ class Angle(Unit):
 
 def unusable(requirement: str) -> Exception:
     """Return the error of a value in a file; `requirement` is a text such as "must be above zero"."""
-    from pydantic_core import PydanticCustomError  # only for files
+    from pydantic_core import PydanticCustomError  # imported here, because only files need it
 
     return PydanticCustomError("unusable", "{requirement}", {"requirement": requirement})
 
@@ -52,7 +52,7 @@ class Kind(ABC):
         """Return the kind as a pydantic schema; pydantic is imported only for files."""
 
     def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> Any:
-        """Return the schema of the kind, which replaces that of the annotated type."""
+        """Return the schema of the kind, which replaces the schema of the annotated type."""
         return self.schema()
 
 
@@ -124,9 +124,9 @@ class OneOf(Kind):
 
 @dataclass(frozen=True)
 class List(Kind):
-    """A list of `size` values, by default one or more; `what` names the values in messages.
+    """A list of `size` values of the kind `of`; if `size` is None, of one or more values.
 
-    With `empty` the list may be empty.
+    With `empty` the list may be empty. `what` names the values in messages.
     """
 
     of: Kind
@@ -271,7 +271,7 @@ Text: TypeAlias = Annotated[str, Name()]
 Texts: TypeAlias = Annotated[Any, List(Name(), what="texts", empty=True)]
 Numbers: TypeAlias = Annotated[Any, List(Real())]
 ByJoint: TypeAlias = Annotated[Any, ByName(Real(), "numbers by joint, such as {joint_2 = 0.5}")]
-# Vectors of fixed size, of numbers above zero, and rows of three numbers.
+# Vectors of fixed size (`Sizes2`, `Sizes3`: of numbers above zero), rows of three numbers, and time spans.
 Vector3: TypeAlias = Annotated[Any, _THREE]
 Vector6: TypeAlias = Annotated[Any, List(Real(), 6)]
 Sizes2: TypeAlias = Annotated[Any, List(_POSITIVE, 2)]
@@ -283,9 +283,9 @@ PerJoint: TypeAlias = Annotated[Any, values_per_joint(Real())]
 PerJointPositive: TypeAlias = Annotated[Any, values_per_joint(_POSITIVE)]
 PerJointNotNegative: TypeAlias = Annotated[Any, values_per_joint(Real(0.0))]
 PerJointLimit: TypeAlias = Annotated[Any, values_per_joint(Real(SMALLEST_POSITIVE, infinite=True))]
-# One number, one per joint, or a square matrix.
+# One number, one number for each joint, or a square matrix.
 Gain: TypeAlias = Annotated[Any, Either(_has_rows, _SQUARE, values_per_joint(Real()))]
-# Principal moments, or a matrix.
+# Three principal moments of inertia, or a matrix (3, 3).
 _INERTIA = Either(_has_rows, List(_THREE, 3), List(_POSITIVE, 3))
 Inertia: TypeAlias = Annotated[Any, _INERTIA]
 
@@ -295,7 +295,7 @@ class RigidBody(Kind):
     """A table of `mass`, `inertia` about the centre of mass, and optionally `com`."""
 
     def schema(self) -> Any:
-        """Return the schema of a dict with these keys."""
+        """Return the schema of a dict with the keys `mass`, `inertia` and, optionally, `com`."""
         from pydantic_core import core_schema
 
         def check(value: Any) -> Any:
@@ -319,7 +319,7 @@ Bodies: TypeAlias = Annotated[
         "masses or bodies by link, such as {base = 30.0}",
     ),
 ]
-# One vector, or one for each joint.
+# One vector (3,), or one vector for each joint.
 Shifts: TypeAlias = Annotated[Any, Either(_has_rows, List(_THREE, what="rows of 3 numbers"), _THREE)]
 NameOrIndex: TypeAlias = Annotated[
     str | int, Either(lambda value: isinstance(value, str), Name(), Integer(0))

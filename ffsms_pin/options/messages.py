@@ -16,7 +16,7 @@ LOADING = errors.ModelNotFound, errors.FrameNotFound, errors.InvalidUrdf, errors
 
 _IN_A_FILE = "[robot] {key} = {listed}"  # replaces "load(..., key=VALUE)" in messages of the library
 _REQUIREMENTS = {"bool_type": "must be true or false", "dict_type": "must be a table"}
-_WHOLE = ("model_type", "model_attributes_type", "list_type")  # errors of a table that is another value
+_WHOLE = ("model_type", "model_attributes_type", "list_type")  # types of errors if a table is expected
 
 
 def message_of_check(
@@ -24,9 +24,9 @@ def message_of_check(
 ) -> str:
     """Return the message for the first error of a file in one line: table, key, requirement and value.
 
-    Misspelt keys come before missing keys, because a misspelling also makes a key missing. `model` is the
-    model of the file, and `content` the file's content. `synonyms` has other names that users write for
-    tables, and the tables' names.
+    Errors of misspelt keys come before errors of missing keys, because a misspelling also makes a key
+    missing. `model` is the model of the file, and `content` the file's content. `synonyms` maps wrong names
+    of tables that users may write to the right names.
     """
     order = {"extra_forbidden": 0, "missing": 2}
     first = min(error.errors(include_url=False), key=lambda fault: order.get(fault["type"], 1))
@@ -63,7 +63,7 @@ def message_of_check(
 
 
 def _unknown(title: str, name: str, table: type[Keys]) -> str:
-    """Return the message for an unknown key, which another choice of the table may have."""
+    """Return the message for an unknown key; it names another choice of the table that has the key."""
     tables = table.choices.items()
     takers = [choice for choice, other in tables if name.removesuffix(DEGREES) in other.model_fields]
     if not takers:
@@ -77,7 +77,7 @@ def _unknown(title: str, name: str, table: type[Keys]) -> str:
 def _place(where: tuple[int | str, ...], model: type[Keys], values: Any) -> tuple[str, str, type[Keys], Any]:
     """Return the title of the table with an error, the key, and the table's model and values.
 
-    The key is empty if the error is that of the whole table.
+    The key is empty if the error concerns the whole table.
     """
     title, path, steps = "", "", list(where)
     while steps:
@@ -138,12 +138,12 @@ def message_of_value(
     message = errors.advised(str(error), _IN_A_FILE)
     wrong = message.removeprefix(error.name).rpartition(", got ")[0]
     prefix, _, name = error.name.replace(" ", ".").rpartition(".")
-    name, entry, _ = name.partition("[")  # an entry belongs to the key of its list
+    name, entry, _ = name.partition("[")  # the entry "size[0]" belongs to the key "size"
     if isinstance(tables.get(prefix), Mapping):
         paths = (prefix, *paths)
     for path in paths:
         title, table = table_at(tables, path)
-        if name in table and is_table(model, f"{path}.{name}"):  # the whole table
+        if name in table and is_table(model, f"{path}.{name}"):  # the argument is a whole table
             return f"[{path}.{name}]{wrong}, got {short(error.value)}"
         if isinstance(inner := table.get(prefix), Mapping):
             title, table = f"[{path}.{prefix}]", inner

@@ -35,8 +35,7 @@ def own_class(title: str, path: str, folder: Path, allowed: bool) -> Any:
         raise FfsmsError(f"{title} cannot be imported from {first} ({in_one_line(error)})") from error
     finally:
         sys.path.remove(first)
-    # Python loads a module once by its name and would reuse a loaded one of the same name from another
-    # folder.
+    # Python would reuse a loaded module of the same name from another folder.
     package = module_name.partition(".")[0]
     here = PathFinder.find_spec(package, [first])
     loaded = getattr(sys.modules[package], "__file__", None) or "elsewhere"

@@ -40,8 +40,8 @@ from pydantic_core import CoreSchema
 
 from ffsms_pin.options import Angle, Kind, Unit, unusable
 
-DEGREES = "_deg"  # ending of the keys that give an angle in degrees
-OWN = "package.module:Class"  # the name under which a user's own classes stand among the choices
+DEGREES = "_deg"  # ending of keys for angles in degrees
+OWN = "package.module:Class"  # the choice for a user's own class
 
 
 class Keys(BaseModel):
@@ -49,7 +49,7 @@ class Keys(BaseModel):
 
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
 
-    # The key that chooses one table of `choices`, to which this table belongs; set by `tables_by`.
+    # The key that chooses a table, and the tables by the key's value; `tables_by` sets both.
     chooser: ClassVar[str] = ""
     choices: ClassVar[Mapping[str, type[Keys]]] = {}
 
@@ -82,12 +82,12 @@ class Keys(BaseModel):
 
     @classmethod
     def chosen_keys(cls) -> list[str]:
-        """Return the keys that some of the `choices` lack."""
+        """Return the keys of this table that some tables of `choices` lack."""
         others = [table.model_fields for table in cls.choices.values() if table.chooser]
         return [name for name in cls.model_fields if any(name not in fields for fields in others)]
 
     def given_values(self) -> dict[str, Any]:
-        """Return the values of the file by key as typed: angles in degrees have keys with `_deg`."""
+        """Return the values by the keys in the file; angles in degrees have keys with `_deg`."""
         values: dict[str, Any] = {}
         for name in type(self).model_fields:
             if name in self.model_fields_set:
@@ -98,7 +98,7 @@ class Keys(BaseModel):
     def __get_pydantic_json_schema__(
         cls, core_schema: CoreSchema, handler: GetJsonSchemaHandler
     ) -> JsonSchemaValue:
-        """Return the JSON Schema, which has a second key for each angle, in degrees."""
+        """Return the JSON Schema, in which each angle has a second key for degrees."""
         reference = handler(core_schema)
         schema = handler.resolve_ref_schema(reference)
         for name in cls.angle_keys():
@@ -113,12 +113,15 @@ class Keys(BaseModel):
 
 
 def about(field: FieldInfo) -> Mapping[str, Any]:
-    """Return the unit, the default as text, and True if degrees are allowed; empty for a nested table."""
+    """Return a field's unit, its default as text, and `degrees`, which is True for an angle.
+
+    The result is empty for a nested table.
+    """
     return field.json_schema_extra if isinstance(field.json_schema_extra, dict) else {}
 
 
 def models_in(annotation: Any) -> list[type[Keys]]:
-    """Return the tables in an annotation."""
+    """Return the models of tables in a type annotation."""
     if isinstance(annotation, type) and issubclass(annotation, Keys):
         return [annotation]
     return [model for inner in get_args(annotation) for model in models_in(inner)]
@@ -131,7 +134,7 @@ class OwnKeys(Keys):
 
 
 class FileKeys:
-    """A base for keys that only a file has; its subclasses are dataclasses."""
+    """The base class of tables whose keys only a file has; subclasses become dataclasses."""
 
     def __init_subclass__(cls) -> None:
         dataclasses.dataclass(kw_only=True, eq=False)(cls)
@@ -148,7 +151,7 @@ class Option(NamedTuple):
 
     @property
     def key(self) -> tuple[Any, Any]:
-        """The type and the field in a pydantic model."""
+        """The type and the pydantic field of the option."""
         if self.unit is None:
             return self.kind, Field(None)
         more: dict[str, Any] = {"unit": self.unit.name, "default_in_words": self.default}
@@ -184,11 +187,13 @@ def table_of(*sources: Any, omit: Collection[str] = (), defaults: Mapping[str, s
     Parameters
     ----------
     *sources : class or function
-        The first sets name and docstring of the table, and its options replace others of the same name.
+        The first source sets the table's name and docstring. Its options replace options of the same name
+        from the other sources.
     omit : collection of str
-        Options of the other sources without a key.
+        Options of the other sources that are no keys of the table.
     defaults : mapping, optional
-        Defaults as text, by key, that differ from the library's in a file; these keys are optional.
+        Texts of defaults by key, if the default in a file differs from the library's. These keys are
+        optional.
     """
     return _table(sources[0].__name__, sources[0], _options(sources, omit, defaults))
 
@@ -203,26 +208,26 @@ def tables_by(
     defaults: Mapping[str, str] | None = None,
     own: Any = None,
 ) -> Any:
-    """Return the union of a table for each value of a key, such as the laws of [control].
+    """Return the union of tables, one for each value of a key, such as the laws of [control].
 
-    A key of a file's table chooses the table.
+    The value of the key in a file chooses the table.
 
     Parameters
     ----------
     chooser : str
-        The key, such as "law".
+        The key whose value chooses the table, such as "law".
     base : type
-        The keys of all tables, with this key first.
+        A class with the keys of all tables, `chooser` first.
     choices : mapping
-        By value, a class or function whose options are further keys, or None.
+        Classes or functions whose options are further keys, or None, by value of the key.
     *shared : class or function
         Sources of further keys of all tables.
     bases : mapping, optional
-        Classes that replace `base`, by value.
+        Classes that replace `base`, by value of the key.
     omit, defaults
         As in `table_of`.
     own : type, optional
-        The keys of a user's own class, whose value of the key is an import path.
+        The table for a user's own class, if the value of the key is an import path.
     """
     tables: dict[str, type[Keys]] = {}
     for choice, source in choices.items():
@@ -250,14 +255,14 @@ def tables_by(
 
 
 def by_name(classes: Iterable[Any]) -> dict[str, Any]:
-    """Return classes by the attribute `name`, with hyphens for spaces."""
+    """Return classes by their attribute `name`, in which hyphens replace spaces."""
     return {kind.name.replace(" ", "-"): kind for kind in classes}
 
 
 def file_of(tables: Mapping[str, Any], name: str, what: str, required: Collection[str]) -> type[Keys]:
     """Return the model of a file with these tables; `what` is its docstring.
 
-    An absent table that is `required` is read as an empty one, whose missing keys are then reported.
+    An absent table that is `required` is read as an empty table, so its missing keys are reported.
     """
     fields: dict[str, Any] = {
         title: (kind, Field({}, validate_default=True) if title in required else Field(None))
@@ -383,7 +388,7 @@ def frozen(value: Any) -> Any:
 
 
 def radians(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the values in radians, under their names without `_deg`."""
+    """Return a table's values, with angles in radians under keys without `_deg`."""
     return {
         name.removesuffix(DEGREES): _radians(value) if name.endswith(DEGREES) else value
         for name, value in values.items()
