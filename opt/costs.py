@@ -219,7 +219,8 @@ class Effort(_Plain):
 class Smooth(_Plain):
     """The cost of joint accelerations.
 
-    `weight` multiplies the integral of the squared joint accelerations [s^4/rad^2, for a motion of 8 s].
+    `weight` [s^4/rad^2] multiplies the integral of the squared joint accelerations, which are scaled by
+    (duration / 8 s)^2.
     """
 
     weight: Annotated[NotNegative, Unit()] = 1e-5

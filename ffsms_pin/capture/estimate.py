@@ -128,7 +128,7 @@ class ClientEstimate:
         return self._body.inertia
 
     def pose(self, t: float) -> pin.SE3:
-        """Return the estimated pose (pinocchio.SE3) at t [s], see `Client.pose`."""
+        """Return the estimated pose (pinocchio.SE3) at t [s]; see `Client.pose`."""
         return self._body.pose(t - self._since)
 
     def poses(self, times: ArrayLike) -> tuple[FloatArray, FloatArray]:

@@ -45,7 +45,7 @@ class Correctable:
         shifts, turns = (np.eye(3) if part is None else root @ part @ root.T for part in own)
 
         def projected(place: Place) -> Place:
-            """Project a place on the correctable directions; the other components are those measured."""
+            """Project a place on the correctable directions; in other directions keep the measured pose."""
             missed, times = place.pose_error(place.in_axes(here, q)), place.position.shape[1:]
             shift = np.tensordot(shifts - np.eye(3), missed.displacement.value, 1).reshape(3, *times)
             vector = missed.vector.reshape(3, *times)
