@@ -195,10 +195,10 @@ class _Plain(WeightedTerm):
 class Effort(_Plain):
     """The cost of joint rates, which keeps joint travel short.
 
-    `weight` multiplies the integral of the squared joint rates [s^2/rad^2, for a motion of 8 s]. With the
-    default, a joint that turns by 3 rad at a constant rate costs as much as 1.1e-4 s of the paper's cost
-    integral. `idle` multiplies the squares of joints that do not move the end effector, such as those of a
-    second arm, because their motion hardly reduces the paper's cost.
+    `weight` [s^2/rad^2] multiplies (duration / 8 s)^2 and the integral of the squared joint rates. With the
+    default and 8 s, a joint that turns by 3 rad at a constant rate costs as much as 1.1e-4 s of the paper's
+    cost integral. `idle` multiplies the squares of joints that do not move the end effector, such as those of
+    a second arm, because their motion hardly reduces the paper's cost.
     """
 
     weight: Annotated[NotNegative, Unit()] = 1e-4
@@ -219,8 +219,7 @@ class Effort(_Plain):
 class Smooth(_Plain):
     """The cost of joint accelerations.
 
-    `weight` [s^4/rad^2] multiplies the integral of the squared joint accelerations, which are scaled by
-    (duration / 8 s)^2.
+    `weight` [s^4/rad^2] multiplies (duration / 8 s)^4 and the integral of the squared joint accelerations.
     """
 
     weight: Annotated[NotNegative, Unit()] = 1e-5
@@ -235,9 +234,9 @@ class Smooth(_Plain):
 class BaseTurn(WeightedTerm):
     """The cost of the base's rotation.
 
-    `weight` multiplies the integral of the base's squared angular velocity, in units of 32 s^2/rad^2 for a
-    motion of 8 s. With 1, a base rotation by 0.05 rad at a constant rate costs as much as 0.01 s of the
-    paper's cost integral, which is enough to decide between motions of nearly zero cost.
+    `weight`, in units of 32 s^2/rad^2, multiplies (duration / 8 s)^2 and the integral of the base's squared
+    angular velocity. With 1 and 8 s, a base rotation by 0.05 rad at a constant rate costs as much as 0.01 s
+    of the paper's cost integral, which is enough to decide between motions of nearly zero cost.
     """
 
     name = "base turn"
@@ -251,7 +250,7 @@ class BaseTurn(WeightedTerm):
 class WheelMomentum(WeightedTerm):
     """The cost of the momenta of wheels that hold the attitude; zero without wheels.
 
-    `weight` multiplies the integral of the wheels' squared momenta [1/(N m s)^2, for a motion of 8 s].
+    `weight` [1/(N m s)^2] multiplies (duration / 8 s)^2 and the integral of the wheels' squared momenta.
     """
 
     name = "wheel momentum"
@@ -279,7 +278,7 @@ class WheelEnergy(_Rounded):
     """The cost of the energy of wheels that hold the attitude; zero without wheels.
 
     The energy is the integral of the sum of |motor torque x wheel speed| (`Trajectory.wheel_energy`), because
-    braking wheels do not regenerate energy. `weight` multiplies the energy [s/J, for a motion of 8 s].
+    braking wheels do not regenerate energy. `weight` [s/J] multiplies (duration / 8 s)^3 and the energy.
     `rounding` is the power of a wheel below which its absolute value is smoothed [W], and the largest error
     of a wheel's power.
     """
@@ -299,10 +298,10 @@ class Propellant(_Rounded):
     """The cost of propellant of thrusters that hold attitude or position; zero without thrusters.
 
     The force and the moment that hold the base (`Variables.wrench`) are allocated to the thrusters by the
-    pseudo-inverse. A negative force is attributed to an opposed thruster. For thrusters in opposed pairs
-    the propellant equals `Trajectory.propellant`, except for the smoothing; for others it is an
-    approximation. `weight` multiplies the propellant [s/g, for a motion of 8 s]. `rounding` is the force of a
-    thruster below which its absolute value is smoothed [N].
+    pseudo-inverse. A negative force is attributed to an opposed thruster. For thrusters in opposed pairs the
+    propellant equals `Trajectory.propellant`, except for the smoothing; for others it is an approximation.
+    `weight` [s/g] multiplies (duration / 8 s)^2 and the propellant. `rounding` is the force of a thruster
+    below which its absolute value is smoothed [N].
     """
 
     weight: Annotated[NotNegative, Unit()] = 0.1
