@@ -219,8 +219,8 @@ def reaction_null_space(C_bm: FloatArray, of: str, tolerance: float) -> FloatArr
         The motion of the base that is zero: its angular velocity, or its whole twist.
     tolerance : float
         Threshold in [0, 1): singular values of the selected rows are taken as zero up to this fraction of the
-        largest singular value of the whole C_bm. (The largest singular value of the selected rows would be a
-        rounding error if an arm cannot rotate its base.)
+        largest singular value of the whole C_bm. (If an arm cannot rotate its base, the selected rows have
+        only rounding errors.)
 
     Returns
     -------

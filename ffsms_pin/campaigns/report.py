@@ -10,7 +10,7 @@ import numpy as np
 from ffsms_pin.analysis import finite, wilson_interval
 
 _PERCENTILES = (5, 25, 50, 75, 95, 99)
-_SHOWN = ("seed", "outcome", "error")  # columns in the list of worst runs, besides errors
+_SHOWN = ("seed", "outcome", "error")  # columns in the list of worst runs, besides distances
 
 
 def by_method(table: dict[str, Any]) -> dict[str, dict[str, Any]]:

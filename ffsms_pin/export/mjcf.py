@@ -37,11 +37,11 @@ def to_mjcf(
     timestep : float
         Time step of the model [s].
     actuators : bool
-        Add a motor to each joint; its control is the joint's torque [N m] or force [N].
+        True to add a motor to each joint; the motor's control is the joint's torque [N m] or force [N].
     shapes : bool
-        Write the shapes: visual shapes in group 2, collision shapes in group 3, which MuJoCo's viewer hides
-        at first. The text contains the triangles of meshes and needs no other file. The robot's shapes do
-        not collide with each other and have no mass.
+        True to write the shapes: visual shapes in group 2, and collision shapes in group 3, which MuJoCo's
+        viewer hides at first. The text contains the triangles of meshes and needs no other file. The robot's
+        shapes do not collide with each other and have no mass.
 
     Raises
     ------

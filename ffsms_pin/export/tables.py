@@ -62,8 +62,8 @@ def read_csv(sms: SpaceManipulator, path: str | os.PathLike[str]) -> Trajectory:
     ResultError
         The file cannot be read.
     InvalidValue
-        A column is missing, the times are not equally spaced from zero, a number is not finite, the positions
-        of a joint contradict its rates, or the poses of the base contradict the momentum equation.
+        A column is missing, the times are not equally spaced from zero, a number is not finite, a joint's
+        positions contradict its rates, or the base's poses contradict the momentum equation.
     """
     path = path_like("path", path)
     try:

@@ -29,8 +29,8 @@ def to_urdf(sms: SpaceManipulator, path: str | os.PathLike[str]) -> None:
     not. An SRDF is copied, too.
 
     A URDF cannot have acceleration limits, a base box other than the first box of the base link, wheels or
-    thrusters. Set the first two by arguments of `load`, wheels and thrusters by `with_actuators`. Other
-    programs may order the joints of a branching arm by name.
+    thrusters. Set acceleration limits and base box by arguments of `load`, and wheels and thrusters by
+    `with_actuators`. Other programs may order the joints of a branching arm by name.
 
     Parameters
     ----------

@@ -42,7 +42,7 @@ class Fault:
     remedy : str or None
         The change that a repair makes; None if only the file's author can decide.
     mend : callable or None
-        The function that makes the change of `remedy`.
+        The function that makes the change described by `remedy`.
     """
 
     where: str

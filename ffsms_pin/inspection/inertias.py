@@ -70,7 +70,7 @@ def _tensor_faults(inertial: ElementTree.Element, tensor: FloatArray, where: str
 
 
 def mass_faults(robot: ElementTree.Element, settings: Settings) -> Iterator[Fault]:
-    """Find moving bodies and bases without mass."""
+    """Find bodies without mass that move or are the base."""
     joints = robot.findall("joint")
     tree = [urdf.joint_of(joint) for joint in joints]
     carrier_of = {joint.child: (joint, item) for joint, item in zip(tree, joints, strict=True)}

@@ -35,7 +35,7 @@ from ffsms_pin.system.urdf_file import DEFAULT_EFFORT, DEFAULT_RATE, UrdfFile, l
 
 
 def thin_bodies(robot: ElementTree.Element, settings: Settings) -> Iterator[Fault]:
-    """Find the rods and point masses because of which the strict check refuses a body."""
+    """Find rods and point masses that make the strict check refuse a body."""
     refused = refusal(settings.path, robot)
     return thicken(robot, refused.link) if isinstance(refused, InvalidInertia) else iter(())
 
@@ -54,7 +54,7 @@ _RULES: tuple[Callable[[ElementTree.Element, Settings], Iterator[Fault]], ...] =
 
 
 class Examination(NamedTuple):
-    """The faults of a <robot>, the repaired <robot>, and the error if it is still refused."""
+    """The faults of a <robot>, the repaired <robot>, and the error if `load` refuses the repaired <robot>."""
 
     faults: list[Fault]
     mended: ElementTree.Element
@@ -73,7 +73,7 @@ def examine(robot: ElementTree.Element, settings: Settings) -> Examination:
                 if fault.mend is not None:
                     fault.mend()
                     mends += 1
-                elif (fault.where, fault.problem) in lasting:  # every pass finds a fault without repair again
+                elif (fault.where, fault.problem) in lasting:  # each pass finds a fault without repair again
                     continue
                 else:
                     lasting.add((fault.where, fault.problem))
@@ -159,7 +159,7 @@ class Report:
     repairable : bool
         True if `repair` can write a file that loads.
     moves : bool
-        True if any joint moves. If none does, the file describes a client, a single rigid body.
+        True if any joint moves. If no joint moves, the file describes a client, a single rigid body.
     links, joints : tuple of LinkReport, of JointReport
         The links and joints, in the order of the file.
     faults : tuple of Fault
@@ -251,9 +251,9 @@ def repair(
     out : str or path
         The file to write; a comment at its beginning lists the changes.
     rate : float
-        Rate limit for joints without one [rad/s or m/s].
+        Rate limit for joints without a rate limit [rad/s or m/s].
     effort : float
-        Torque or force limit for joints without one [N m or N].
+        Torque or force limit for joints without such a limit [N m or N].
 
     Returns
     -------

@@ -278,7 +278,7 @@ Sizes2: TypeAlias = Annotated[Any, List(_POSITIVE, 2)]
 Sizes3: TypeAlias = Annotated[Any, List(_POSITIVE, 3)]
 Rows: TypeAlias = Annotated[Any, List(_THREE, what="rows of 3 numbers")]
 Spans: TypeAlias = Annotated[Any, List(_SPAN, what="pairs of times")]
-# One number, or one for each joint, wheel or thruster.
+# One number, or one number for each joint, wheel or thruster.
 PerJoint: TypeAlias = Annotated[Any, values_per_joint(Real())]
 PerJointPositive: TypeAlias = Annotated[Any, values_per_joint(_POSITIVE)]
 PerJointNotNegative: TypeAlias = Annotated[Any, values_per_joint(Real(0.0))]

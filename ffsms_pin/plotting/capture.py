@@ -32,7 +32,7 @@ def plot_capture(outcome: Outcome) -> Figure:
     around, end = _client_shapes(outcome), float(capture.whole.t[-1])
     first = capture.phases[1].time  # [s] arrival at the hold point
     force = np.linalg.norm(capture.whole.contact_wrench[:, :3], axis=1)
-    touched = np.flatnonzero(force > 0.01 * force.max())  # a small force remains at rest
+    touched = np.flatnonzero(force > 0.01 * force.max())  # smaller forces remain when the arm rests
     heights = (1.0, 1.0, 1.4, 1.0) if touched.size else (1.0, 1.0, 1.4)
     figure = Figure(figsize=(5.2, 10.0), layout="constrained")
     above, below = figure.subfigures(2, 1, height_ratios=(0.38, 0.62))

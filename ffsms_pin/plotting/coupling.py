@@ -193,7 +193,7 @@ def plot_entropy_map(
     top = math.ceil(10.0 * float(entropy.max()) + 1e-9) / 10.0
     levels = np.linspace(0.0, top, round(20 * top) + 1)
     filled = ax.contourf(x, y, entropy, levels=levels, cmap="cividis")
-    filled.set_edgecolor("face")  # no hairlines between the levels in vector files
+    filled.set_edgecolor("face")  # avoids hairlines between the levels in vector files
     drawn = ax.contour(x, y, entropy, levels=levels[::2], colors="black", linewidths=0.5, alpha=0.55)
     ax.clabel(drawn, fmt="%.1f", fontsize=7)
     ax.figure.colorbar(filled, ax=ax, label=_ENTROPY)

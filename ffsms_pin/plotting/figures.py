@@ -78,7 +78,7 @@ _UNDATED: dict[str, dict[str, Any]] = {"pdf": {"CreationDate": None}, "svg": {"D
 def _torques(outcome: Outcome, ax: Axes) -> Axes:
     """Plot the joint torques, and each limit that a torque comes near.
 
-    If no torque comes near its limit, the label states the largest used share of a limit.
+    If no torque comes near its limit, the label states the largest torque as a share of its limit.
     """
     limit = outcome.controller.torque_limit
     note, near = near_limits(outcome.tracking.tau, limit, "")

@@ -61,7 +61,7 @@ def loop_options(scenario: Scenario, sms: SpaceManipulator, q0: FloatArray) -> d
     table = scenario.simulation
     with scenario.named("plant"):
         simulated = _plant(scenario, sms)
-    momentum = table.get("momentum")  # None: the initial momentum and the held base follow from the plan
+    momentum = table.get("momentum")  # if None, `simulate` uses the plan's `momentum` and `base_mode`
     if momentum is None and "v0" not in table and scenario.plan.get("mode", "floating") == "floating":
         momentum = scenario.plan.get("momentum")
         if momentum is None and scenario.meet is not None and scenario.meet.get("rest_after"):
@@ -85,7 +85,7 @@ def loop_options(scenario: Scenario, sms: SpaceManipulator, q0: FloatArray) -> d
     }
 
 
-# The classes of devices by table; a table has the name of its field in `simulation.Conditions`.
+# The classes of devices, by the name of their table and of their field in `simulation.Conditions`.
 _DEVICES: Mapping[str, type] = {
     "friction": JointFriction,
     "actuator": Actuator,
@@ -128,8 +128,8 @@ def _events(scenario: Scenario, plant: SpaceManipulator) -> tuple[Capture | Join
 def guards(scenario: Scenario, path: Path | None = None) -> Guards | None:
     """Return the guards of a scenario; None if [guards] switches them off.
 
-    If a guard stops the run, the recording is saved to `path`. Limits of the contact load that [guards] does
-    not set are those of [contact.envelope].
+    If a guard stops the run or the state diverges, the recording is saved to `path`. Limits of the contact
+    load that [guards] does not set are those of [contact.envelope].
     """
     envelope = scenario.contact.get("envelope", {})
     loads = {f"contact_{name}": envelope[name] for name in ("force", "torque") if name in envelope}
@@ -307,7 +307,7 @@ class Outcome:
         The recording of the closed loop, with the plan or the re-planned motion as reference.
     timing : Timing
     note : str
-        The problems of re-planning, such as a predicted miss of the target; empty if there are none.
+        The predicted reason for a miss if the motion was re-planned; empty if there is none.
     open_loop : Attempt, optional
         The run that follows the first plan under the same conditions, if the motion was re-planned.
     capture : Captured, optional

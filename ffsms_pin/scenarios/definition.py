@@ -48,9 +48,9 @@ _SYNONYMS = {"goal": "target", "waypoint": "via", "noise": "sensors", "controlle
 class Scenario:
     """The checked tables of a scenario file, and methods that make robot, problem, client and start.
 
-    Each table is an attribute, such as `scenario.plan`; the page "Scenario files" explains the keys. If
-    the file has no such table, the attribute is empty, or None if an empty table has another meaning. Values
-    are as in the file: SI units, radians, and degrees under keys that end in `_deg`.
+    Each table is an attribute, such as `scenario.plan`; the page "Scenario files" explains the keys. An
+    attribute is empty if the file lacks the table, or None if an empty table has another meaning. Values are
+    as in the file: SI units, radians, and degrees under keys that end in `_deg`.
 
     Attributes
     ----------
@@ -70,7 +70,7 @@ class Scenario:
     allow_import: bool = False
 
     def __getattr__(self, name: str) -> Any:
-        tables = vars(self).get("tables", {})  # missing while `copy.copy` makes the object
+        tables = vars(self).get("tables", {})  # no tables while `copy.copy` makes the object
         if name not in tables:
             raise AttributeError(f"'Scenario' has no table '{name}'", name=name, obj=self)
         return tables[name]
@@ -189,7 +189,7 @@ class Scenario:
         return options
 
     def load_plant(self, sms: SpaceManipulator) -> SpaceManipulator:
-        """Load the robot named in [plant], with the options of [robot] and the actuators of `sms`."""
+        """Load the robot of [plant], with the options of [robot] and the actuators and limits of `sms`."""
         chosen = {"end_effector": self.plant.get("end_effector", sms.end_effector)}
         plant = load(self.robot_path(self.plant["model"]), **{**self._load_options(), **chosen})
         plant = plant.with_actuators(wheels=sms.wheels, thrusters=sms.thrusters)
@@ -306,7 +306,7 @@ def save_scenario(scenario: Scenario, path: str | os.PathLike[str]) -> None:
 
 
 def load_scenario(path: str | os.PathLike[str]) -> Scenario:
-    """Read a file written by `save_scenario`; raise `ResultError` if it is unreadable or another file."""
+    """Read a scenario that `save_scenario` wrote; raise `ResultError` if the file has other content."""
     content, kinds = read_json(path), {"tables": dict, "name": str, "file": str}
     if not all(isinstance(content.get(key), kind) for key, kind in kinds.items()):
         raise ResultError(path, "is not the scenario of a run")

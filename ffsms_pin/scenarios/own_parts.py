@@ -21,9 +21,9 @@ _KINDS: Mapping[str, type] = {"term": opt.Term, "limit": opt.Limit}
 def made_part(scenario: Scenario, kind: str, number: int, values: Mapping[str, Any]) -> Any:
     """Make the term or limit of row `number` (from 1) of [[kind]].
 
-    A user's module is searched in the file's folder first. Its import runs its code, so it is imported only
-    if `scenario.allow_import` is True. Raise `InvalidScenario` if the import is not allowed, or if the class
-    is missing, is no term or limit, or rejects the values.
+    The search for a user's module begins in the file's folder. The import runs the module's code, so a module
+    is imported only if `scenario.allow_import` is True. Raise `InvalidScenario` if the import is not allowed,
+    or if the class is missing, is no term or limit, or rejects the values.
     """
     title = f"[[{kind}]] {number} use = '{values['use']}'"
     arguments = {key: value for key, value in values.items() if key != "use"}

@@ -112,7 +112,7 @@ def terms(scenario: Scenario, goal: opt.Goal) -> list[opt.Term]:
 
 
 def limits(scenario: Scenario, client: Any) -> list[opt.Limit]:
-    """Return the limits: the defaults, and those of [plan], [[limit]], and obstacles on `client`."""
+    """Return the limits: the defaults, with obstacles on `client`, and those of [plan] and [[limit]]."""
     limits = scenario.made(opt.BaseLimits, "plan.base_limits") if "base_limits" in scenario.plan else None
     defaults = default_limits(*scenario.clearance, scenario.obstacles(client), limits)
     return _with_rows(scenario, "limit", defaults)
@@ -144,7 +144,8 @@ def _target(target: Mapping[str, Any], sms: SpaceManipulator, q0: FloatArray) ->
     velocity, spin = vector("velocity"), vector("spin")
     if velocity.any() or spin.any():
         start = place if turned else pin.SE3(np.eye(3), place)
-        ball = Client(1.0, np.ones(3), start, np.append(velocity, spin))  # constant twist
+        # The twist of a torque-free ball is constant.
+        ball = Client(1.0, np.ones(3), start, np.append(velocity, spin))
         return opt.Moving(ball.pose if turned else lambda t: ball.pose(t).translation, **reaches)
     arrives = "arrival_velocity" in values
     if turned:

@@ -263,7 +263,7 @@ class SimulationTable(FileKeys):
 
 
 class RandomPlantTable(FileKeys):
-    """The table [plant.random]: random errors of the plant's inertia, in addition to those of [plant]."""
+    """The table [plant.random]: random errors of masses and inertias, besides the errors in [plant]."""
 
     seed: Annotated[Whole, Unit()]
     """seed of the draw; equal seeds give equal plants"""

@@ -74,7 +74,7 @@ def view(
     Parameters
     ----------
     sms : SpaceManipulator
-        The robot that moves; the plant if it differs from the model. Default: the flight's plant.
+        The robot of the motion; for a simulation with another plant, the plant. Default: the flight's plant.
     result : Trajectory, Tracking or capture.Flight
         The motion.
     plan : Trajectory, optional
@@ -109,7 +109,7 @@ def view(
     title : str, optional
         Title of the page.
     play : bool
-        Start playing when the page opens.
+        True to start playing when the page opens.
 
     Returns
     -------

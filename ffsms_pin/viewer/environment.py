@@ -1,6 +1,6 @@
 """The environment of a robot in a scene: paths, the base's trail, actuators, obstacles, client, events.
 
-A layer draws objects and returns a function that moves them to a frame of the animation.
+A function `..._layer` draws objects and returns a function that moves them to a frame of the animation.
 """
 
 from __future__ import annotations

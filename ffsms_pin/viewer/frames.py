@@ -154,7 +154,7 @@ def path_pose(path: Path, frames: Frames, k: int) -> Any:
 def seen_points(
     frames: Frames, client: DrawnClient | None, obstacles: Sequence[Obstacle], path: Path | None = None
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the points (k, 3) [m] that a fixed camera, and a camera that moves with the base, must show.
+    """Return the points (k, 3) [m] in the view of a fixed camera, and of a camera that moves with the base.
 
     The points are on the robot, target, path, client and the client's obstacles at some instants, in inertial
     axes. For the moving camera, the points of each instant are moved as if the base were at its first pose.

@@ -34,7 +34,7 @@ _LONGEST = 0.42  # length of the longest arrow, as a share of the robot's size
 
 
 def coupling_layer(stage: Stage, frames: Frames) -> Show:
-    """Draw the arrows and the cone of the coupling; arrows are scaled by their largest length."""
+    """Draw the arrows and the cone of the coupling; the longest arrow of each kind sets its scale."""
     radius, longest, colours = 0.011 * stage.size, _LONGEST * stage.size, meshes.COLOURS
     # The arrows of the base motion begin inside the base, so they must be visible through it.
     look: dict[str, Any] = {"flat": True, "through": True, "opacity": 0.9}

@@ -26,8 +26,9 @@ from ffsms_pin.viewer.overlays import clearance_layer, contact_layer, coupling_l
 from ffsms_pin.viewer.scene import Stage
 
 _ROOT = 1  # index of the base's joint
-# Unit vectors to the corners of a cube; with those to the faces they are the directions to widen an outline.
+# Unit vectors to the corners of a cube.
 _CUBE = (2.0 * np.array([*np.ndindex(2, 2, 2)]) - 1.0) / np.sqrt(3.0)
+# Directions in which an outline is widened: to the faces and corners of a cube.
 _DIRECTIONS = np.vstack([np.eye(3), -np.eye(3), _CUBE])
 
 

@@ -55,7 +55,7 @@ class Stage:
     """A scene whose camera turns about a centre (3,) [m].
 
     `size` is the approximate size of the robot [m], which sets the size of arrows and markers. While
-    `key_frames` has a time, it records the motions of nodes.
+    `key_frames.time` is not None, motions of nodes are recorded as key frames.
     """
 
     def __init__(self, centre: FloatArray, size: float) -> None:
