@@ -197,8 +197,8 @@ class Effort(_Plain):
 
     `weight` [s^2/rad^2] multiplies (duration / 8 s)^2 and the integral of the squared joint rates. With the
     default and 8 s, a joint that turns by 3 rad at a constant rate costs as much as 1.1e-4 s of the paper's
-    cost integral. `idle` multiplies the squares of joints that do not move the end effector, such as those of
-    a second arm, because their motion hardly reduces the paper's cost.
+    cost integral. `idle` multiplies the squared rates of joints that do not move the end effector, such as
+    the joints of a second arm, because their motion hardly reduces the paper's cost.
     """
 
     weight: Annotated[NotNegative, Unit()] = 1e-4

@@ -109,7 +109,7 @@ class Variable(NDArrayOperatorsMixin):
     ----------
     value : ndarray, shape (S, K), or (c, S, K)
         The value at K instants of S motions; components come first.
-    slopes : dict of str to ndarray, or a function that makes it
+    slopes : dict of str to ndarray, or a function that returns such a dict
         The partial derivatives, by the names below. The axes of a slope are the components of the value if it
         is a vector, then the axes of the quantity, then S and K. The axes S and K may have the length 1. A
         function that returns the slopes is called once, when they are needed. The names are:

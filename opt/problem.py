@@ -361,7 +361,7 @@ class Problem:
 
         The length of the line is taken as at least 2 cm.
         """
-        place = self.place.at(self.q0)  # a place on the base at its start pose
+        place = self.place.at(self.q0)  # a place on the base is evaluated at the start pose of the base
         return max(float(np.linalg.norm(place.position - self.tip0)), 0.02) / self.duration
 
 

@@ -498,6 +498,6 @@ def velocities(motion: Rollouts) -> FloatArray:
 
 
 def angles_from_start(quaternions: FloatArray) -> FloatArray:
-    """Return the angles (N + 1,) [rad] of unit quaternions (N + 1, 4) from the first one."""
+    """Return the angles (N + 1,) [rad] of the rotations from the first of unit quaternions (N + 1, 4)."""
     apart = np.abs(quaternions @ quaternions[0])
     return np.asarray(2.0 * np.arccos(np.minimum(apart, 1.0)))

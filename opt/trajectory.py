@@ -89,8 +89,9 @@ class Trajectory:
         mass [kg m/s; kg m^2/s]. Inertial axes.
     clear, within_tolerance, met : bool
         `clear` is true if all limits are satisfied, at nodes and between them. `within_tolerance` is true if
-        the end is within the goal's own tolerance of position, attitude, and required velocities (`reached`
-        is the paper's criterion). `met` is the same for `opt.Meet`, and true for other goals.
+        the state at the deadline is within the goal's tolerance of position, attitude, and required
+        velocities (`reached` is the paper's criterion). `met` is the same for `opt.Meet`, and true for other
+        goals.
     shares, binding, broken : dict of str to float, to ndarray, and to float
         The weighted integral of each term over time; the instants [s] at which each active limit is active;
         the violation of each violated limit, in its own unit.

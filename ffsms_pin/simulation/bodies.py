@@ -66,7 +66,8 @@ class BaseActuators:
             law.reset(dt)
         pulsed = self.thrusters is not None and not self.thrusters.proportional
         self._pulses = PulseWidth(self.thrusters, dt) if pulsed and self.thrusters is not None else None
-        self._full: dict[str, tuple[float, int]] = {}  # message: first time, count
+        # For each message, the time of the first step with this message, and the number of such steps.
+        self._full: dict[str, tuple[float, int]] = {}
 
     def command(self, view: BaseView) -> bool:
         """Evaluate the law in this control step; return False if its command is not finite."""
@@ -139,7 +140,7 @@ class BaseActuators:
 
 
 def _check_law(sms: SpaceManipulator, plant: SpaceManipulator, law: Any) -> None:
-    """Raise `InvalidValue` unless `law` is a base law, and plant and model have as many actuators."""
+    """Raise `InvalidValue` unless `law` is a base law that fits the actuators of plant and model."""
     if not isinstance(law, BaseLaw) or not callable(law.command):
         raise InvalidValue("base_controller", law, "must have a method command(view)")
     sizes = len(plant.wheels or ()), len(plant.thrusters or ())
@@ -215,8 +216,8 @@ class ClientBody:
     def latch(
         self, plant: SpaceManipulator, q: FloatArray, v: FloatArray, locked: Sequence[int]
     ) -> AfterCapture:
-        """Combine plant and client at their present poses into one robot (`after_capture`), without loads."""
-        now = other_motion(self.client, self.pose, self.twist)  # its time zero is the present
+        """Combine plant and client at their present poses into one robot, and remove the loads."""
+        now = other_motion(self.client, self.pose, self.twist)  # the client, with the present as time zero
         self.joined = after_capture(plant, q, v, now, locked=locked)
         self._held = plant.at(q).end_effector_pose.inverse() * self.pose
         self.loads = self.grips = ()

@@ -32,7 +32,7 @@ _CUT = 1.0 - 1e-9  # share of a torque limit from which a torque counts as satur
 
 @dataclass(frozen=True)
 class Guards:
-    """The limits of a flight; a flight that exceeds one is stopped.
+    """The limits of a flight; a flight that exceeds a limit is stopped.
 
     When a guard trips, `control.StoppingLaw` brakes the joints until the end of the run, while the base's
     law continues. The recording's `stopped` has time, value and limit, and the flight has not arrived. None
@@ -70,8 +70,9 @@ class Guards:
     and more than twice the rate in any plan of a packaged robot."""
     energy: Annotated[Margin | None, Unit()] = 1.0
     """The largest excess of the kinetic energy of the joint motion over that of the reference so far, as a
-    share of the reference's. Without external forces, this energy comes from the motors. Motions slower than
-    half of the rate limits are ignored. The default allows rates 40 % above the desired rates."""
+    share of the reference's. Without external forces, this energy comes from the motors. The default
+    allows rates 40 % above the desired rates. The energy of joint rates at half of their limits is always
+    allowed in addition."""
     failed_steps: Annotated[AtLeastOne | None, Unit()] = 10
     """The number of consecutive planning steps without a solution (the reference's `failed_in_a_row`)."""
     path: Annotated[Text | os.PathLike[str] | None, Unit("", "none")] = None
@@ -206,7 +207,7 @@ class Watch:
         self._torque = min(guards.limit("contact_torque"), math.inf if share == math.inf else share * moment)
         self._from, self._release = 0, max(1, round(_RELEASE / dt))
         self._every = max(1, round(_ENERGY_PERIOD / dt))
-        self._reference_energy = 0.0  # [J] the largest so far
+        self._reference_energy = 0.0  # [J] the largest energy of the desired joint rates so far
         self._rates = np.where(np.isfinite(limits.velocity), limits.velocity, _RATE) * _ENERGY_FLOOR
 
     def trip(
@@ -226,7 +227,7 @@ class Watch:
         """Return the guard that trips at row k, or None; `limp` (n,) marks limp joints."""
         guards, rates = self._guards, v[6:]
         if k >= self._from and felt.any() and (trip := self._of_contact(plant, q, felt, latched)):
-            return trip  # a contact causes other violations
+            return trip  # checked first, because a strong contact also causes other guards to trip
         if reason := self._of_stops(plant, q, rates, saturation.limit, limp):
             return Trip("position_margin", reason)
         if reason := self._of_rates(rates):

@@ -29,7 +29,8 @@ _ITERATIONS = 40  # largest number of Newton iterations of a second-order step
 # [rad/s or m/s] changes below which the iteration may end, because rounding of a light wrist on a heavy base
 # can be that large.
 _LARGEST = 1e-10
-# Accepted relative changes if a force jumps at the edge of a contact, where the equations have no solution.
+# Largest relative change that is accepted without convergence. If a force jumps at the edge of a contact, the
+# equations have no solution.
 _JUMP = 1e-5
 
 
@@ -79,7 +80,8 @@ def rk4_step(
     force = tau if callable(tau) else None
 
     rows[0] = v
-    # A force function may change its arguments and reuse its result, so these are copied.
+    # The results of a force function, and the velocities passed to it, are copied, because the function may
+    # reuse its result and change its arguments.
     f1 = held if force is None else np.array(force(t, q, v))
     rows[1] = aba(model, data, q, v, f1)
 
@@ -251,7 +253,7 @@ def _second_order(
         best = size
     else:
         if not best < _JUMP * (1.0 + float(np.abs(u).max())):
-            u = u * np.nan  # the step is far too large: the simulation raises an error
+            u = u * np.nan  # the step is far too large, and the simulation raises an error for NaN
     end = m + half
     for b in free:  # transport the initial momentum, so that the total momentum is kept to rounding
         whole, there = pin.exp6(pin.Motion(h * u[b])), pin.exp6(pin.Motion(0.5 * h * u[b]))

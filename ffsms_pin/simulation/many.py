@@ -71,7 +71,8 @@ def simulate_many(
     rows = {name: rows for name, value in arguments.items() if (rows := _rows(name, value)) is not None}
     count = common_length(rows)
     check_options("simulate_many", arguments)
-    # A controller may contain `sms`. Each task has both, so that they share one object in another process.
+    # A controller may contain `sms`. Each task has controller and `sms`, so that the controller contains the
+    # same object `sms` in another process, too.
     tasks = [(sms, {**arguments, **{name: values[i] for name, values in rows.items()}}) for i in range(count)]
     runs = map_in_processes(_simulate, tasks, jobs, progress)
     return [replace(run) for run in runs]  # read-only arrays; those from another process are writable

@@ -149,7 +149,7 @@ def with_fields(conditions: Conditions, by_name: Mapping[str, Any]) -> Condition
 
 @runtime_checkable
 class _HasConfigurations(Protocol):
-    """A reference with configurations, rows (nq,)."""
+    """A reference with configurations `q`, one in each row (nq,)."""
 
     q: Any
 
@@ -329,7 +329,7 @@ def warn_of_friction(plant: SpaceManipulator, controller: Any) -> None:
 
 
 def warn_of_base(mode: str, law: BaseLaw | None, sms: SpaceManipulator, stacklevel: int) -> None:
-    """Warn if base law and plan hold different parts of the base's pose, because the motion would miss."""
+    """Warn if base law and plan hold different parts of the base's pose; the motion would miss its target."""
     if not (law is None or isinstance(law, HoldsBase)):
         return
     held, free = frozenset() if law is None else law.held_parts, MODES[one_of("mode", mode, MODES)]

@@ -163,8 +163,8 @@ class Tracking:
     def reached(self) -> bool:
         """True if the end effector is within 20 mm of the target in the last 10 % of time (paper, const8).
 
-        `Trajectory.reached` of a plan also covers attitude, clearances and contact, with the goal's own
-        tolerance.
+        `Trajectory.reached` of a plan has the `reach` of the goal instead of 20 mm. It also requires the
+        attitude, and that all limits are satisfied and a client is met.
         """
         late = self.t >= self.t[0] + ARRIVAL_SHARE * (self.t[-1] - self.t[0]) - 1e-9
         return bool((self.position_error[late] <= REACH).all())

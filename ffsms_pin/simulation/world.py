@@ -42,7 +42,8 @@ from ffsms_pin.simulation.stops import Stops
 from ffsms_pin.system.dynamics import frame_pose
 
 _FINER = 8  # factor on the number of substeps if a load is too stiff for the step
-_MOST_PARTS = 40  # largest number of substeps for friction; an implicit integrator is faster than more
+# Largest number of substeps for friction. An implicit integrator is faster than more substeps.
+_MOST_PARTS = 40
 
 
 class World:
@@ -177,7 +178,7 @@ class World:
         """
         if self._contact or self._pushing is not None or self._rubs:
             return stiff_step, self._force
-        closed = not self._forces and self.base.thrusters is None  # without client contact
+        closed = not self._forces and self.base.thrusters is None  # here no client is in contact
         locked = tuple(self._locked)
         step = partial(extrapolated_step, slopes=self._slopes, closed=closed, locked=locked)
         return step, self._applied

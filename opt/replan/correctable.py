@@ -14,10 +14,10 @@ from ffsms_pin.system.batch.stacks import apply, exp3
 
 
 class Correctable:
-    """The directions in which a robot can move its end effector in any configuration.
+    """The directions in which a robot can move its end effector in at least one configuration.
 
-    They are the range of J* over some configurations within the limits, in root axes: all of space for most
-    arms, the plane of motion for an arm with parallel joint axes, whose base also stays in the plane.
+    They are the range of the J* of eight random configurations within the limits, in root axes. Most arms can
+    move in all directions. If all joint axes are parallel, arm and base can move only in a plane.
     """
 
     def __init__(self, sms: SpaceManipulator, mode: str = "floating") -> None:
@@ -57,13 +57,13 @@ class Correctable:
         vector = place.pose_error(place.in_axes(here, q)).vector[:, 0, 0]
         left = float(np.linalg.norm(place.position - projected(place).position))
         tilt = float(np.linalg.norm(vector - turns @ vector))
-        if max(left, tilt) < 1e-6:  # [m, rad] rounding
+        if max(left, tilt) < 1e-6:  # [m, rad] smaller errors are rounding errors
             return goal, 0.0
         return Changed(goal, projected), left
 
 
 def _range(J: FloatArray) -> FloatArray | None:
-    """Return the projection (3, 3) on the range of J (3, k) without weak directions; None if it is 1."""
+    """Return the projection (3, 3) on the range of J (3, k) without weak directions; None for full rank."""
     directions, strengths, _ = np.linalg.svd(J, full_matrices=True)
     rank = int((strengths > 1e-3 * strengths[0]).sum())
     return None if rank == 3 else directions[:, :rank] @ directions[:, :rank].T

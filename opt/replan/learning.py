@@ -42,7 +42,7 @@ class Learner(ABC):
 
     @abstractmethod
     def pushed(self) -> None:
-        """Estimate a new constant total momentum from the next state on."""
+        """Estimate the total momentum again from the next state on, because a push has changed it."""
 
     @abstractmethod
     def learnt(self, last: SpaceManipulator) -> SpaceManipulator:
@@ -80,14 +80,15 @@ class ScaleFactors(Learner):
     because the first sample is as noisy as any other.
 
     If factors from exact measurements are out of bounds, errors other than those of masses are present, and
-    all factors are 1. Factors from noisy measurements may be out of bounds if the excitation is low. Then the
-    best factors within the bounds are used, because a return of all factors to 1 would make the plans jump.
+    all factors are set to 1. Factors from noisy measurements may be out of bounds if the excitation is low.
+    Then the best factors within the bounds are used, because setting all factors to 1 would make plans jump.
     """
 
     def __init__(self, sms: SpaceManipulator, mode: str = "floating") -> None:
         # The number of constant components of the [linear; angular] momentum.
         kept = dict(zip(_CONSERVING, (6, 3), strict=True)).get(mode, 0)
-        base, noise = sms.model.inertias[1], 1e-3  # [m/s, rad/s] of the base, per sample
+        # `noise`: the standard deviation of the base's measured velocity [m/s] and angular velocity [rad/s].
+        base, noise = sms.model.inertias[1], 1e-3
         self._scale = 1.0 / (noise * np.repeat([float(base.mass), float(np.trace(base.inertia)) / 3.0], 3))
         self._scale[kept:] = 0.0
         self.noisy = False
@@ -109,7 +110,7 @@ class ScaleFactors(Learner):
         self._last: FloatArray | None = None
 
     def pushed(self) -> None:
-        """Keep the estimate after a push, and estimate another momentum from the next sample on."""
+        """Keep the estimated factors, and estimate the momentum after the push from the next sample on."""
         self._filter.pushed(at_rest=not self.noisy)
         self._begin_momentum()
 
@@ -118,8 +119,8 @@ class ScaleFactors(Learner):
     ) -> bool:
         """Add a measured state; return whether the robot has changed.
 
-        The time and the wheels are ignored, because only the linear momentum is used if they hold the
-        attitude.
+        `t` and `wheel_momentum` are ignored. If wheels hold the attitude, only the linear momentum is used,
+        which does not depend on the wheels.
         """
         if not self._scale.any():
             return False
@@ -132,8 +133,8 @@ class ScaleFactors(Learner):
         weight = np.diag(self._scale**2)
         if self._first is None:
             self._first = Z.copy()
-            self._first[:, -7:-1] = 0.0  # the unknown constant: the momentum's change since this sample
-            weight *= 2.0  # the prior of that change is zero, with the noise of one sample
+            self._first[:, -7:-1] = 0.0  # the unknown is the change of the momentum since this sample
+            weight *= 2.0  # a prior for this change: zero, with the noise of one sample
         self._last = Z
         self._filter.add(Z - self._first, weight)
         return jumped

@@ -26,7 +26,7 @@ class ReplanOptions:
 
     period: Annotated[Positive, Unit("s")] = 0.1
     """The time between two re-plans of the rest of the motion. Shortly before the deadline it is a tenth of
-    the remaining time, so that a base that drifts by centimetres per second stays close to the plan."""
+    the remaining time, so that a base drift of centimetres per second causes only a small error."""
     arrived_miss: float = 2e-3
     """The largest position error [m] of a plan that counts as arriving. The default is a tenth of the paper's
     r_th, and twice the tolerance of plans."""
@@ -37,8 +37,8 @@ class ReplanOptions:
     """The distance from a fixed goal within which an arm rests after the deadline. Default: three times the
     noise of the measured end-effector position, from 0.1 to 1 mm; none with perfect sensors."""
     settle: float = 0.1
-    """The time [s] for the correction of a remaining error after the deadline with noisy or delayed sensors;
-    with a limit on the jerk, five times that."""
+    """The time [s] for the correction of a remaining error after the deadline with noisy or delayed sensors.
+    With a limit on the jerk, five times this time is used."""
     jerk: Annotated[PerJointPositive | None, Angle("rad/s³ or m/s³", "none")] = None
     """The limit on the jerk of the command, for each joint; the joint limits have priority."""
     rate_reserve: Annotated[Share | None, Unit("", "0.05 for a client, else 0")] = None

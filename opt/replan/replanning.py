@@ -60,12 +60,12 @@ class Replanning(Observer):
     weights : StepWeights, optional
         The weights of single steps.
     learn : Learner, optional
-        An `identification.Identifier`, whose estimate is used for plans when it is accurate enough. Default:
-        `ScaleFactors`, the same filter on the momentum with other unknowns: factors on the masses of the
-        arm's bodies and on the base's inertia.
+        An `identification.Identifier`. Plans use its estimate when the estimate is accurate enough. Default:
+        `ScaleFactors`, which estimates factors on the masses of the arm's bodies and on the base's inertia
+        by the same filter on the momentum.
     law : ModelledLaw, optional
-        The control law of the run, whose model (`law.sms`) is updated to the learnt robot. If None, a law
-        keeps its model.
+        The control law of the run, whose model (`law.sms`) is updated to the learnt robot. If None, no
+        law is updated.
 
     Attributes
     ----------
@@ -135,12 +135,12 @@ class Replanning(Observer):
             return lambda t: goal.place(t).at(self._seen).position
         if goal.moves:
             return lambda t: goal.places(np.array([t])).position[:, 0]
-        place = goal.place(duration)  # if it is fixed to the base, at the base's last measured pose
+        place = goal.place(duration)  # a place on the base is returned for the base's last measured pose
         return (lambda t: place.at(self._seen).position) if place.moves_with_base else place.position
 
     @property
     def task(self) -> Problem:
-        """The problem whose goals and limits judge the flight."""
+        """The problem by whose goals and limits the flown motion is judged."""
         return self.problem
 
     @property
@@ -166,7 +166,7 @@ class Replanning(Observer):
 
     @property
     def mode(self) -> Literal["plan", "hold"]:
-        """The present mode of the steps: along the plan, or after the deadline straight to the goal."""
+        """The mode of the present step: "plan" along the plan, "hold" to the goal after the deadline."""
         return "hold" if self.problem.duration - self._now <= 0.5 * self.problem.dt else "plan"
 
     @property
@@ -193,7 +193,7 @@ class Replanning(Observer):
         return "; ".join(notes)
 
     def observe(self, t: float, q: FloatArray, v: FloatArray) -> None:
-        """Plan the next step from the state measured at t [s], and re-plan the rest, if they are due."""
+        """Plan the next step from the state measured at t [s], and the rest of the motion if that is due."""
         with self._thread:
             step = int(t / self.problem.dt + 1e-6)
             if step != self._step:
@@ -313,8 +313,8 @@ class Replanning(Observer):
             self.held_steps += 1
             still = self._smoothed(np.zeros_like(self._rates))
             return self._stepper.bounded(self._start, self._rates, still), True
-        # A plan that ends more than 1 cm from the goal is followed to its end, because steps straight to the
-        # goal would push against the obstacle.
+        # A plan that ends more than 1 cm from the goal is followed to its end. A limit or an obstacle keeps
+        # this plan from the goal, and would also stop steps straight to the goal.
         if self.mode == "plan" or plan.miss > 1e-2:
             position = goal.place(now).at(q).position
             there, wanted = plan.sample(now + dt)
@@ -328,9 +328,9 @@ class Replanning(Observer):
             aimed = place.aim(self.problem.sms, q)
             position, rotation = aimed.position, aimed.rotation
             if goal.moves and place.velocity is not None:
-                # The speed of a step is 2.5 times the distance over the remaining time, which is 3.25 steps
-                # at the deadline, and is reached half a step later (`reference_speed`). With that lead the
-                # end effector keeps up with the goal.
+                # The end effector keeps up with the goal's velocity v if steps are aimed at a point ahead of
+                # the goal. At the distance d and speed v, a step after the deadline has the speed
+                # 2.5 (d - dt v / 2) / (3.25 dt) (`reference_speed`), which is v for the d of this point.
                 position = position + (3.25 / 2.5 + 0.5) * dt * place.velocity
             if not goal.moves:
                 left = left if self._jerk is None else 5.0 * options.settle

@@ -124,7 +124,7 @@ def rest_of(
     q0 = q.copy()
     sms.layout.set_positions(q0, joints)
     now = problem.wheel_momentum
-    if problem.wheels is not None:  # by conservation of momentum, with the joints' part subtracted
+    if problem.wheels is not None:  # by conservation of momentum, at the commanded joint rates
         arm = sms.arm_stack(problem.mode).evaluate(joints[:, None])
         total = problem.wheel_total if wheel_total is None else wheel_total
         now = total - wheel_shares(problem.wheels) @ held_momentum(arm)[..., 0] @ rates
@@ -134,7 +134,8 @@ def rest_of(
         q0=q0,
         goal=Changed(goal, time_offset=t) if goal.moves else goal,
         duration=(problem.steps - round(t / problem.dt)) * problem.dt,
-        goal_limits=(),  # the goal's limits of the whole problem stay, also with another goal
+        # `limits` keeps the limits of the whole problem's goal, also if `goal` is another goal.
+        goal_limits=(),
         joint_rates=rates,
         locked=tuple(locked),
         wheel_momentum=now,
@@ -156,14 +157,14 @@ def replanned(
 
     A change begins with zero rate and acceleration. There is no change if the rest of the last plan arrives
     and satisfies the limits. The plan continues the rates and `accelerations` (n,) of the command. `joints`
-    (n,) are continuous in time, unlike the angles of continuous joints in a configuration. Only a share of a
-    fixed goal's tolerance is used, and the rest is for unknown errors.
+    (n,) are continuous in time, unlike the angles of continuous joints in a configuration. Plans use only a
+    share of a fixed goal's tolerance, to leave a margin for unknown errors.
     """
     dt, fixed = problem.dt, ~problem.free
     nodes = problem.nodes
     rates = last.rates_at(start + nodes)
     rates += last.mended(problem, start, nodes, accelerations, options.jerk)
-    rates[0] = problem.joint_rates  # bitwise
+    rates[0] = problem.joint_rates  # without rounding errors
     most = np.maximum(problem.sms.limits.velocity, np.abs(rates[0]))
     rates = np.clip(rates, -most, most)  # the sum may exceed the limits slightly
     rates[:, fixed] = 0.0
@@ -203,8 +204,8 @@ class RestPlanner:
     """A planner of the first motion, by default by a search, and of all re-plans.
 
     `due` is the time of the next re-plan [s]. `robot` is a new object after a change of the estimated masses.
-    `wheel_total` (w,) [N m s] are the momenta of the wheels with all else at rest, from the last observation,
-    or None. `failed` (n,) is the mask of joints that do not move.
+    `wheel_total` (w,) [N m s] are the momenta that the wheels would have with arm and base at rest, from the
+    last observation, or None without an observation. `failed` (n,) is the mask of joints that do not move.
     """
 
     def __init__(
@@ -313,7 +314,7 @@ class RestPlanner:
         return plan
 
     def _searched_again(self, rest: Problem, now: float, joints: FloatArray, plan: JointPlan) -> JointPlan:
-        """Search briefly if the rest of a plan misses or violates a limit; return the better plan."""
+        """Search briefly, because `plan` misses the goal or violates a limit; return the better plan."""
         found = Search(rest).run(QUICK)
         other = JointPlan.of_trajectory(found, now)
         better = other.miss < plan.miss or (plan.excess > 1.0 and other.miss <= self._options.arrived_miss)

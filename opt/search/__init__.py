@@ -1,4 +1,4 @@
-"""Optimisation of whole motions: see docs/planner.md."""
+"""The optimisation of whole motions (docs/planner.md)."""
 
 from ffsms_pin.opt.search.search import SearchOptions, shortest, solve
 

@@ -110,7 +110,7 @@ def explain(
 
     `goals` are the joint goals of the search, and `binding` has (kind, joint) of the active joint limits.
     `attempt(problem, joints)` is called with problems of other durations. It returns whether straight moves
-    to joint goals near `joints` (K, n) solve the problem, or a quick search if K is 0.
+    to joint goals near `joints` (K, n) solve the problem. If K is 0, it returns whether a quick search does.
     """
     why = reasons(problem, plan, binding, goals)
     if arrives_while_tumbling(problem, plan):
@@ -166,7 +166,7 @@ def reasons(problem: Problem, plan: Trajectory, binding: Kinds, goals: JointGoal
 
 
 def arrives_while_tumbling(problem: Problem, plan: Trajectory) -> bool:
-    """Return whether a tumbling robot is at the goal at the deadline, but not during the whole last tenth."""
+    """Return whether a tumbling robot is at the goal at the deadline, but not in the whole last tenth."""
     return problem.tumbles and plan.within_tolerance and not (plan.reached or plan.broken)
 
 
@@ -233,7 +233,7 @@ def joint_limits_used(problem: Problem, plan: Trajectory, nodes: slice = slice(N
 
 
 def noted(plan: Trajectory, *notes: str, **changes: Any) -> Trajectory:
-    """Return a plan with other fields; its note is the nonempty `notes`, joined by semicolons."""
+    """Return a plan with the changed fields `changes`; its note joins the nonempty `notes` by semicolons."""
     return replace(plan, note="; ".join(filter(None, notes)), **changes)
 
 

@@ -102,7 +102,8 @@ class Candidates(NamedTuple):
     Hessian, or zero if they were not computed. `end_share` (S,) is the largest error at the deadline divided
     by the tolerance, and `late_share` (S,) the largest error in the last tenth divided by the reach.
     `limit_share` (S,) is the largest residual of a limit divided by the limit's margin, and `blocked_share`
-    (S,) the same for limits with `Limit.blocks`. A single finished candidate has a `plan`.
+    (S,) the largest of these ratios among limits with `Limit.blocks`. A single finished candidate has a
+    `plan`.
     """
 
     model: Model
@@ -285,7 +286,7 @@ def _largest(residual: Variable, margin: float) -> tuple[Indices, FloatArray]:
 
 
 class Weighted(NamedTuple):
-    """A residual with the weights of its squares at its instants, (K,) or (V,)."""
+    """A residual with the weights of its squares: (K,) at all instants, or (V,) at `Variable.where`."""
 
     residual: Variable
     weight: FloatArray

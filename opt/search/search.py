@@ -147,7 +147,7 @@ class Search:
         """Return the sort key of a plan: failure, flaw, and error [m, rad, m/s, rad/s].
 
         The flaw of a plan that fails is a violated limit. The flaws of a plan that reaches its goal are an
-        error above the tolerance, joints that move at the deadline of a goal without velocity, and chatter.
+        error above the tolerance, chatter, and joints that move at the deadline although the goal is at rest.
         """
         error = arrival_error(self.problem.goal, plan)
         if not plan.reached:
@@ -384,7 +384,8 @@ def straight_moves_to_goal(search: Search, most: int = 6) -> None:
         return
     problem, model, goals = search.problem, search.fine, search.goals.arrived(search.problem)
     times = straight_time(problem, goals)
-    possible = times <= 1.1 * problem.duration  # the polished motion may end in a faster posture
+    # Polishing may change the final posture to a posture that is reached sooner.
+    possible = times <= 1.1 * problem.duration
     goals, times = goals[possible], times[possible]
     # The moves within the limits are polished first, and the faster moves before the slower ones.
     poor = ~keep_limits(model, goals) | (times > ARRIVAL_SHARE * problem.duration)
@@ -421,7 +422,7 @@ def moving_end(search: Search) -> None:
     p = model.qp.within(model.spline.nearest(problem.nodes, rates, problem.joint_rates))
     motion = descend(linearise(model, p[None], LAST_WEIGHTS), LAST_WEIGHTS, 15)
     search.polish(motion)
-    if search.fails_while_tumbling():  # stiffer goals need more iterations to hold the end effector
+    if search.fails_while_tumbling():  # holding the end effector with a stiffer goal takes more iterations
         search.polish(tighten(motion, iterations=15))
 
 
@@ -571,7 +572,7 @@ def solve(
             )
     except (*NUMERICAL, PartError) as error:
         if isinstance(error, PartError) and not isinstance(error.__cause__, NUMERICAL):
-            raise  # an error in a part
+            raise  # a programming error in a term or limit
         plan = _before_failure(search, error)
     return noted(plan, plan.note, moving_end_note(problem, plan), _momentum_note(problem))
 
@@ -637,7 +638,7 @@ def _momentum_note(problem: Problem) -> str:
     momentum = np.zeros(6) if problem.momentum is None else problem.momentum
     linear, angular = np.linalg.norm((momentum - required).reshape(2, 3), axis=1)
     if np.allclose([linear, angular], 0.0, atol=1e-6 * float(np.abs(required).max()) + 1e-9):
-        return ""  # rounding
+        return ""  # the difference is a rounding error
     return (
         f"the momentum before the capture differs by {linear:.3g} kg m/s and {angular:.3g} kg m^2/s from the "
         "momentum that leaves both at rest; robot and client keep this difference after the capture"

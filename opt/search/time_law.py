@@ -1,4 +1,4 @@
-"""The fastest time law along a joint path: forward and backward passes over a grid of the path's share.
+"""The fastest time law along a joint path: forward and backward passes over a grid of shares of the path.
 
 At the share s of the path, with q' = dq/ds, the joints have rates q' ds/dt and accelerations q' u + q'' x.
 Here x is the square of ds/dt, and u = d^2 s/dt^2. Without momentum the joint torques of a free-floating robot
