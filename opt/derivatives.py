@@ -559,7 +559,7 @@ class Variables:
 
     @cached_property
     def to_goal(self) -> Variable:
-        """The displacement (3, S, K) [m] to the goal from the end effector's position `delay` [s] before."""
+        """The displacement (3, S, K) [m] to the goal from the end effector's position `delay` [s] earlier."""
         to_goal: Variable = self.goal - self.tip + self.rollouts.delay * self.velocity
         return to_goal
 

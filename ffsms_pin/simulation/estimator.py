@@ -29,8 +29,8 @@ class Estimator:
     """The parameters of an estimator of the state; noise and latency are those of the `Sensors`.
 
     The acceleration error of the nominal model is modelled as white noise. Each number is the square root of
-    its spectral density. With larger numbers the measurements have more weight. The defaults suit mass errors
-    of 30 % on arms that move at about 0.1 rad/s.
+    the spectral density of such noise. With larger numbers the measurements have more weight. The defaults
+    suit mass errors of 30 % on arms that move at about 0.1 rad/s.
 
     Raises
     ------

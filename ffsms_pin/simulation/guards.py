@@ -46,14 +46,14 @@ class Guards:
 
     position_margin: Annotated[Margin | None, Angle("rad or m")] = POSITION_MARGIN
     """The largest distance of a joint beyond its stop. The guard also trips if a joint can no longer brake
-    before its stop with half of its torque. Limp joints are ignored, because their stops hold them."""
+    within this distance with half of its torque. Limp joints are ignored, because their stops hold them."""
     rate_margin: Annotated[Margin | None, Unit()] = RATE_MARGIN
     """The share by which a joint may exceed its rate limit. Re-planned motions with wrong masses exceed the
     limit by up to 0.02. With the default, braking can keep the excess below 0.05."""
     saturation: Annotated[Margin | None, Unit("s")] = 0.3
     """The longest time that a joint may spend at its torque limit. Later time below the limit is subtracted.
-    The limit is that of the law, or the robot's if the law has no `torque_limit`, but at most that of the
-    `Actuator`."""
+    The torque limit is the law's `torque_limit`, or the robot's limit if the law has none. It is at most the
+    limit of the `Actuator`."""
     joint_error: Annotated[Margin | None, Angle("rad or m")] = 1.0
     """The largest deviation of a joint from its reference. An unmodelled payload of 10 kg on a seven-joint
     arm under control causes half of the default."""
@@ -69,8 +69,8 @@ class Guards:
     """The largest angular velocity of the base. The default is about the range of a satellite's gyroscopes,
     and more than twice the rate in any plan of a packaged robot."""
     energy: Annotated[Margin | None, Unit()] = 1.0
-    """The largest excess of the kinetic energy of the joint motion over that of the reference so far, as a
-    share of the reference's. Without external forces, this energy comes from the motors. The default
+    """The largest excess of the joint motion's kinetic energy over the reference's largest kinetic energy so
+    far, as a share of the latter. Without external forces, this energy comes from the motors. The default
     allows rates 40 % above the desired rates. The energy of joint rates at half of their limits is always
     allowed in addition."""
     failed_steps: Annotated[AtLeastOne | None, Unit()] = 10

@@ -51,8 +51,8 @@ def simulate_many(
     Returns
     -------
     list of Tracking
-        The recordings in the order of the arguments. A run of 12 s takes some 4 MB; a campaign keeps only
-        its numbers.
+        The recordings in the order of the arguments. The recording of a run of 12 s takes about 4 MB; a
+        campaign stores only numbers.
 
     Raises
     ------

@@ -67,7 +67,7 @@ class Conditions:
     estimator: Estimator | bool | None = None
     """The filter of the measurements, which also predicts the state over the sensors' latency with the model.
     True: `Estimator()`; False: none. Default: True for a reference that re-plans in the loop
-    (`Observer.replans`), False for any other. Perfect sensors never get a filter."""
+    (`Observer.replans`), False for any other. With perfect sensors no filter is used."""
     disturbances: Wrench | Sequence[Wrench] = ()
     """External forces and moments on base and end effector."""
     events: Event | Sequence[Event] = ()

@@ -40,7 +40,7 @@ def _of(*shape: str | int) -> dict[str, Any]:
     return {"shape": shape}
 
 
-# Arrays that are absent or have no columns if nothing acts on the base or there is no client.
+# The default of arrays that are absent or have no columns if nothing acts on the base or there is no client.
 _LACKING: Any = None
 
 
@@ -262,7 +262,7 @@ _SHAPES = [
 ]
 SHAPES: dict[str, Shape] = {name: shape for name, shape, may_lack in _SHAPES if not may_lack}
 OPTIONAL: dict[str, Shape] = {name: shape for name, shape, may_lack in _SHAPES if may_lack}
-JUDGED = ("orientation_error", "frame_error")  # arrays computed from the others after the run
+JUDGED = ("orientation_error", "frame_error")  # arrays that are computed from the other arrays after the run
 
 
 class Record:

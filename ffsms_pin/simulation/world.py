@@ -76,7 +76,7 @@ class World:
         self._locked: list[int] = []  # indices in v
         self._limp = np.zeros(plant.n, dtype=bool)
         self._stops: Stops | None = None  # set when a joint goes limp
-        self._pushing: Stops | None = None  # the stops, if a limp joint is near one in the present step
+        self._pushing: Stops | None = None  # the stops, if a limp joint is near its stop in the present step
         self.base = base
         self._wheels = base.wheels
         self._nq, self._nv = plant.nq, plant.nv

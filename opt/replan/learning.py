@@ -144,7 +144,10 @@ class ScaleFactors(Learner):
         self.noisy = True
 
     def _sums(self) -> tuple[FloatArray, FloatArray]:
-        """Return the information G (n + 1, n + 1) without the prior, and G x, in units of the prior."""
+        """Return the information matrix G (n + 1, n + 1) of x without the prior, and G x (n + 1,).
+
+        x is the vector of the factors minus one, divided by the prior's standard deviation.
+        """
         sums = self._filter.without_momentum(at_rest=not self.noisy)
         return sums[:-1, :-1], -sums[:-1, -1]
 

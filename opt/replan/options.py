@@ -31,11 +31,11 @@ class ReplanOptions:
     """The largest position error [m] of a plan that counts as arriving. The default is a tenth of the paper's
     r_th, and twice the tolerance of plans."""
     search_again: float = 1.0
-    """The least time [s] between two searches, which are made if the rest of a plan does not arrive or
-    violates a limit. It is at least a quarter of the remaining time."""
+    """The least time [s] between two searches, or a quarter of the remaining time if that is longer. A search
+    is made if the rest of a plan does not arrive or violates a limit."""
     dead_band: Annotated[NotNegative | None, Unit("m", "from the sensors")] = None
     """The distance from a fixed goal within which an arm rests after the deadline. Default: three times the
-    noise of the measured end-effector position, from 0.1 to 1 mm; none with perfect sensors."""
+    noise of the measured end-effector position, at least 0.1 mm and at most 1 mm; 0 with perfect sensors."""
     settle: float = 0.1
     """The time [s] for the correction of a remaining error after the deadline with noisy or delayed sensors.
     With a limit on the jerk, five times this time is used."""
@@ -43,8 +43,9 @@ class ReplanOptions:
     """The limit on the jerk of the command, for each joint; the joint limits have priority."""
     rate_reserve: Annotated[Share | None, Unit("", "0.05 for a client, else 0")] = None
     """The share of the joint rate limits that re-plans leave for corrections by steps and by the control law.
-    Default: 0.05 for an `opt.Meet`, because corrections after changes of the client's estimate exceed planned
-    rates by up to 0.05 of the limits; otherwise zero, so that a fastest plan can be followed."""
+    Default: 0.05 for an `opt.Meet`, otherwise zero. After changes of the client's estimate, corrections
+    exceed planned rates by up to 0.05 of the limits. Without a client, a fastest plan may require the full
+    limits."""
     # The grid of the spline that changes a plan. More intervals near the deadline would allow late, fast
     # changes.
     grid: ClassVar[Grid] = Grid(16, 2, 3)
@@ -69,7 +70,7 @@ class ReplanOptions:
 
 @dataclass(frozen=True, eq=False)
 class Nearby(Term):
-    """The deviation of the joint accelerations from those (n, 1, K) of the plan of a search.
+    """The deviation of the joint accelerations from the accelerations (n, 1, K) of the last searched plan.
 
     With the default weight [s^3/rad^2] an error of a tenth of the tolerance weighs as much as a constant 0.1
     rad/s^2, so that a re-plan corrects the error without late, fast changes.

@@ -28,8 +28,8 @@ from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.threads import OneThread
 
 _PATIENCE = 2.0  # [s] corrections after the deadline end if the least error is older than this
-_LAG = 0.05  # [rad or m] the command waits if a joint lags by more than this, because it would overshoot
-_BROKEN = 3.0  # [margins] a plan that violates a limit by more is not followed (9 mm of a clearance)
+_LAG = 0.05  # [rad or m] while a joint lags behind the command by more, the command stops, against overshoot
+_BROKEN = 3.0  # [margins] plans that violate a limit by more are not followed; 9 mm for a clearance
 _RETURN = 1.0  # [1/s] gain of the return to the best posture
 
 
@@ -166,7 +166,7 @@ class Replanning(Observer):
 
     @property
     def mode(self) -> Literal["plan", "hold"]:
-        """The mode of the present step: "plan" along the plan, "hold" to the goal after the deadline."""
+        """The mode of the present step: "plan" before the deadline, "hold" after the deadline."""
         return "hold" if self.problem.duration - self._now <= 0.5 * self.problem.dt else "plan"
 
     @property

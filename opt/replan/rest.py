@@ -164,7 +164,7 @@ def replanned(
     nodes = problem.nodes
     rates = last.rates_at(start + nodes)
     rates += last.mended(problem, start, nodes, accelerations, options.jerk)
-    rates[0] = problem.joint_rates  # without rounding errors
+    rates[0] = problem.joint_rates  # the sum may differ by rounding errors
     most = np.maximum(problem.sms.limits.velocity, np.abs(rates[0]))
     rates = np.clip(rates, -most, most)  # the sum may exceed the limits slightly
     rates[:, fixed] = 0.0

@@ -24,7 +24,7 @@ from ffsms_pin.opt.search.spline import Map, RateSpline
 from ffsms_pin.system import RobotLimits
 
 # The tolerance of DAQP. Bounds have a margin of 10 times the tolerance. Rows within 100 times the
-# tolerance of a bound are active at the start.
+# tolerance of a bound are in the initial active set.
 _TOLERANCE = 1e-7
 _LEAST_STOP = 0.5  # [s] least value that `_slowing` uses for the longest braking time of the joints
 
@@ -193,7 +193,7 @@ def _rows(problem: Problem, spline: RateSpline) -> list[_Rows]:
         at_end = Map(spline.rates.free[-1:], spline.rates.fixed[-1:])
         add("rest", 1.0, at_end, -at_rest(problem), at_rest(problem))
     elif problem.goal.coast is not None and (spline.changes or within_workspace(problem)):
-        # Joints must be able to brake after the contact. A goal outside the workspace has no contact.
+        # Joints must be able to brake after a contact, but a goal outside the workspace is not touched.
         for bounds in filter(None, (limit.joint_bounds for limit in problem.limits)):
             on = problem.goal.coast + _slowing(bounds)
             ends = [

@@ -238,7 +238,7 @@ def noted(plan: Trajectory, *notes: str, **changes: Any) -> Trajectory:
 
 
 def _sufficient(problem: Problem, goals: JointGoals, more_time_helps: bool, attempt: Attempt) -> float:
-    """Return the first sufficient duration [s] among multiples of the problem's duration; 0 if all fail.
+    """Return the first sufficient duration [s] of a few longer durations; 0 if none is sufficient.
 
     Without momentum the end pose of a joint path does not depend on the speed. So more time helps only if a
     limit that depends on the speed is active (`more_time_helps`), or if a feasible straight move to the goal
@@ -274,7 +274,8 @@ def keep_limits(model: Model, goals: FloatArray) -> NDArray[np.bool_]:
         return np.zeros(0, dtype=bool)
     problem, spline = model.problem, model.spline
     p = moves_to(problem, spline, goals)
-    # If the duration is too short for a move, the move is scaled to full length, except for joints at rest.
+    # `moves_to` shortens moves for which the duration is too short. Here they are scaled to full length,
+    # except for joints at rest.
     displacements = goals - problem.joints0
     done = spline.position_points.of(p, problem.joint_rates)[:, -1]
     p *= np.divide(displacements, done, out=np.ones_like(displacements), where=np.abs(done) > 1e-6)[:, None]

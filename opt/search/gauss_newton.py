@@ -164,7 +164,7 @@ def arrival(goal: Goal, motions: Rollouts, firm: bool = False) -> Arrival:
         moving.append((m.velocity.during(last) - place.velocity, goal.tolerance))
     if place.angular_velocity is not None:
         moving.append((m.angular_velocity.during(last) - place.angular_velocity, goal.tolerance))
-    firm = firm and not goal.exact  # for a client, the narrow approach matters more than the final pose
+    firm = firm and not goal.exact  # at a client, a narrow approach has priority over a fixed final pose
     ends = [deadzone(x, end.share * most, firm) for x, most in at_end] + [x for x, _ in moving]
     (displacement, reach), *turns = near  # before the deadline the residual is the length of the displacement
     tails: list[Any] = [np.maximum(displacement.norm() - tail.share * reach, 0.0)]

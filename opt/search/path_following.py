@@ -229,7 +229,9 @@ class _Middle(NamedTuple):
 
 
 _GRID = Grid(16, 3, 3)  # grid of the spline that changes redundant motion
-_STEPS, _STEP = 500, 0.05  # a descent has at most 500 time steps, or steps of 0.05 s if these are more
+# A descent of a motion with more than `_STEPS` time steps uses `_STEPS` steps, or more steps if these would
+# be longer than `_STEP` [s].
+_STEPS, _STEP = 500, 0.05
 _ROUNDS = 3  # rounds of a descent and a rollout
 _ITERATIONS = 4  # iterations of a descent
 
