@@ -53,7 +53,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def comparison_numbers(comparison: scenarios.Comparison) -> dict[str, dict[str, Any]]:
-    """Return a row of numbers for each method: those of `plan_numbers` and the planning time."""
+    """Return a row for each method: the numbers of `plan_numbers` and the planning time."""
     return {
         method: {
             **plan_numbers(comparison.sms, made),

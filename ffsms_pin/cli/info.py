@@ -71,7 +71,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _client(path: str) -> list[str]:
-    """Return lines about a file without moving joints, which is one rigid body."""
+    """Return lines about the single rigid body of a file without moving joints."""
     client = Client.from_urdf(os.path.expanduser(path))
     inertias = ", ".join(f"{x:.4g}" for x in np.linalg.eigvalsh(client.inertia))
     com = ", ".join(f"{x + 0.0:.4g}" for x in -client.link_placement.translation)

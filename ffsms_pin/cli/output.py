@@ -47,7 +47,7 @@ def say(*lines: str) -> None:
 
 
 def new_table(title: str, first: str, *others: str, words: Container[str] = ()) -> Table:
-    """Return a table with a first column of names; other columns hold numbers, or text if in `words`."""
+    """Return a table with a first column of names; columns in `words` are for text, others for numbers."""
     table = Table(title=escape(title), title_justify="left")
     table.add_column(escape(first), overflow="fold")
     for name in others:
@@ -106,7 +106,7 @@ def _exists(value: float | None) -> bool:
 
 @dataclass
 class _Stage:
-    """A stage of a command and its progress; times [s]."""
+    """A stage of a command and its progress; times are in seconds."""
 
     name: str
     task: TaskID

@@ -121,7 +121,7 @@ def _replayed(folder: str, seed: str, allow_import: bool) -> Scenario:
 
 
 def _show(folder: Path, drawn: bool) -> None:
-    """Open the animated scene, or without the viewer the figure; without a display print its path."""
+    """Open the animated scene, or the figure if the viewer is missing; without a display, print the path."""
     if installed("view"):
         from ffsms_pin.cli.view import scene_of
 
@@ -144,7 +144,7 @@ def summary_table(numbers: Mapping[str, Any]) -> Table:
         client = _learnt("client", capture["client"]) if "client" in capture else ()
         return filled(table, _course(capture), _contact(capture), _after(capture), client, _flown(numbers))
     table = new_table(title, "quantity", "value", "limit")
-    # The scenario's settings of the closed loop.
+    # The conditions of the closed loop that the scenario sets.
     conditions = [(escape(name), escape(text)) for name, text in numbers["conditions"].items()]
     joints = (_joint(joint) for joint in numbers["joints"])
     bodies = (_learnt(*body) for body in numbers.get("learnt", {"bodies": {}})["bodies"].items())
@@ -153,7 +153,7 @@ def summary_table(numbers: Mapping[str, Any]) -> Table:
 
 
 def _both(numbers: Mapping[str, Any]) -> Iterator[tuple[str, ...]]:
-    """Yield rows of the errors, re-planned and planned once, if both were simulated."""
+    """Yield rows with errors of the re-planned motion and of the first plan, if both were simulated."""
     tracking, reach = numbers["tracking"], length_text(numbers["reach_m"])
     if (once := tracking["open_loop"]) is not None:
         key = _error_key(numbers)

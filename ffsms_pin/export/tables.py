@@ -160,7 +160,7 @@ def _trajectory(
     for names in (MOMENTUM, wheels):
         if (present := [name for name in names if name in columns]) and len(present) < len(names):
             missing = next(name for name in names if name not in columns)
-            raise InvalidValue(source, present, f"must have a column '{missing}', too, or none of these")
+            raise InvalidValue(source, present, f"must have a column '{missing}', too, or leave these out")
         required += present
     table = dict[str, FloatArray]()
     for name in required:

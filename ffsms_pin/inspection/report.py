@@ -1,7 +1,7 @@
 """The functions `inspect` and `repair` for URDF files.
 
 The rules are applied in turn to a copy of the robot. A fault is repaired before the next rule is applied, so
-that it does not hide other faults.
+that the fault does not hide other faults.
 """
 
 from __future__ import annotations
@@ -90,8 +90,8 @@ def examine(robot: ElementTree.Element, settings: Settings) -> Examination:
 def refusal(path: Path, robot: ElementTree.Element) -> FfsmsError | None:
     """Return the error that `load` raises for a robot, or None.
 
-    If no joint moves, the error is that of `Client.from_urdf`. Of several last links, the first one is taken
-    as the end effector.
+    If no joint moves, return the error of `Client.from_urdf`. If there are several last links, the first of
+    them is taken as the end effector.
     """
     try:
         copied = copy.deepcopy(robot)

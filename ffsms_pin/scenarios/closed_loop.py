@@ -128,8 +128,8 @@ def _events(scenario: Scenario, plant: SpaceManipulator) -> tuple[Capture | Join
 def guards(scenario: Scenario, path: Path | None = None) -> Guards | None:
     """Return the guards of a scenario; None if [guards] switches them off.
 
-    If a guard stops the run or the state diverges, the recording is saved to `path`. Limits of the contact
-    load that [guards] does not set are those of [contact.envelope].
+    If a guard stops the run or the state diverges, the recording is saved to `path`. If [guards] does not
+    limit the contact load, the limits of [contact.envelope] apply.
     """
     envelope = scenario.contact.get("envelope", {})
     loads = {f"contact_{name}": envelope[name] for name in ("force", "torque") if name in envelope}

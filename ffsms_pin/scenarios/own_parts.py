@@ -42,7 +42,7 @@ def _own(scenario: Scenario, kind: str, title: str, use: str, arguments: Mapping
         raise FfsmsError(f"{title} is no subclass of opt.{_KINDS[kind].__name__}")
     made = _called(title, part, arguments)
     if not (isinstance(getattr(made, "name", None), str) and made.name):
-        raise FfsmsError(f"{title} has no `name`; add a text of this name to the class")
+        raise FfsmsError(f"{title} has no `name`; add an attribute `name`, a text, to the class")
     return made
 
 

@@ -247,7 +247,8 @@ def view_capture(outcome: Outcome, **options: Any) -> View:
     """
     capture = outcome.capture
     if capture is None:
-        raise InvalidValue("outcome", outcome.scenario.name, "has no capture")
+        remedy = "must have a capture; use view(sms, tracking, plan) for other motions"
+        raise InvalidValue("outcome", outcome.scenario.name, remedy)
     client = client_motion(capture.whole, capture.client.shapes)
     around = outcome.scenario.obstacles(client)
     scene: dict[str, Any] = {"obstacles": around, "client": client, "events": capture.phases}

@@ -100,8 +100,8 @@ def staged(
 ) -> tuple[Stage, dict[str, Any]]:
     """Return an empty stage around a motion, its path and client, and the data of the cameras.
 
-    `camera` is the first camera. `page.js` places a camera so that it shows the points `seen`, or for the
-    camera "base" the points `seen_riding`.
+    `camera` is the first camera. `page.js` places each camera to show the points `seen`, but the camera
+    "base" to show the points `seen_riding`.
     """
     fixed, riding = seen_points(frames, client, obstacles, path)
     centre, radius = middle_and_radius(fixed)
