@@ -83,7 +83,8 @@ def read_table(folder: str | os.PathLike[str]) -> dict[str, Any]:
 def _chunks(of: Campaign) -> list[range]:
     """Return the seeds in chunks of at most 16; each chunk has a file of its own.
 
-    The size of a chunk depends only on the number of seeds before it, so further runs do not change a chunk.
+    The size of a chunk depends only on the number of seeds before it, so further runs can change only the
+    last chunk.
     """
     chunks, start = [], 0
     while start < of.runs:

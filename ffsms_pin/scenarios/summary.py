@@ -99,7 +99,7 @@ def _timing(outcome: Outcome) -> dict[str, float]:
 
 
 def _described(scenario: Scenario) -> dict[str, str]:
-    """Return the conditions of the closed loop as text, by table; defaults are left out."""
+    """Return the file's keys for the closed loop as text, by table, always with law and reference."""
     defaults = {"control": {"law": scenario.law}, "reference": {"kind": "plan"}}
     lines = {}
     for name, table in scenario.tables.items():

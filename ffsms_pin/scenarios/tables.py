@@ -142,8 +142,8 @@ class PointsTable(PathTable):
     """CSV file that replaces `points` and `times`; its path is relative to the scenario file's folder. The
     first line names the columns: x, y, z [m] and, optionally, t [s] and an attitude qx, qy, qz, qw"""
     times: Annotated[Numbers, Unit("s", "none: a geometric curve")] = None
-    """times of the points, beginning at zero. If the motion ends before the last point, it does not follow
-    the rest of the path, and the plan has a note"""
+    """times of the points, beginning at zero. If the motion ends before the last point, the rest of the path
+    is not followed, and the plan has a note"""
 
 
 class ClientTable(FileKeys):
@@ -208,8 +208,8 @@ class PlanTable(FileKeys):
     method: Annotated[str, OneOf(opt.METHODS), Unit()] = "horizon"
     """one of `opt.METHODS`; methods other than "horizon" are for comparison"""
     reach: Annotated[Positive, Unit("m")] = opt.Pose.reach
-    """the paper's r_th: a plan reaches its target if it stays within this distance in the last tenth of its
-    duration; a closed loop arrives if it ends within this distance"""
+    """the paper's r_th: a plan reaches its target if the end effector stays within this distance in the last
+    tenth of the duration; a closed loop arrives if the end effector ends within this distance"""
     base_limits: Annotated[Any, table_of(opt.BaseLimits)] = None
 
 
@@ -385,5 +385,5 @@ _ABOUT = "A scenario: robot, task, plan, control, and the conditions of the clos
 ScenarioFile: type[Keys] = file_of(_TABLES, "ScenarioFile", _ABOUT, required=_REQUIRED)
 """The tables of a scenario file by name."""
 
-# Tables that have another meaning if they are empty than if they are missing.
+# Tables that may be empty; an empty table has another meaning than a missing table.
 NONE_IF_ABSENT = ("path", "client", "meet", "wheels", "thrusters", "attitude", "wrist", "learn")
