@@ -228,8 +228,8 @@ class WristSensor:
     seed: Annotated[Whole, Unit()] = 0
     """The seed of the noise; equal seeds give equal noise."""
     force_limit: Annotated[Bound, Unit("N")] = math.inf
-    """The largest force that the wrist bears; the summary compares it with the largest load. The measurement
-    does not saturate."""
+    """The largest force that the wrist bears. The summary of a run compares this limit with the largest load.
+    The measurement does not saturate."""
     moment_limit: Annotated[Bound, Unit("N m")] = math.inf
     """The largest moment that the wrist bears."""
 

@@ -65,7 +65,7 @@ class Tracking:
     end_effector : ndarray, shape (N + 1, 3)
         Position of the plant's end effector, inertial axes [m].
     position_error : ndarray, shape (N + 1,)
-        Distance from the plant's end effector to the target [m].
+        Distance from the plant's end effector to the target [m], or from the path of an `opt.Path`.
     momentum : ndarray, shape (N + 1, 6)
         Total momentum [linear; angular] [kg m/s; kg m^2/s], inertial axes, about the total centre of mass,
         spinning wheels and a client included.

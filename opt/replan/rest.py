@@ -58,7 +58,7 @@ class JointPlan:
         return self.joints + np.vstack([np.zeros(len(self.joints)), travel])
 
     def sample(self, t: float) -> tuple[FloatArray, FloatArray]:
-        """Return joint positions and rates, each (n,), at t [s]; at rest beyond the ends."""
+        """Return joint positions and rates, each (n,), at t [s]; at rest after the last node."""
         place = (t - self.start) / self.dt
         k = min(max(int(place + 1e-9), 0), len(self.rates) - 2)
         h = (place - k) * self.dt

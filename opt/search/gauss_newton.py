@@ -405,7 +405,7 @@ def refine(pool: Candidates, fine: Model, keep: tuple[int, int, int], repeats: i
 
 
 def distinct_best(motions: Candidates, keep: int) -> Candidates:
-    """Return the `keep` best motions that differ from each other by more than 0.05 rad or m in some joint.
+    """Return the `keep` best motions that differ by more than 0.05 rad or m in some joint at some time.
 
     Motions are ranked by the sum of the smoothed merit, 0.3 times the exact objective, and a penalty. The
     penalty is the square of the largest clearance violation beyond one margin, in margins. Without the

@@ -61,7 +61,8 @@ class JointGoals(NamedTuple):
 class _GoalFromStart(NamedTuple):
     """The desired place of a frame at the end of a joint-space move.
 
-    The place is in the axes of the base, or in the base's initial axes at the system's final centre of mass.
+    A place that moves with the base is in the base's axes. Any other place is in the base's initial axes,
+    with the origin at the system's final centre of mass.
     """
 
     place: Place
@@ -227,7 +228,7 @@ def spread_postures(problem: Problem, first: int, count: int, radius: float = np
 
 
 def joint_range(problem: Problem) -> tuple[FloatArray, FloatArray]:
-    """Return the range of joint goals: the position limits, without limits pi on each side of the start."""
+    """Return the range of joint goals: the position limits, or +-pi around the start without limits."""
     limits, start = problem.sms.limits, problem.joints0
     low = np.where(np.isfinite(limits.lower), limits.lower, start - np.pi)
     high = np.where(np.isfinite(limits.upper), limits.upper, start + np.pi)
