@@ -38,7 +38,7 @@ class InvalidValue(FfsmsError, ValueError):
     value : object
         The value of the argument.
     reason : str
-        The reason for the error, without argument, value and remedy. Default: the whole requirement.
+        The reason for the error, without argument, value and remedy. Default: the requirement in the message.
     """
 
     def __init__(self, name: str, value: Any, expected: str, reason: str = "") -> None:
@@ -179,7 +179,7 @@ class AmbiguousEndEffector(FfsmsError, ValueError):
 
 
 class GeometryError(FfsmsError, RuntimeError):
-    """The shapes of a robot cannot be loaded, because a mesh is missing or unreadable."""
+    """The shapes of a robot cannot be loaded, drawn or exported, for example because a mesh is missing."""
 
 
 class DependencyMissing(FfsmsError, ImportError):

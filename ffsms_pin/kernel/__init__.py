@@ -3,7 +3,7 @@
 `kernel` is the compiled module; its headers are C++17 and do not depend on Python. Arrays are of float64,
 components first, configurations last: a function takes (components, ...) and returns (components, B), which
 the caller reshapes. If the compiler supports AVX2, the same sources are compiled a second time for processors
-with AVX2; the results have the same bits.
+with AVX2; both versions return identical bits.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from pathlib import Path
 
 try:
     from numpy._core._multiarray_umath import __cpu_features__ as instructions  # type: ignore[import-not-found]
-except ImportError:  # NumPy 1
+except ImportError:  # NumPy 1 has no `numpy._core`
     instructions = {}
 if instructions.get("AVX2"):
     __path__.insert(0, str(Path(__file__).with_name("avx2")))
