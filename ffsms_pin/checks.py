@@ -307,7 +307,7 @@ def one_each(
     least: float = SMALLEST_POSITIVE,
     largest: float = LARGEST,
 ) -> FloatArray:
-    """Return read-only numbers (count,) between `least` and `largest`, from a single number or `count`.
+    """Return read-only numbers (count,) between `least` and `largest`, from one number or `count` numbers.
 
     Infinity is accepted if `largest` is infinite.
     """

@@ -204,8 +204,8 @@ def _of_size_one(values: FloatArray) -> FloatArray:
 def reaction_null_space(C_bm: FloatArray, of: str, tolerance: float) -> FloatArray:
     """Return an orthonormal basis of the joint rates that do not rotate, or do not move, the base.
 
-    The total momentum is zero. The dimension of the space is n minus the rank of the rows of C_bm that
-    `of` selects: at least n - 3 for "attitude" and n - 6 for "twist". The dimension is larger if the arm
+    The total momentum is taken as zero. The dimension of the space is n minus the rank of the rows of C_bm
+    that `of` selects: at least n - 3 for "attitude" and n - 6 for "twist". The dimension is larger if the arm
     cannot move the base in some direction. A planar arm of three joints has the dimensions 2 for "attitude"
     and 0 for "twist". The choice of the basis is arbitrary. With a basis N, joint rates N x move the base by
     at most tolerance times the largest singular value times |x|. The result for "twist" does not depend on

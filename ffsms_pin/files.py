@@ -1,4 +1,4 @@
-"""Functions that write files atomically, and read files with errors that describe a faulty file."""
+"""Functions that write files atomically, and functions that read files and describe faulty files."""
 
 from __future__ import annotations
 

@@ -258,7 +258,7 @@ def _timing(timing: Mapping[str, float]) -> Iterator[tuple[str, ...]]:
 
 
 def _error(run: Mapping[str, Any], key: str) -> str:
-    """Return an error of a run, in red if it has not arrived."""
+    """Return an error of a run, in red if the run has not arrived."""
     text = length_text(run[key])
     return text if run["arrived"] else f"[red]{text}[/]"
 

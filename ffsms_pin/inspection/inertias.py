@@ -76,7 +76,7 @@ def mass_faults(robot: ElementTree.Element, settings: Settings) -> Iterator[Faul
     carrier_of = {joint.child: (joint, item) for joint, item in zip(tree, joints, strict=True)}
     whole = all(joint.find(end) is not None for joint in joints for end in ("parent", "child"))
     if not whole or len(carrier_of) < len(joints):
-        return  # not a tree: the strict check raises the error
+        return  # the links are no tree, which the strict check reports
     weights = {link.get("name", ""): inertial_numbers(link)[0] for link in robot.findall("link")}
     for name in weights:
         carrier, item = carrier_of.get(name, (None, None))

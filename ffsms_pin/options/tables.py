@@ -295,7 +295,8 @@ def _table(name: str, source: Any, options: Mapping[str, Option], base: type[Key
 def _hint(source: Any, parameter: inspect.Parameter) -> Any:
     """Return the type of a parameter with its metadata.
 
-    Other annotations are not evaluated, because they may name types that are imported for type checking only.
+    Annotations of other parameters are not evaluated, because their types may be imported for type checking
+    only.
     """
     space, name = getattr(source, "__globals__", None), parameter.name
     for kind in reversed(source.__mro__) if isinstance(source, type) else ():

@@ -103,7 +103,7 @@ def parts(
 
 
 def terms(scenario: Scenario, goal: opt.Goal) -> list[opt.Term]:
-    """Return the terms: the defaults, and those set by keys of [plan] and by [[term]]."""
+    """Return the default terms, and the terms set by keys of [plan] and by [[term]]."""
     plan = scenario.plan
     coupled = goal.coupled or "kappa" in plan
     chosen = {key: plan[key] for key in ("kappa", "effort", "base") if key in plan}
@@ -112,7 +112,7 @@ def terms(scenario: Scenario, goal: opt.Goal) -> list[opt.Term]:
 
 
 def limits(scenario: Scenario, client: Any) -> list[opt.Limit]:
-    """Return the limits: the defaults, with obstacles on `client`, and those of [plan] and [[limit]]."""
+    """Return the default limits, with obstacles on `client`, and the limits of [plan] and [[limit]]."""
     limits = scenario.made(opt.BaseLimits, "plan.base_limits") if "base_limits" in scenario.plan else None
     defaults = default_limits(*scenario.clearance, scenario.obstacles(client), limits)
     return _with_rows(scenario, "limit", defaults)

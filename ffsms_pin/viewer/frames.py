@@ -195,7 +195,7 @@ def _corners(low: FloatArray, high: FloatArray) -> FloatArray:
 
 
 def _client_corners(client: DrawnClient, obstacles: Sequence[Obstacle]) -> FloatArray:
-    """Return the corners (8, 3) of the box around a client's shapes and its obstacles, body axes."""
+    """Return the corners (8, 3) of the box around a client's shapes and obstacles, body axes."""
     shapes = [*client.shapes, *((obstacle.shape, obstacle.pose) for obstacle in obstacles if obstacle.moves)]
     if not shapes:
         return _corners(np.full(3, -BALL), np.full(3, BALL))
