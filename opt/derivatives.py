@@ -220,7 +220,7 @@ class Variable(NDArrayOperatorsMixin):
         return Variable(mapping(self.value), slopes, self.where)
 
     def by_all(self) -> dict[str, FloatArray]:
-        """Return the slopes with an axis for all joints, also those in `OWN`."""
+        """Return the slopes with an axis for all joints, including the slopes named in `OWN`."""
         by_name = {name: slope for name, slope in self.slopes.items() if name not in OWN}
         own = {OWN[name]: slope for name, slope in self.slopes.items() if name in OWN}
         return _summed(by_name, {name: np.eye(len(self))[..., None, None] * own[name] for name in own})

@@ -257,7 +257,7 @@ def plan_many(
     """Plan N motions in several processes, and return the plans in the order of the arguments.
 
     `q0`, `target` and `duration` each have one value for all motions, or N values. The other arguments are
-    those of `plan`. The plans equal those of `plan` bit for bit.
+    the arguments of `plan`. Each result equals the result of `plan` bit for bit.
 
     Parameters
     ----------

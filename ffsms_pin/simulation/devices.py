@@ -234,7 +234,7 @@ class WristSensor:
     """The largest moment that the wrist bears."""
 
     def start(self, dt: float, duration: float) -> Callable[[FloatArray], FloatArray]:
-        """Return a function for one run from the true wrench (6,) to the measured one."""
+        """Return a function for one run from the true wrench (6,) to the measured wrench."""
         force = at_least_zero("wrist.force_noise", self.force_noise, "N")
         moment = at_least_zero("wrist.moment_noise", self.moment_noise, "N m")
         limit("wrist.force_limit", self.force_limit, "N")

@@ -70,9 +70,9 @@ class Guards:
     and more than twice the rate in any plan of a packaged robot."""
     energy: Annotated[Margin | None, Unit()] = 1.0
     """The largest excess of the joint motion's kinetic energy over the reference's largest kinetic energy so
-    far, as a share of the latter. Without external forces, this energy comes from the motors. The default
-    allows rates 40 % above the desired rates. The energy of joint rates at half of their limits is always
-    allowed in addition."""
+    far, divided by the reference's energy. Without external forces, an excess comes from the motors. The
+    default allows rates 40 % above the desired rates. The energy of joint rates at half of their limits is
+    always allowed in addition."""
     failed_steps: Annotated[AtLeastOne | None, Unit()] = 10
     """The number of consecutive planning steps without a solution (the reference's `failed_in_a_row`)."""
     path: Annotated[Text | os.PathLike[str] | None, Unit("", "none")] = None

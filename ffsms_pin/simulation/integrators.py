@@ -188,7 +188,8 @@ def _by_solver(
             done = solve_ivp(slope, (0.0, h), y0, method=method, rtol=tolerance, atol=tolerance, first_step=h)
         except FfsmsError:  # raised by a force
             raise
-        except (_TooLong, ValueError, np.linalg.LinAlgError):  # the latter two if a state is not finite
+        # SciPy raises ValueError or LinAlgError if a state is not finite.
+        except (_TooLong, ValueError, np.linalg.LinAlgError):
             return q * np.nan, v * np.nan, np.nan
         y = done.y[:, -1] if done.success else np.full(y0.size, np.nan)
         q = pin.normalize(model, pin.integrate(model, start, y[:nv]))

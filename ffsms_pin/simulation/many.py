@@ -75,7 +75,7 @@ def simulate_many(
     # same object `sms` in another process, too.
     tasks = [(sms, {**arguments, **{name: values[i] for name, values in rows.items()}}) for i in range(count)]
     runs = map_in_processes(_simulate, tasks, jobs, progress)
-    return [replace(run) for run in runs]  # read-only arrays; those from another process are writable
+    return [replace(run) for run in runs]  # arrays from another process are writable; `replace` freezes them
 
 
 def _simulate(task: tuple[SpaceManipulator, dict[str, Any]]) -> Tracking:

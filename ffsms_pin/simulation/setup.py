@@ -86,7 +86,7 @@ class Conditions:
     wheel_momentum: Annotated[Numbers | None, Unit("N m s", "0")] = None
     """The spin momentum of each wheel at the start, relative to the base; `momentum` does not include it."""
     integrator: Annotated[str, OneOf(tuple(INTEGRATORS)), Unit()] = "rk4"
-    """The integrator: "rk4"; "variational" for long runs; "adaptive" as a reference for the others; "stiff"
+    """The integrator: "rk4"; "variational" for long runs; "adaptive" to check other integrators; "stiff"
     for steep friction."""
     substeps: Annotated[Substeps | None, Unit("", "1; in a capture 8")] = None
     """The integration steps in a control step. In a run with a client, only control steps with contact are

@@ -114,7 +114,7 @@ class World:
 
     @property
     def _free(self) -> ClientBody | None:
-        """The client while it is free; None after it is latched, or without one."""
+        """The client while it is free; None after it is latched, or without a client."""
         return None if self.client is None or self.client.joined is not None else self.client
 
     def step(self, t: float, q: FloatArray, v: FloatArray, tau: FloatArray, dt: float) -> Step:

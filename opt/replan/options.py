@@ -73,7 +73,7 @@ class Nearby(Term):
     """The deviation of the joint accelerations from the accelerations (n, 1, K) of the last searched plan.
 
     With the default weight [s^3/rad^2] an error of a tenth of the tolerance weighs as much as a constant 0.1
-    rad/s^2, so that a re-plan corrects the error without late, fast changes.
+    rad/s^2. With this ratio a re-plan corrects the error without late, fast changes.
     """
 
     accelerations: FloatArray

@@ -71,7 +71,7 @@ class Replanning(Observer):
     ----------
     pushed : bool
         True during a possible contact with the end effector, set by the caller; masses are not estimated
-        meanwhile.
+        during this time.
     failed_steps, failed_in_a_row : int
         The number of steps in which the arm braked because the step was not solved, in total and since the
         last solved step.
@@ -330,7 +330,8 @@ class Replanning(Observer):
             if goal.moves and place.velocity is not None:
                 # The end effector keeps up with the goal's velocity v if steps are aimed at a point ahead of
                 # the goal. At the distance d and speed v, a step after the deadline has the speed
-                # 2.5 (d - dt v / 2) / (3.25 dt) (`reference_speed`), which is v for the d of this point.
+                # 2.5 (d - dt v / 2) / (3.25 dt) (`reference_speed`), which is v for
+                # d = (3.25 / 2.5 + 0.5) dt v.
                 position = position + (3.25 / 2.5 + 0.5) * dt * place.velocity
             if not goal.moves:
                 left = left if self._jerk is None else 5.0 * options.settle
@@ -357,8 +358,8 @@ class Replanning(Observer):
     def _has_given_up(self, error: float, q: FloatArray) -> bool:
         """Return whether corrections after the deadline do not converge, so that the best posture is held.
 
-        If an arm with an unknown payload or limp joints lags behind the command, errors grow, because every
-        step corrects an error for which earlier steps have already commanded a correction. `error` [m or rad]
+        Errors grow if an arm with an unknown payload or limp joints lags behind the command. Then every step
+        corrects an error for which earlier steps have already commanded a correction. `error` [m or rad]
         is the error of this step.
         """
         best, _, since = self._best
@@ -379,7 +380,7 @@ class Replanning(Observer):
         return np.asarray(np.clip(rates, usual - most, usual + most))
 
     def _renew_stepper(self) -> None:
-        """Replace the stepper by one for the present estimate of the robot."""
+        """Replace the stepper by a stepper for the present estimate of the robot."""
         base_start, failed = self._stepper.base_start, self._planner.failed
         robot = self._planner.robot
         if self.law is not None:

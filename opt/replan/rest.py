@@ -1,4 +1,4 @@
-"""Plans of the rest of a motion, each warm-started by the last one, for the present robot estimate."""
+"""Plans of the rest of a motion, each warm-started by the plan before it, for the present robot estimate."""
 
 from __future__ import annotations
 
@@ -84,8 +84,8 @@ class JointPlan:
         """Return rates (k, n) that are added at `start` + times [s] for continuity with the command.
 
         The command has the rates of `rest` and the `accelerations` (n,). If a limit or a single step has led
-        the command away from the plan, the differences decay by a cubic Hermite polynomial, within half of
-        the acceleration limits, and of the jerk limit if there is one.
+        the command away from the plan, the differences decay by a cubic Hermite polynomial. The decay takes
+        at most half of the acceleration limits and half of the jerk limit, if a jerk limit is set.
         """
         dt, most = rest.dt, rest.sms.limits.acceleration
         jerk = np.inf if jerk is None else np.asarray(jerk)
@@ -296,7 +296,8 @@ class RestPlanner:
             if first is None:  # like `opt.solve`, but without a diagnosis, which takes seconds
                 first = Search(rest).run(STRATEGIES if within_workspace(rest) else QUICK)
             plan = JointPlan.of_trajectory(first, now)
-            if self.given is not None:  # the given plan begins at the expected start, not at the measured one
+            # The given plan begins at the expected start, not at the measured start.
+            if self.given is not None:
                 plan = replanned(rest, now, joints, plan, options, None, self.noisy)
         else:
             plan = replanned(rest, now, joints, last, options, accelerations, self.noisy)

@@ -1,7 +1,7 @@
 """The Levenberg-Marquardt method for several motions in parallel, within the joint limits.
 
-The residuals are those of terms, goal and limits. Their slopes are with respect to the control points of a
-spline. By successive halving, many motions get a few iterations, and the best motions get more iterations on
+The unknowns are the control points of a spline, and the residuals belong to terms, goal and limits. By
+successive halving, many motions get a few iterations, and the best motions get more iterations on
 a finer spline.
 
 References: J. Nocedal, S. J. Wright, "Numerical Optimization", 2nd ed., 2006, ch. 10; K. Jamieson, A.

@@ -174,7 +174,7 @@ def rollout_along(
 ) -> FloatArray:
     """Return joint rates (N + 1, n) at the nodes along a path, within the joint limits if `bounded`.
 
-    The rates at the first node are `begin` (n,), by default those of the problem. Without a preference the
+    The rates at the first node are `begin` (n,), by default `Problem.joint_rates`. Without a preference the
     rates have the least norm, except that joints near a position limit move away from the limit.
     """
     sms, dt, steps, n = problem.sms, problem.dt, problem.steps, problem.sms.n

@@ -64,9 +64,9 @@ class RateSpline:
     the joint rates, their integrals and their derivatives at these times. `weights` (Q + 2,) are the
     quadrature weights of integrals over time, with the weight of the last step at T. In `limit_weights`, for
     limits, 0.9 T and T each have the weight of the whole time. `last_tenth` are the indices of times from
-    0.9 T on. `quadrature` is for the kernel. It has the weights of integrals from the start of each of
-    m intervals to the g points of the interval (m, g, g), the weights of integrals over whole intervals
-    (m, g), and the index of the interval that begins at 0.9 T.
+    0.9 T on. `quadrature` is for the kernel, with m intervals of g points each. It has the weights
+    (m, g, g) of integrals from the start of an interval to its points, the weights (m, g) of integrals over
+    an interval, and the index of the interval that begins at 0.9 T.
     `acceleration_points`, `position_points` and `rate_points` map to the control points of accelerations,
     displacements from the start, and rates. p^T `squared_acceleration` p is the integral of the squared
     acceleration of a motion from rest. `sites` (M,) are the times of the free control points, and `at_sites`
