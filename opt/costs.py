@@ -86,7 +86,7 @@ class Term(ABC):
         for residual in formulas(self, "residual", variables):
             if residual.where is None:  # variables at selected instants exist for whole motions only
                 value, flow, drift, jump = variables.change(residual)
-                known = np.isfinite(value)  # a residual that depends on the goal is NaN
+                known = np.isfinite(value)  # in a single step a residual that depends on the goal is NaN
                 J, desired = (flow + jump)[known], (jump @ step.rates - value - drift)[known]
                 W += self.step_weight * J.T @ J
                 w += self.step_weight * J.T @ desired

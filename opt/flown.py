@@ -165,7 +165,7 @@ def recorded(
         **{name: values[..., None, :] for name, values in variables.items()},
     )
     of_problem = given(problem, problem.goal, t)
-    if problem.base_start is None:  # limits of the base are relative to its pose in the first row
+    if problem.base_start is None:  # the base's limits are relative to the base's pose in the first row
         of_problem |= {"base_start": motion.base_start, "rotation_start": motion.rotation_start}
     if problem.wheels is not None and wheel_momentum is not None and wheel_momentum.size:
         of_problem |= {"wheels": plant.wheels, "measured_momenta": wheel_momentum.T[:, None]}

@@ -170,7 +170,7 @@ class RunningEstimator:
         dt, modelled = self._dt, self._modelled
         modelled.append(self._momentum_equation(q))
         self._travel += 0.5 * dt * (modelled[-2] + modelled[-1])
-        if len(modelled) > self._age + 1:  # before this, each measurement is the initial state
+        if len(modelled) > self._age + 1:  # in the first steps each measurement is the initial state
             passed = 0.5 * dt * (modelled[0] + modelled[1])
             self._travel -= passed
             modelled.popleft()

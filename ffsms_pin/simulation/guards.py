@@ -171,7 +171,7 @@ class Saturation:
         return i, float(self._level[i]) * self._dt
 
     def notes(self) -> list[str]:
-        """Return a sentence for each joint that has been at its limit."""
+        """Return a sentence for each joint that has been at its torque limit."""
         message = "joint '{}' was at its torque limit of {:.3g} {} for {:.3g} s in all ({:.3g} % of the time)"
         sentences = []
         for i in np.flatnonzero(self.total):

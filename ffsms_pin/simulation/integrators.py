@@ -26,8 +26,8 @@ _REACH = 0.3  # [rad or m] distance at which the chart is re-centred, so that th
 _OUTER = 1.0 / (2.0 - 2.0 ** (1.0 / 3.0))
 _JUMPS = (_OUTER, 1.0 - 2.0 * _OUTER, _OUTER)
 _ITERATIONS = 40  # largest number of Newton iterations of a second-order step
-# [rad/s or m/s] changes below which the iteration may end, because rounding of a light wrist on a heavy base
-# can be that large.
+# [rad/s or m/s] changes below which the iteration may end. The rounding errors of a light wrist on a heavy
+# base have this size.
 _LARGEST = 1e-10
 # Largest relative change that is accepted without convergence. If a force jumps at the edge of a contact, the
 # equations have no solution.
@@ -410,7 +410,7 @@ def _solver() -> Callable[..., Any]:
 def _with_momentum(
     model: Any, data: Any, q: FloatArray, v: FloatArray, q_end: FloatArray, v_end: FloatArray
 ) -> FloatArray:
-    """Return v_end with another base velocity, so that the total momentum is that of q and v."""
+    """Return v_end with another base velocity, so that the total momentum equals the momentum of q and v."""
     before = pin.crba(model, data, q)[:6] @ v
     H = pin.crba(model, data, q_end)[:6]
     start, end = (pin.XYZQUATToSE3(place[:7]) for place in (q, q_end))

@@ -181,6 +181,7 @@ class Setup:
     q, v : ndarray, shape (nq,), (6 + n,)
         The initial state of the plant.
     world : World
+        The plant with its forces and events.
     target : callable
         The target's position (3,) as a function of time [s].
     events : list of Event
@@ -190,6 +191,7 @@ class Setup:
     measure : callable, optional
         A function from the true to the measured state, if there are sensors.
     estimator : RunningEstimator, optional
+        The state estimator, if the measurements are filtered.
     measure_wrench : callable, optional
         A function from the true to the measured wrench (6,), if there is a wrist sensor.
     """
@@ -388,7 +390,7 @@ def start(
 
 
 def first_sample(reference: Reference, n: int) -> Sample:
-    """Return the desired motion at the start: three vectors (n,)."""
+    """Return the desired joint positions, rates and accelerations at the start, each (n,)."""
     sample = reference.sample(0.0)
     try:
         positions, rates, accelerations = sample

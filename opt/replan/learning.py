@@ -15,10 +15,10 @@ from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.system.momentum_filter import MomentumFilter
 from ffsms_pin.system.regressors import PER_BODY
 
-# Modes with a constant total momentum; in the second mode it includes that of the wheels.
+# Modes with a constant total momentum; in the second mode it includes the momentum of the wheels.
 _CONSERVING = ("floating", "rotation-floating")
 _PRIOR = 0.2  # prior standard deviation of the factors
-_LEAST, _MOST = 0.5, 2.0  # bounds on the factors; factors beyond them result from errors of another kind
+_LEAST, _MOST = 0.5, 2.0  # bounds on the factors; factors outside these bounds result from other errors
 
 
 class Learner(ABC):
@@ -54,11 +54,11 @@ class Learner(ABC):
         return None
 
     def observe_robot(self, robot: SpaceManipulator) -> None:
-        """Use the controller's estimate of the robot. Default: it is ignored."""
+        """Use the controller's estimate of the robot. By default the estimate is ignored."""
         return
 
     def expect_noise(self) -> None:
-        """Adapt the estimation to noisy measurements. Default: it is unchanged."""
+        """Adapt the estimation to noisy measurements. By default the estimation is unchanged."""
         return
 
 
@@ -125,7 +125,8 @@ class ScaleFactors(Learner):
         if not self._scale.any():
             return False
         Z, jumped = self._filter.equations(q, v)[0].copy(), False
-        if self._last is not None:  # more than thirty times the noise: a body was captured
+        # A body was captured if the momentum changes by more than thirty times the noise.
+        if self._last is not None:
             step = (Z - self._last) @ np.concatenate([(self.factors - 1.0) / _PRIOR, np.zeros(6), [1.0]])
             jumped = bool(np.abs(self._scale * step).max() > 30.0)
         if jumped:

@@ -100,7 +100,6 @@ class Approach(Term):
     def residual(self, m: Variables) -> Any:
         """Return the weighted speed at which the distance increases, zero if the distance decreases."""
         displacement = m.goal - m.tip
-        growth = -displacement.dot(m.velocity) / displacement.norm(
-            1e-3
-        )  # [m] distance below which the direction is noise
+        # At a distance below 1 mm the direction to the goal depends on noise, so the residual is reduced.
+        growth = -displacement.dot(m.velocity) / displacement.norm(1e-3)
         return np.sqrt(self.weight) * np.maximum(growth, 0.0)

@@ -23,7 +23,7 @@ from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.robot.base_motion import advance
 
 _NOISY_GAIN = 2.0  # [1/s] feedback gain for a noisy error
-_ANOTHER = 5e-3  # [m, rad] deviation from the problem's start beyond which a measured start replaces it
+_ANOTHER = 5e-3  # [m, rad] if the measured start deviates by more, it replaces the start of the problem
 _APPROACH = 1.0  # [1/s] largest rate of a joint per distance to its position limit
 _RETURN = 2.0  # [1/s] gain of redundant motion towards the plan
 
@@ -107,7 +107,8 @@ class PathTracker:
         there, wanted = plan.sample((step + 1) * dt)
         prefer = wanted + _RETURN * (there - joints - dt * rates)
         least, greatest = kernel.rate_bounds(sms.limits.table, joints, rates, dt)
-        # Near its position limit a joint slows down, so that a lag does not drive it into the limit.
+        # Joints slow down near a position limit, because a joint that lags behind the command could pass the
+        # limit.
         limits, here = sms.limits, sms.layout.difference(q, joints) + joints
         least = np.minimum(np.maximum(least, _APPROACH * np.minimum(limits.lower - here, 0.0)), greatest)
         greatest = np.maximum(np.minimum(greatest, _APPROACH * np.maximum(limits.upper - here, 0.0)), least)

@@ -27,9 +27,9 @@ from ffsms_pin.references import Observer
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.threads import OneThread
 
-_PATIENCE = 2.0  # [s] corrections after the deadline end if the least error is older than this
+_PATIENCE = 2.0  # [s] corrections after the deadline end if the error has exceeded the least error for longer
 _LAG = 0.05  # [rad or m] while a joint lags behind the command by more, the command stops, against overshoot
-_BROKEN = 3.0  # [margins] plans that violate a limit by more are not followed; 9 mm for a clearance
+_BROKEN = 3.0  # [margins] largest violation of a limit by a plan that is followed; 9 mm for a clearance
 _RETURN = 1.0  # [1/s] gain of the return to the best posture
 
 
@@ -120,7 +120,7 @@ class Replanning(Observer):
         self._wheels: FloatArray | None = None
         self._measured: tuple[FloatArray, FloatArray] | None = None
         self._correctable, self._uncorrectable = Correctable(problem.sms, problem.mode), 0.0
-        # [s] If less time remains, no re-plan is made. The last plan to an exact goal is followed to its end.
+        # [s] Time before the deadline in which no re-plan is made. For an exact goal it is longer.
         self._until = max(0.5 if problem.goal.exact else 0.0, 2 * problem.dt)
         self._jerk = None if self.options.jerk is None else per_joint("jerk", self.options.jerk, n)
 

@@ -39,7 +39,7 @@ class JointPlan:
     miss: float  # [m] predicted distance to the goal at the deadline
     damping: float = 0.03  # damping at the end of the descent
     excess: float = 0.0  # largest residual of a limit, as a share of the limit's margin; above 1: violated
-    found: JointPlan | None = None  # the plan of the last search; None: this plan
+    found: JointPlan | None = None  # the plan of the last search; None if this plan is the result of a search
 
     @classmethod
     def of_trajectory(cls, plan: Trajectory, start: float = 0.0) -> JointPlan:
