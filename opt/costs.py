@@ -196,9 +196,10 @@ class Effort(_Plain):
     """The cost of joint rates, which keeps joint travel short.
 
     `weight` [s^2/rad^2] multiplies (duration / 8 s)^2 and the integral of the squared joint rates. With the
-    default and 8 s, a joint that turns by 3 rad at a constant rate costs as much as 1.1e-4 s of the paper's
-    cost integral. `idle` multiplies the squared rates of joints that do not move the end effector, such as
-    the joints of a second arm. The motion of these joints hardly reduces the paper's cost.
+    default weight and a duration of 8 s, a joint that turns by 3 rad at a constant rate costs as much as
+    1.1e-4 s of the paper's cost integral. `idle` multiplies the squared rates of joints that do not move the
+    end effector, such as the joints of a second arm. The motion of these joints hardly reduces the paper's
+    cost.
     """
 
     weight: Annotated[NotNegative, Unit()] = 1e-4
@@ -235,8 +236,9 @@ class BaseTurn(WeightedTerm):
     """The cost of the base's rotation.
 
     `weight`, in units of 32 s^2/rad^2, multiplies (duration / 8 s)^2 and the integral of the base's squared
-    angular velocity. With 1 and 8 s, a base rotation by 0.05 rad at a constant rate costs as much as 0.01 s
-    of the paper's cost integral. This is enough to decide between motions of nearly zero cost.
+    angular velocity. With the weight 1 and a duration of 8 s, a base rotation by 0.05 rad at a constant rate
+    costs as much as 0.01 s of the paper's cost integral. This is enough to decide between motions of nearly
+    zero cost.
     """
 
     name = "base turn"

@@ -186,9 +186,8 @@ def judge(
     The goal of the end effector is checked at the last row, within `Goal.reach` and `Goal.orientation_reach`.
     A goal with `Goal.exact` is checked at the deadline within its tolerance, velocities included. Required
     velocities of other goals are checked at the deadline. Their tolerances are `Goal.reach` in m/s and
-    `Goal.orientation_reach` in rad/s. Every limit is
-    checked by its `Limit.violation_in_flight`. Clearances are checked between rows, too. An overlap is a
-    miss, and a smaller violation is a breach.
+    `Goal.orientation_reach` in rad/s. Every limit is checked by its `Limit.violation_in_flight`. Clearances
+    are checked between rows, too. An overlap is a miss, and a smaller violation is a breach.
 
     Parameters
     ----------

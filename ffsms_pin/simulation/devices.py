@@ -133,7 +133,7 @@ class JointFriction:
 
 @dataclass(frozen=True)
 class Sensors:
-    """The sensors that controller and reference observe. The noise is Gaussian and the same in every run.
+    """The sensors of controller and reference. The noise is Gaussian and the same in every run.
 
     Raises
     ------

@@ -62,9 +62,9 @@ class Guards:
     contact_torque: Annotated[Margin | None, Unit("N m")] = math.inf
     """The largest torque of a client on the end effector that the grip bears."""
     contact_share: Annotated[Margin | None, Unit()] = 1.0
-    """The largest load of a client on the wrist and on the joints, as a share of their limits: `force_limit`
-    and `moment_limit` of the `WristSensor`, and the joints' torque limits, compared with the torques that
-    balance the load."""
+    """The largest load of a client on the wrist and on the joints, as a share of their limits. The
+    limits of the wrist are `force_limit` and `moment_limit` of the `WristSensor`. The torques of the joints
+    that balance the load are compared with the torque limits."""
     base_rate: Annotated[Margin | None, Angle("rad/s")] = 1.0
     """The largest angular velocity of the base. The default is about the range of a satellite's gyroscopes,
     and more than twice the rate in any plan of a packaged robot."""

@@ -85,7 +85,7 @@ class Supervisor(Protocol):
     Attributes
     ----------
     model : SpaceManipulator
-        The robot model for estimation and braking; `simulate` reads it again after a latch.
+        The robot model for estimation and braking; `simulate` reads the model again after a latch.
     """
 
     model: SpaceManipulator

@@ -64,7 +64,7 @@ class ReplanOptions:
         return 0.0 if noise is None else min(max(3.0 * noise, 1e-4), 1e-3)
 
     def rests(self, distance: float, noise: float | None, rested: bool) -> bool:
-        """Return whether an arm rests at a distance [m] after the deadline, with hysteresis."""
+        """Return whether an arm rests at a `distance` [m] after the deadline, with hysteresis by `rested`."""
         return distance < self.band(noise) / (1.0 if rested else 3.0)
 
 

@@ -44,8 +44,8 @@ class Replanning(Observer):
     to the goal from the measured state.
 
     A `Path` is followed by resolved rates near the first plan (`PathTracker`), with the newest estimate of a
-    client to which the path is fixed. For a path the options are `period`, the time between two updates of
-    the robot's masses, `jerk` and `arrived_miss`; other options and `weights` raise `InvalidValue`.
+    client to which the path is fixed. For a path the options are `period`, `jerk` and `arrived_miss`; other
+    options and `weights` raise `InvalidValue`. Here `period` is the time between two updates of the masses.
 
     Parameters
     ----------
@@ -54,7 +54,7 @@ class Replanning(Observer):
     hold : float
         Time for which the goal is held after the deadline [s]; `duration` includes it.
     plan : Trajectory, optional
-        The first plan; default: that of `opt.solve`.
+        The first plan. Default: the plan of `opt.solve`.
     options : ReplanOptions, optional
         The options of re-planning.
     weights : StepWeights, optional

@@ -201,7 +201,7 @@ def replanned(
 
 
 class RestPlanner:
-    """A planner of the first motion, by default by a search, and of all re-plans.
+    """The planner of the first plan, by default by a search, and of all re-plans.
 
     `due` is the time of the next re-plan [s]. `robot` is a new object after a change of the estimated masses.
     `wheel_total` (w,) [N m s] are the momenta that the wheels would have with arm and base at rest, from the

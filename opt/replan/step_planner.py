@@ -29,7 +29,7 @@ class StepPlanner(Stepper):
     Parameters
     ----------
     kappa : float
-        Sharpness of C~. The paper states none; with 10, C~ is close to max(0, cos(theta_a)).
+        Sharpness of C~. The paper states no value; with 10, C~ is close to max(0, cos(theta_a)).
     clearance : float
         The paper's d_safe between points of the arm, and the margin to the base box [m].
     collision : {"points", "shapes", "off"}
@@ -38,9 +38,9 @@ class StepPlanner(Stepper):
     aim : str
         The `reference` of a `Stepper`.
     base_limits : BaseLimits, optional
-        The limits of the base's motion, relative to its pose at the first step after a `reset`.
+        The limits of the base's motion, relative to the base's pose at the first step after a `reset`.
     limits : sequence of Limit, optional
-        The limits. Default: those of joints, torques, clearance, |alpha_i| <= 1, the base, and wheels that
+        The limits. Default: limits of joints, torques, clearance, |alpha_i| <= 1, the base, and wheels that
         hold the attitude.
     wheel_momentum : array_like, shape (w,), optional
         The `wheel_total` of a `Stepper` [N m s].

@@ -109,8 +109,8 @@ def explain(
     """Return a failed plan with a note of its error, the active limits, and a sufficient duration.
 
     `goals` are the joint goals of the search, and `binding` has (kind, joint) of the active joint limits.
-    `attempt(problem, joints)` is called with problems of other durations. It returns whether straight moves
-    to joint goals near `joints` (K, n) solve the problem. If K is 0, it returns whether a quick search does.
+    `attempt(problem, joints)` is called with problems of other durations. It returns whether a problem is
+    solved by straight moves to joint goals near `joints` (K, n), or if K is 0 by a quick search.
     """
     why = reasons(problem, plan, binding, goals)
     if arrives_while_tumbling(problem, plan):

@@ -270,7 +270,7 @@ CHEAP = 0.01  # [s] if a motion of 8 s has at most this cost, the search for che
 
 
 def cheap_cost(search: Search) -> float:
-    """Return the cost [s] up to which a plan is cheap enough; infinity if its cost does not matter.
+    """Return the cost [s] up to which a plan is cheap enough; infinity if the plan's cost is irrelevant.
 
     The value increases with the duration above 8 s, and is three times as large if there are obstacles. It is
     also larger for a small kappa, because C~ exceeds max(0, cos(theta_a)) by up to log 2 / kappa.
