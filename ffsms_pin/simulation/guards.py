@@ -70,7 +70,7 @@ class Guards:
     and more than twice the rate in any plan of a packaged robot."""
     energy: Annotated[Margin | None, Unit()] = 1.0
     """The largest excess of the joint motion's kinetic energy over the reference's largest kinetic energy so
-    far, divided by the reference's energy. Without external forces, an excess comes from the motors. The
+    far, divided by this largest energy. Without external forces, an excess comes from the motors. The
     default allows rates 40 % above the desired rates. The energy of joint rates at half of their limits is
     always allowed in addition."""
     failed_steps: Annotated[AtLeastOne | None, Unit()] = 10

@@ -27,8 +27,11 @@ from ffsms_pin.references import Observer
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.threads import OneThread
 
-_PATIENCE = 2.0  # [s] corrections after the deadline end if the error has exceeded the least error for longer
-_LAG = 0.05  # [rad or m] while a joint lags behind the command by more, the command stops, against overshoot
+# [s] Corrections after the deadline end if the least error is older than this and the error has doubled.
+_PATIENCE = 2.0
+# [rad or m] The command stops while a joint lags behind the command by more than this. Otherwise the joint
+# would overshoot.
+_LAG = 0.05
 _BROKEN = 3.0  # [margins] largest violation of a limit by a plan that is followed; 9 mm for a clearance
 _RETURN = 1.0  # [1/s] gain of the return to the best posture
 

@@ -275,7 +275,7 @@ def keep_limits(model: Model, goals: FloatArray) -> NDArray[np.bool_]:
     problem, spline = model.problem, model.spline
     p = moves_to(problem, spline, goals)
     # `moves_to` shortens moves for which the duration is too short. Here they are scaled to full length,
-    # except for joints at rest.
+    # except for joints that hardly move.
     displacements = goals - problem.joints0
     done = spline.position_points.of(p, problem.joint_rates)[:, -1]
     p *= np.divide(displacements, done, out=np.ones_like(displacements), where=np.abs(done) > 1e-6)[:, None]

@@ -286,7 +286,7 @@ def _largest(residual: Variable, margin: float) -> tuple[Indices, FloatArray]:
 
 
 class Weighted(NamedTuple):
-    """A residual with the weights of its squares: (K,) at all instants, or (V,) at `Variable.where`."""
+    """A residual with the weights of its squares: (K,) at all instants, or (V,) at the instants `where`."""
 
     residual: Variable
     weight: FloatArray

@@ -228,7 +228,7 @@ def spread_postures(problem: Problem, first: int, count: int, radius: float = np
 
 
 def joint_range(problem: Problem) -> tuple[FloatArray, FloatArray]:
-    """Return the range of joint goals: the position limits, or +-pi around the start without limits."""
+    """Return the range of joint goals: the position limits, or start +-pi for joints without limits."""
     limits, start = problem.sms.limits, problem.joints0
     low = np.where(np.isfinite(limits.lower), limits.lower, start - np.pi)
     high = np.where(np.isfinite(limits.upper), limits.upper, start + np.pi)
