@@ -32,7 +32,9 @@ _PATIENCE = 2.0
 # [rad or m] The command stops while a joint lags behind the command by more than this. Otherwise the joint
 # would overshoot.
 _LAG = 0.05
-_BROKEN = 3.0  # [margins] largest violation of a limit by a plan that is followed; 9 mm for a clearance
+# [margins] Largest residual of a limit in a plan that is followed. For the clearance between bodies this is
+# 9 mm per metre of the arm.
+_BROKEN = 3.0
 _RETURN = 1.0  # [1/s] gain of the return to the best posture
 
 
