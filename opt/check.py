@@ -253,7 +253,7 @@ def _flow_error(limit: Inequality, problem: Problem, state: StepState, tolerance
         change = slope(partial(_ending, problem, state, unit), _STEP * state.dt)
         errors.append(float(np.abs(change - at.jump[:, j])[jumps].max()) / scale)
     if max(errors) > tolerance:
-        text = "are wrong: the slack's rate of change by its slopes and by a short step differ by"
+        text = "are wrong: the slack's rate of change from its slopes differs from that of a short step by"
         raise PartError(limit, "rows", f"{text} {max(errors):.3g} of the largest rate")
     return max(errors)
 
