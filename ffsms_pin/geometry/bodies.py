@@ -146,7 +146,8 @@ class BodyStack(ClearanceStack):
             return values
         distances = self._shapes.nearest(poses, where).distance
         exact = distances - self.margins[where[0]]
-        # For overlapping shapes the measured distance may be zero.
+        # For overlapping shapes the measured distance may be zero instead of negative. Then the smaller value
+        # is returned.
         return np.asarray(np.where(distances > 0.0, np.maximum(values, exact), np.minimum(values, exact)))
 
     def _judged(self, clearance: float) -> FloatArray:

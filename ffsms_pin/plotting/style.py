@@ -93,7 +93,7 @@ def _columns(labels: Sequence[str], width: float = 1.0) -> int:
     for count in range(len(labels), 1, -1):
         rows = -(-len(labels) // count)
         columns = [labels[i : i + rows] for i in range(0, len(labels), rows)]
-        # A column has a line and gaps of 4.8 em, and the text.
+        # A column consists of a sample of the line, two gaps and the text. Sample and gaps take 4.8 em.
         needed = sum(4.8 + max(_length(label) for label in column) for column in columns)
         if needed <= width * _LEGEND_WIDTH:
             return len(columns)

@@ -21,7 +21,8 @@ from ffsms_pin.references import Resettable
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.simulation.loads import Load, checked_load
 
-_AT_LIMIT = 0.999  # share of the largest force from which a thruster counts as saturated; allows rounding
+# From this share of its largest force a thruster counts as saturated. The rest allows for rounding.
+_AT_LIMIT = 0.999
 _ALIGNED = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
 
 

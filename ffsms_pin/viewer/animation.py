@@ -44,7 +44,7 @@ from ffsms_pin.viewer.page import chosen_layers, facts, page, readings, staged
 from ffsms_pin.viewer.robot import animate, draw_motion, moving_layers
 from ffsms_pin.viewer.scene import Stage
 
-_KAPPA = 10.0  # the paper's kappa for a motion without a plan
+_KAPPA = 10.0  # kappa for a motion without a plan, the paper's value
 
 
 def view(

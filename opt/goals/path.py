@@ -355,7 +355,7 @@ class OnPath(PoseConstraint, Limit):
         self.goal = goal
         self.tolerance, self.orientation_tolerance = goal.tolerance, goal.orientation_tolerance
         # The penalty is soft, because a rollout after the descent brings the end effector back to the path.
-        # The margin equals the tolerance.
+        # The margin in metres, `margin` times `scale`, equals the tolerance.
         self.scale = 5e4 * self.tolerance
         self.margin = self.tolerance / self.scale
 

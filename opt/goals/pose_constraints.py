@@ -399,7 +399,9 @@ class Corridor(PoseConstraint, Inequality):
     refusal = "the start is outside the corridor: {note}; move the start, or set a shorter standoff"
     margin = 4e-3  # [arm lengths] because a motion may cut the cone's edge between two instants
     step_margin = 0.0
-    accuracy = 5e-5  # [m] because a motion may cut the cone's edge between two instants
+    # [m] the accepted violation, because a motion may cut the cone's edge between two instants. It is also
+    # added to the margin.
+    accuracy = 5e-5
     active_below = 1e-3
 
     def slack(self, m: Variables) -> Any:

@@ -170,7 +170,8 @@ def replanned(
     rates[:, fixed] = 0.0
     goal = problem.goal
     whole = rate_spline(problem.steps, dt, options.grid, not goal.place(problem.duration).rests)
-    spline, weights = whole.around(dt, rates), LAST_WEIGHTS._replace(firm=False)  # arrival has priority
+    # Arrival has priority over a nearly fixed final pose.
+    spline, weights = whole.around(dt, rates), LAST_WEIGHTS._replace(firm=False)
     searched = last.found or last
     if not goal.exact and not goal.moves:
         goal = Changed(goal, tolerance=(0.1 if noisy else 0.01) * goal.tolerance)

@@ -193,7 +193,8 @@ def _rows(problem: Problem, spline: RateSpline) -> list[_Rows]:
         at_end = Map(spline.rates.free[-1:], spline.rates.fixed[-1:])
         add("rest", 1.0, at_end, -at_rest(problem), at_rest(problem))
     elif problem.goal.coast is not None and (spline.changes or within_workspace(problem)):
-        # Joints must be able to brake after a contact, but a goal outside the workspace is not touched.
+        # Joints must be able to brake after a contact. A search for a goal outside the workspace has no such
+        # rows, because there is no contact.
         for bounds in filter(None, (limit.joint_bounds for limit in problem.limits)):
             on = problem.goal.coast + _slowing(bounds)
             ends = [
