@@ -74,7 +74,8 @@ def recording_of(
     """Return a checked recording, from a `Tracking` or from arrays (t, q, v[, tau])."""
     one_of("base_velocity", base_velocity, BASE_VELOCITIES)
     if (tracking is None) == (recording is None):
-        raise InvalidValue("recording", recording, "must be given if there is no Tracking, else left out")
+        expected = "must be left out with a Tracking and given without one (one of the two, not both)"
+        raise InvalidValue("recording", recording, expected)
     if tracking is None:
         made = _of_arrays(sms, recording, wheel_momentum)
     else:
