@@ -12,6 +12,7 @@ import pytest
 
 SCRIPTS = sorted((Path(__file__).parents[2] / "examples").glob("*.py"))
 ARGUMENTS = {"coupling_map": ["map.png"]}
+SLOWEST = {"capture", "follow_path"}  # notebooks 10 and 12 run the same functions while the site is built
 LONGEST = 180.0  # [s] of wall time, on a machine that is busy: a script takes a few seconds of its own
 
 
@@ -31,7 +32,10 @@ def test_the_page_shows_a_picture_of_every_script_that_draws() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("script", SCRIPTS, ids=lambda path: path.stem)
+@pytest.mark.parametrize(
+    "script",
+    [pytest.param(path, id=path.stem, marks=[pytest.mark.long] * (path.stem in SLOWEST)) for path in SCRIPTS],
+)
 def test_a_script_runs_and_keeps_what_it_asserts(script: Path, tmp_path: Path) -> None:
     """A script asserts what it shows; a package that is missing is a failure, because `[dev]` has all."""
     text = script.read_text(encoding="utf-8")
