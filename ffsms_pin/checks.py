@@ -1,9 +1,10 @@
 """Checks of arguments, which return a checked value or raise `InvalidValue` with the wrong value.
 
-Numbers are checked once, in the functions that users call, for a plausible range. Magnitudes are limited to
-1e9, where float64 still resolves a tenth of a micrometre; no value in orbit is as large (the space station's
-inertia is some 1e8 kg m^2). Positive numbers may lie between 1e-12 and 1e12, so that products and quotients
-of a dozen such numbers stay finite. Infinity is allowed only for limits that document it.
+Numbers are checked once, in the functions that users call, for a plausible range. By default magnitudes are
+limited to 1e9, where float64 still resolves a tenth of a micrometre. A single number that must be positive,
+such as a mass, may lie between 1e-12 and 1e12, so that products and quotients of a dozen such numbers stay
+finite. An inertia may be up to 1e18 kg m^2, enough for an asteroid. Infinity is allowed only for limits that
+document it.
 """
 
 from __future__ import annotations

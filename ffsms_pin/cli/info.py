@@ -189,7 +189,7 @@ def _joints(report: Report) -> Table:
 
 
 def _number(text: str) -> str:
-    """Return a number with five digits, and any other text unchanged."""
+    """Return a number with five significant digits; escape any other text, so that it is shown as it is."""
     return f"{float(text):.5g}" if is_number(text) else escape(text)
 
 

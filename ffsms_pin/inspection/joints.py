@@ -1,4 +1,4 @@
-"""The search for faults of joints, shapes, the root, and unused declarations in a URDF."""
+"""The search for faults of a URDF's name, root, joints and shapes, and for unused declarations."""
 
 from __future__ import annotations
 

@@ -116,7 +116,7 @@ class OneOf(Kind):
     choices: tuple[str, ...]
 
     def schema(self) -> Any:
-        """Return the schema of the literals."""
+        """Return the schema that accepts only the `choices`."""
         from pydantic_core.core_schema import literal_schema
 
         return literal_schema(list(self.choices))

@@ -108,9 +108,9 @@ def _choice(table: type[Keys]) -> str:
 def _suggestion(
     word: str, allowed: Collection[str], synonyms: Mapping[str, str], others: Collection[str] = ()
 ) -> str:
-    """Return a similar or synonymous name as a question, and the allowed names.
+    """Return the allowed names as text, after a question with a similar or synonymous name if there is one.
 
-    The name is one of the allowed names or of `others`, the keys of other choices.
+    `others` are keys that the table allows with another choice; the question may name one of them, too.
     """
     synonym = synonyms.get(word)
     guess = f"did you mean '{synonym}'?" if synonym in allowed else meant(word, [*allowed, *others])

@@ -144,7 +144,8 @@ def near_limits(
 def scale_decades(ax: Axes, least: float, largest: float, ratio: float, smallest: float) -> bool:
     """Set a logarithmic scale if `largest` exceeds `ratio` times `least`, and return whether it is set.
 
-    Values below `smallest` times the largest value are rounding errors and not shown.
+    The logarithmic axis begins at a third of `least`, or of `smallest` times `largest` if this is larger,
+    because smaller values are rounding errors.
     """
     if largest <= ratio * least:
         return False

@@ -95,8 +95,8 @@ def load(
         box among the base link's collision shapes, then its visual shapes, at its pose in the file; None if
         there is no box.
     acceleration : array_like, optional
-        Joint acceleration limits [rad/s^2], one number or (n,); a URDF has none. Default: 1.25 /s times the
-        rate limits, the paper's ratio.
+        Joint acceleration limits [rad/s^2 or m/s^2], one number or (n,); a URDF has none. Default: 1.25 /s
+        times the rate limits, the paper's ratio.
     package_dirs : sequence of paths, optional
         Folders in which meshes with `package://` names are searched, besides the folders around the file.
         Only `SpaceManipulator.geometry` reads meshes.
@@ -109,11 +109,11 @@ def load(
         SRDF with pairs of links whose collisions are ignored. Default: the file beside the URDF with its name
         and the ending .srdf, if that file exists.
     velocity : array_like, optional
-        Joint rate limits [rad/s], one number or (n,). They replace the limits in the file, which may then be
-        zero.
+        Joint rate limits [rad/s or m/s], one number or (n,). They replace the limits in the file, which may
+        then be zero.
     torque : array_like, optional
-        Joint torque limits [N m], one number or (n,). They replace the limits in the file, which may then be
-        zero.
+        Joint torque limits [N m or N], one number or (n,). They replace the limits in the file, which may
+        then be zero.
     locked : mapping of str to float, optional
         Joints that become fixed, and their positions [rad or m]; the links beyond them keep their masses. A
         joint that mimics a locked joint is locked at multiplier times the locked joint's position plus

@@ -223,7 +223,10 @@ class ClosedLoop:
         return replanning(self.scenario, self.sms, plan) if self.scenario.replans else self.plan_once(plan)
 
     def plan_once(self, plan: opt.Trajectory) -> Reference:
-        """Return the plan followed by rest for the time that the scenario holds the target."""
+        """Return the plan, followed by rest for as long as the scenario holds the target.
+
+        In a rendezvous the reference ends at the contact, without rest.
+        """
         scenario = self.scenario
         if scenario.meet is not None:
             return rendezvous(scenario, self.sms).reference(plan, None)

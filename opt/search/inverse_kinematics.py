@@ -44,7 +44,10 @@ _DAMPING = 1e-3  # [arm lengths squared] damping of least squares with J*, for n
 
 
 class JointGoals(NamedTuple):
-    """The joint goals (K, n), and the pose errors (K,) [m, rad] at the ends of straight moves to them."""
+    """The joint goals (K, n), and the sizes (K,) of the pose errors at the ends of straight moves to them.
+
+    A size is the root of the sum of squares of the position errors [m] and the attitude errors [rad].
+    """
 
     joints: FloatArray
     distance: FloatArray
