@@ -17,6 +17,7 @@ from ffsms_pin.system.regressors import PER_BODY
 
 # Modes with a constant total momentum; in the second mode it includes the momentum of the wheels.
 _CONSERVING = ("floating", "rotation-floating")
+_NOISE = 1e-3  # [m/s, rad/s] standard deviation of the base's measured velocity and angular velocity
 _PRIOR = 0.2  # prior standard deviation of the factors
 _LEAST, _MOST = 0.5, 2.0  # bounds on the factors; factors outside these bounds result from other errors
 
@@ -86,17 +87,16 @@ class ScaleFactors(Learner):
 
     def __init__(self, sms: SpaceManipulator, mode: str = "floating") -> None:
         # The number of constant components of the [linear; angular] momentum.
-        kept = dict(zip(_CONSERVING, (6, 3), strict=True)).get(mode, 0)
-        # `noise`: the standard deviation of the base's measured velocity [m/s] and angular velocity [rad/s].
-        base, noise = sms.model.inertias[1], 1e-3
-        self._scale = 1.0 / (noise * np.repeat([float(base.mass), float(np.trace(base.inertia)) / 3.0], 3))
-        self._scale[kept:] = 0.0
+        self._kept = dict(zip(_CONSERVING, (6, 3), strict=True)).get(mode, 0)
         self.noisy = False
         self.observe_robot(sms)
 
     def observe_robot(self, robot: SpaceManipulator) -> None:
         """Restart with the factors of the controller's estimate."""
         self._sms = self.known = robot
+        base = robot.model.inertias[1]
+        self._scale = 1.0 / (_NOISE * np.repeat([float(base.mass), float(np.trace(base.inertia)) / 3.0], 3))
+        self._scale[self._kept :] = 0.0
         self.factors: FloatArray = np.ones(robot.n + 1)
         self._forget()
 
@@ -122,7 +122,7 @@ class ScaleFactors(Learner):
         `t` and `wheel_momentum` are ignored. If wheels hold the attitude, only the linear momentum is used,
         which does not depend on the wheels.
         """
-        if not self._scale.any():
+        if not self._kept:
             return False
         Z, jumped = self._filter.equations(q, v)[0].copy(), False
         # A body was captured if the momentum changes by more than thirty times the noise.

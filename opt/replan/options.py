@@ -63,6 +63,11 @@ class ReplanOptions:
             return self.dead_band
         return 0.0 if noise is None else min(max(3.0 * noise, 1e-4), 1e-3)
 
+    def rate_share(self, meets: bool) -> float:
+        """Return the share of the joint rate limits that re-plans use; `meets` is True for an `opt.Meet`."""
+        default = 0.05 if meets else 0.0
+        return 1.0 - (default if self.rate_reserve is None else self.rate_reserve)
+
     def rests(self, distance: float, noise: float | None, rested: bool) -> bool:
         """Return whether an arm rests at a `distance` [m] after the deadline, with hysteresis by `rested`."""
         return distance < self.band(noise) / (1.0 if rested else 3.0)

@@ -220,8 +220,7 @@ class RestPlanner:
         self.learner, self.noisy = learner_of(problem, learn), False
         self._needs_wheels = learn is not None and problem.wheels is not None
         self.robot = problem.sms
-        reserve = options.rate_reserve
-        self._rate_share = 1.0 - ((0.05 if problem.goal.exact else 0.0) if reserve is None else reserve)
+        self._rate_share = options.rate_share(problem.goal.exact)
         self._slower: tuple[SpaceManipulator, SpaceManipulator] | None = None
         self._base_start: FloatArray | None = None
         self._next_search = 0.0

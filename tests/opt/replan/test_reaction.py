@@ -70,11 +70,13 @@ def test_factors_refer_to_the_observed_robot(planar: ffsms.SpaceManipulator) -> 
     plant = perturb(planar, arm_mass=[1.2, 0.9, 1.1], base_mass=0.9, base_inertia=1.3)
     accelerations = 0.4 * np.sin(np.linspace(0.0, 12.0, 200)[:, None] * np.array([0.7, 1.1, 1.6]))
     q, rates = roll_out(plant, plant.configuration(np.ones(3)), np.zeros(3), accelerations, 0.02, np.zeros(6))
-    estimate = ScaleFactors(planar)
+    estimate, fresh = ScaleFactors(planar), ScaleFactors(plant)
     estimate.observe_robot(plant)
     for a, u in zip(q, rates, strict=True):
-        estimate.update(0.0, a, plant.velocity(a, u))
+        for factors in (estimate, fresh):
+            factors.update(0.0, a, plant.velocity(a, u))
     np.testing.assert_allclose(estimate.solve(), 1.0, atol=1e-6)
+    np.testing.assert_array_equal(estimate.shown[0], fresh.shown[0])
 
 
 def test_a_captured_body_is_noticed(planar: ffsms.SpaceManipulator) -> None:
