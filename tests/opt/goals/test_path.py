@@ -327,7 +327,7 @@ HERE = np.array([0.5, 0.0, 0.0])
         ({"curve": lambda t: HERE, "parameter": (0.0, 1.0)}, "curve must have a length"),
         (
             {"curve": [HERE, HERE + 1.0], "parameter": (0.0, 1.0)},
-            "parameter must be left out if",
+            "parameter must be left out if the curve is samples",
         ),
         (
             {"curve": lambda t: HERE, "free_axis": [0, 0, 1]},
