@@ -264,7 +264,9 @@ def _judged(record: Captured, mission: StateMachine, plant: SpaceManipulator) ->
     least = _least_clearance(record, mission, plant)
     misses = [whole.stopped] if whole.stopped else []
     if not record.caught:
-        misses.append("the client was not caught")
+        stated = whole.stopped or last.name == "collision"  # the reason is another miss
+        reason = "" if stated else f" ({record.missed.partition('; ')[0]})"
+        misses.append(f"the client was not caught{reason}")
     misses += _limit_misses(record, mission, plant)
     if last.name == "collision":
         misses.append(last.reason)

@@ -131,6 +131,7 @@ def test_a_plan_in_collision_is_not_flown(tmp_path: Path) -> None:
     assert "out of the workspace" in capture.phases[1].reason
     assert not capture.caught
     assert not capture.whole.arrived
+    assert capture.whole.misses[0].startswith("the client was not caught (not flown: in the plan ")
     assert np.abs(capture.whole.v[:, 6:]).max() < 1e-9
     assert capture.whole.least_clearance is not None
     assert capture.whole.least_clearance.kept
