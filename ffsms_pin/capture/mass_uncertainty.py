@@ -17,7 +17,7 @@ from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.simulation import random_plants
 
 _SURE = 1e-6  # relative deviation below which a mass counts as known
-_LEAST, _MOST = 0.5, 2.0  # bounds of the factors on masses
+_LEAST, _MOST = 0.5, 2.0  # bounds of the factors on masses and inertias
 
 
 @dataclass(frozen=True)
@@ -27,7 +27,7 @@ class MassUncertainty:
     Raises
     ------
     InvalidValue
-        A value out of range or of a wrong shape.
+        A deviation is no number, or below zero.
     """
 
     arm: Annotated[Share, Unit()] = 0.0
@@ -45,7 +45,7 @@ class MassUncertainty:
     def of_plant(
         cls, errors: Mapping[str, Any], drawn: Mapping[str, Any] | None = None, **chosen: float
     ) -> MassUncertainty:
-        """Return the deviations that match a plant with other masses than the model.
+        """Return the standard deviations that match the constant and the random errors of a plant's masses.
 
         `errors` has fields of `simulation.InertialError`. `drawn` has keyword arguments of
         `simulation.random_plants`, or is None if there are no random errors. Fields in `chosen` replace the
@@ -66,12 +66,13 @@ class MassUncertainty:
     def robots(
         self, sms: SpaceManipulator, shown: tuple[FloatArray, FloatArray] | None = None
     ) -> tuple[SpaceManipulator, list[SpaceManipulator]]:
-        """Return the most likely robot, and robots that deviate by one sigma in independent directions.
+        """Return the most likely robot, and robots one sigma away from it in independent directions.
 
-        A free motion determines the ratios of the masses but not their scale. Let r (n + 1,) be the relative
-        changes of the ratios of the arm's n masses and of the base's inertia to the base's mass. `shown` has
-        the information matrix G of r, and the vector G r (`opt.Replanning.shown`). The posterior of all
-        masses follows from `shown` and the standard deviations, to first order.
+        If all standard deviations are zero, return `sms` and an empty list. The motion of a floating robot
+        determines the ratios of its masses but not their scale. Let r (n + 1,) be the relative changes of the
+        ratios of the arm's n masses and of the base's inertia to the base's mass. `shown` has the information
+        matrix G (n + 1, n + 1) of r, and the vector G r (`opt.Replanning.shown`). The posterior of all masses
+        follows from `shown` and the standard deviations, to first order.
         """
         n = sms.n
         sigmas = np.array([self.base, *[self.arm] * n, self.base_inertia])
@@ -89,12 +90,15 @@ class MassUncertainty:
 
 
 def _scaled(sms: SpaceManipulator, changes: FloatArray) -> SpaceManipulator:
-    """Return the robot with relative changes (n + 2,) of base mass, arm masses and base inertia."""
-    base, *arm, turning = np.clip(1.0 + changes, _LEAST, _MOST).tolist()
-    factors = zip(list(sms.model.inertias)[1:], [base, *arm], [turning, *arm], strict=True)
+    """Return the robot with relative changes (n + 2,) of base mass, arm masses and base inertia.
+
+    The inertia of an arm body changes with its mass.
+    """
+    base, *arm, base_inertia = np.clip(1.0 + changes, _LEAST, _MOST).tolist()
+    factors = zip(list(sms.model.inertias)[1:], [base, *arm], [base_inertia, *arm], strict=True)
     return sms.with_inertias(
         [
-            pin.Inertia(mass * inertia.mass, inertia.lever, turn * inertia.inertia)
-            for inertia, mass, turn in factors
+            pin.Inertia(on_mass * body.mass, body.lever, on_inertia * body.inertia)
+            for body, on_mass, on_inertia in factors
         ]
     )

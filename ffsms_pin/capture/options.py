@@ -26,7 +26,7 @@ class Belief:
     Raises
     ------
     InvalidValue
-        A value out of range or of a wrong shape.
+        A value is out of range or has a wrong shape.
     """
 
     mass: Annotated[Positive | None, Unit("kg", "the true mass")] = None
@@ -51,22 +51,22 @@ class Belief:
 class Grip:
     """A compliant grip: a spring and a damper between end effector and grasp, rigid after `time`.
 
-    All parameters except `time` are those of `capture.GripLoad`.
+    All fields except `time` are parameters of `capture.GripLoad`.
 
     Raises
     ------
     InvalidValue
-        A value out of range or of a wrong shape.
+        A value is out of range or has a wrong shape.
     """
 
     stiffness: Annotated[Positive, Unit("N/m")] = GripLoad.stiffness
     """The stiffness of the compliant grip."""
     damping: Annotated[NotNegative, Unit("N s/m")] = GripLoad.damping
-    """The damping of the grip."""
+    """The damping of the compliant grip."""
     turn_stiffness: Annotated[Positive, Unit("N m/rad")] = GripLoad.turn_stiffness
-    """The rotational stiffness of the grip."""
+    """The rotational stiffness of the compliant grip."""
     turn_damping: Annotated[NotNegative, Unit("N m s/rad")] = GripLoad.turn_damping
-    """The rotational damping of the grip."""
+    """The rotational damping of the compliant grip."""
     time: Annotated[Positive, Unit("s")] = 0.5
     """The time from the closing of the gripper to the rigid grip."""
 
@@ -89,7 +89,7 @@ class Nozzle:
     Raises
     ------
     InvalidValue
-        A value out of range or of a wrong shape.
+        A value is out of range or has a wrong shape.
     """
 
     probe_length: Annotated[Positive, Unit("m")] = 0.72
@@ -135,7 +135,7 @@ class Ring:
     Raises
     ------
     InvalidValue
-        A value out of range or of a wrong shape.
+        A value is out of range or has a wrong shape.
     """
 
     opening: Annotated[Positive, Unit("m")] = 0.04
@@ -173,7 +173,7 @@ class Ring:
 
 
 def _scene(make: Callable[..., Scene], grasp: Any, sizes: dict[str, float]) -> Scene:
-    """Return the scene of given sizes with its grasp at a pose (pinocchio.SE3) in the client's axes."""
+    """Return the scene that `make` creates, with its grasp at a pose (pinocchio.SE3) in the client's axes."""
     return make(grasp * make(pin.SE3.Identity(), **sizes).grasp.inverse(), **sizes)
 
 
@@ -184,7 +184,7 @@ class Replan(opt.ReplanOptions):
     Raises
     ------
     InvalidValue
-        A value out of range or of a wrong shape.
+        A value is out of range or has a wrong shape.
     """
 
     dt: Annotated[Positive | None, Unit("s", "[plan] dt")] = None
@@ -258,7 +258,7 @@ _LAW = partial(ComputedTorque, K_p=100.0, K_d=20.0, adaptive=False)
 class Control:
     """The control laws of a capture.
 
-    They are created for the servicer, and after the latch again for servicer and client as one robot.
+    The laws are created for the servicer, and at the latch again for servicer and client as one robot.
 
     Attributes
     ----------
@@ -270,7 +270,7 @@ class Control:
         A function from a robot to the law of its base, such as `ffsms_pin.control.QuaternionFeedback`.
         Default: the base floats.
     dt : float
-        Control step [s], above zero, rounded to a whole number of steps in the duration.
+        Control step [s], above zero. It is rounded so that the duration has a whole number of steps.
     """
 
     law: JointLaws = _LAW

@@ -30,7 +30,7 @@ class Envelope:
     Raises
     ------
     InvalidValue
-        A value out of range or of a wrong shape.
+        A value is out of range or has a wrong shape.
     """
 
     distance: Annotated[Positive, Unit("m")] = 0.05
@@ -42,9 +42,9 @@ class Envelope:
     spin: Annotated[Positive, Angle("rad/s")] = 0.05
     """The largest angular speed of the end effector relative to the grasp."""
     force: Annotated[Positive | None, Unit("N", "any")] = None
-    """The largest force on a compliant grip, as predicted with three standard deviations of the client."""
+    """The limit of the force on a compliant grip, predicted at three standard deviations of the estimate."""
     torque: Annotated[Positive | None, Unit("N m", "any")] = None
-    """The largest torque on a compliant grip, as predicted with three standard deviations of the client."""
+    """The limit of the torque on a compliant grip, predicted at three standard deviations of the estimate."""
 
     def __post_init__(self) -> None:
         for field in fields(self):
@@ -52,7 +52,7 @@ class Envelope:
                 positive(f"envelope {field.name}", getattr(self, field.name))
 
     def outside(self, miss: FloatArray, relative: FloatArray, foreseen: bool = False) -> str:
-        """Return a text of the errors that exceed the envelope; empty if none does.
+        """Return a text with the errors that exceed the envelope; empty if there are none.
 
         `miss` (2,) [m, rad] is the pose error, and `relative` (6,) the end effector's twist relative to the
         grasp. `foreseen` is true for predicted errors.
@@ -69,7 +69,7 @@ class Envelope:
         )
 
     def overloads(self, load: ContactLoad) -> str:
-        """Return a text of the predicted loads of the grip that exceed the envelope; empty if none does."""
+        """Return a text with the predicted loads that exceed the envelope; empty if there are none."""
         phrase = "the grip may have to bear"
         return _too_much(
             (phrase, load.most_force, self.force, "N"), (phrase, load.most_torque, self.torque, "N m")
@@ -77,7 +77,7 @@ class Envelope:
 
 
 def _too_much(*checks: tuple[str, float, float | None, str]) -> str:
-    """Return a text of the values that exceed their limits; empty if none does."""
+    """Return a text with the values that exceed their limits; empty if there are none."""
     return "; ".join(
         f"{phrase} {value:.3g} {unit}, {most:g} {unit} at most"
         for phrase, value, most, unit in checks
@@ -114,7 +114,10 @@ class Prediction:
     load: ContactLoad | None = None
 
     def rate(self, t: float) -> FloatArray:
-        """Return the base's angular velocity (3,) [rad/s] at t [s] after the contact, inertial axes."""
+        """Return the base's angular velocity (3,) [rad/s], inertial axes, with the joints at rest.
+
+        `t` [s] is the time since the contact, at least `braking`.
+        """
         return np.asarray(self.rest.twist(t - self.braking)[3:])
 
     def deviation(self, t: float) -> FloatArray:
@@ -123,7 +126,7 @@ class Prediction:
 
     @property
     def wheel_momentum(self) -> FloatArray:
-        """The momentum (3,) of wheels that keep servicer and client at rest [N m s], inertial axes."""
+        """The momentum (3,) of wheels that stop the rotation of both bodies [N m s], inertial axes."""
         return np.asarray(self.spinning + self.rest.momentum[3:])
 
     @property
@@ -185,7 +188,7 @@ def predicted(
     client : Client or ClientEstimate
         The client or its estimate.
     t : float
-        Time of the contact [s].
+        The client's time at the contact [s].
     wheel_momentum : ndarray, shape (w,), optional
         Momenta of the servicer's wheels at the contact [N m s].
     room : callable, optional

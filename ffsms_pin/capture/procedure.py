@@ -34,22 +34,25 @@ class Procedure:
     Raises
     ------
     InvalidValue
-        A value out of range or of a wrong shape.
+        A value is out of range or has a wrong shape.
     """
 
     attempts: Annotated[Tries, Unit()] = 2
-    """The number of attempts. After a miss the arm retreats, and the next attempt is planned from a later
-    measurement of the client."""
+    """The largest number of attempts. After a failed attempt the arm retreats, and the next attempt is
+    planned from the present estimate of the client."""
     retreat: Annotated[Positive, Unit("m")] = 0.3
-    """The distance by which the arm retreats from the grasp before the next attempt. Default: twice the
-    default standoff of `opt.Meet`."""
+    """The distance from the grasp at which a retreat before another attempt ends. If the standoff is larger,
+    a retreat to the standoff is tried first. Default: twice the default standoff of `opt.Meet`."""
     after: Annotated[NotNegative, Unit("s")] = 10.0
-    """The simulated time from the start of the last braking, after a capture or an abort."""
+    """The least simulated time from the start of the last braking. The run does not end before the deadline
+    of the first plan."""
     torque_share: Annotated[Positive, Unit()] = 0.5
-    """The share of the torque limits that braking and the motion of `identify` may use."""
+    """The share of the torque limits that braking, motions to rest after an abort and the motion of
+    `identify` may use. If braking cannot keep the clearance of the grasped client with this share, it may use
+    the full limits."""
     identify: Annotated[NotNegative, Unit("s")] = 0.0
     """The duration of a motion of small swings after the braking, from which the client's mass and inertia
-    are identified; 0 for no such motion. Without it, most of the parameters are unobservable."""
+    are identified; 0 for no such motion. Without the motion, most of the parameters are unobservable."""
     keep_clear: Annotated[Positive, Unit("s")] = 600.0
     """The time after an abort for which servicer and client must keep clear of each other, as predicted. The
     default leaves ten minutes for the next decision."""
@@ -110,7 +113,7 @@ class CaptureOptions(Procedure):
         return 0.0 if self.grip is None else self.time
 
     def closeness(self, sms: SpaceManipulator, guides: bool = False) -> ClientDistances | None:
-        """Return the distances between a servicer and the obstacles on the client; None without obstacles.
+        """Return the distances between a servicer and the obstacles on the client; None if there are none.
 
         If `guides` is true, distances to the pieces of the nozzle or ring at the grasp are included.
         """
@@ -119,15 +122,16 @@ class CaptureOptions(Procedure):
         return ClientDistances(sms, self.obstacles, self.clearance, self.collision, guides)
 
     def touching(self, plant: SpaceManipulator) -> ClientDistances | None:
-        """Return the distances between a servicer and the client's bodies; None without bodies."""
+        """Return the distances between a servicer and the client's `bodies`; None without bodies."""
         return ClientDistances(plant, self.bodies, self.clearance, self.collision) if self.bodies else None
 
     def brake(
         self, after: AfterCapture, torque_limit: FloatArray, client: Client | None = None, coast: float = 0.0
     ) -> Braking:
-        """Return the braking after a capture, or of the servicer alone if `client` is None.
+        """Return the braking from the state `after`.
 
-        The time zero of `client` is the present. For `torque_limit` and `coast` see `capture.brake`.
+        `client` is the grasped client, with the present as its time zero. If it is None, no clearance of a
+        grasped client is required. For `torque_limit` and `coast` see `capture.brake`.
         """
         room = None if client is None or self.room is None else self.room(after.q, client.start_pose)
         return brake(after, torque_limit, self.torque_share, coast=coast, room=room)
@@ -135,7 +139,7 @@ class CaptureOptions(Procedure):
     def teach(
         self, joined: AfterCapture, pose: Any, locked: Sequence[str] = ()
     ) -> tuple[Trajectory | None, str]:
-        """Return the motion of `identify`, or None and the reason.
+        """Return the motion of `identify` with an empty text, or None with the reason why there is no motion.
 
         `pose` (pinocchio.SE3) is the client's pose. `locked` has the names of joints that cannot move.
         """
