@@ -68,10 +68,10 @@ class Verdict:
     Attributes
     ----------
     misses : tuple of str
-        Messages about missed goals, overlaps, and violations of all limits other than clearances; empty if
-        the motion has `arrived`.
+        Messages about missed goals, an end before the deadline, overlaps, and violations of all limits other
+        than clearances; empty if the motion has `arrived`.
     breaches : tuple of str
-        Messages about violated clearances without an overlap. A motion with breaches may have `arrived`.
+        The message about a violated clearance without an overlap. A motion with a breach may have `arrived`.
     path_error : ndarray, shape (K,)
         Distance from the path [m]; empty if the goal is not an `opt.Path`.
     orientation_error : ndarray, shape (K,)
@@ -91,7 +91,7 @@ class Verdict:
 
     @property
     def arrived(self) -> bool:
-        """True if every goal is met, no bodies overlap, and every limit except clearances is satisfied."""
+        """True if there are no `misses`."""
         return not self.misses
 
 
@@ -117,8 +117,8 @@ def recorded(
     tau : ndarray, shape (K - 1, n), optional
         Joint torques in the steps between the rows [N m]. Default: the torques that the motion requires.
     wheel_momentum : ndarray, shape (K, w), optional
-        Momenta of the wheels [N m s]. Default: the momenta that the motion requires, if wheels hold the
-        attitude.
+        Momenta of the wheels [N m s], used if wheels hold the attitude. Default: the momenta that the motion
+        requires.
     """
     stack = plant.arm_stack(problem.mode)
     joints = np.array([plant.layout.positions(row) for row in q]).T
@@ -186,8 +186,9 @@ def judge(
     The goal of the end effector is checked at the last row, within `Goal.reach` and `Goal.orientation_reach`.
     A goal with `Goal.exact` is checked at the deadline within its tolerance, velocities included. Required
     velocities of other goals are checked at the deadline. Their tolerances are `Goal.reach` in m/s and
-    `Goal.orientation_reach` in rad/s. Every limit is checked by its `Limit.violation_in_flight`. Clearances
-    are checked between rows, too. An overlap is a miss, and a smaller violation is a breach.
+    `Goal.orientation_reach` in rad/s. A motion that ends before the deadline is a miss. Every limit is
+    checked by its `Limit.violation_in_flight`. The least clearance is checked at the rows and between them.
+    An overlap is a miss, and a smaller violation is a breach.
 
     Parameters
     ----------
@@ -196,11 +197,11 @@ def judge(
     plant : SpaceManipulator
         The flown robot.
     t, q, v : ndarray, shape (K,), (K, nq) and (K, 6 + n)
-        The recording, from the start of the problem's motion.
+        The recording, see `recorded`.
     tau : ndarray, shape (K - 1, n), optional
-        Joint torques in the steps between the rows [N m].
+        Joint torques in the steps between the rows [N m], see `recorded`.
     wheel_momentum : ndarray, shape (K, w), optional
-        Momenta of the wheels [N m s].
+        Momenta of the wheels [N m s], see `recorded`.
     """
     motion = recorded(problem, plant, t, q, v, tau, wheel_momentum)
     goal, misses, breaches = problem.goal, list[str](), list[str]()
@@ -227,7 +228,7 @@ def judge(
 
 
 def limit_misses(problem: Problem, limits: Sequence[Limit], motion: RecordedRollouts) -> list[str]:
-    """Return a message for each of a problem's limits that a recorded motion violates."""
+    """Return a message for each limit that a recorded motion of a problem violates."""
     robot: Any = motion.stack.robot
     misses = []
     for limit in limits:
@@ -239,10 +240,10 @@ def limit_misses(problem: Problem, limits: Sequence[Limit], motion: RecordedRoll
 
 
 def least_clearance(problem: Problem, robot: SpaceManipulator, motion: Rollouts) -> LeastClearance | None:
-    """Return the least clearance of a motion, at instants and between them.
+    """Return the clearance of a motion that is least compared with its requirement, also between instants.
 
-    The pairs are the robot's bodies, and the robot's bodies with obstacles on the base, in space or on a
-    client. The result is None if the problem has no clearance limit, or if no bodies can collide.
+    The pairs are two bodies of the robot, or a body of the robot and an obstacle on the base, in space or on
+    a client. The result is None if the problem has no clearance limit, or if no bodies can collide.
     """
     least = None
     for limit in problem.limits:
@@ -260,7 +261,7 @@ def least_clearance(problem: Problem, robot: SpaceManipulator, motion: Rollouts)
 
 
 def _nearest_point(stack: ClearanceStack, motion: Rollouts, nearest: Least) -> tuple[float, float, float]:
-    """Return the nearest point (3,) on the first body of a pair, at the row nearest to `nearest.time`."""
+    """Return the nearest point (3,) on the first body of a pair at the row nearest in time, inertial axes."""
     k = int(np.argmin(np.abs(motion.times - nearest.time)))
     poses, entry = stack.along(motion), (np.array([nearest.pair]), np.array([k]))
     _, placed = stack.slopes(poses, entry, stack.nearest(poses, entry))
@@ -270,7 +271,7 @@ def _nearest_point(stack: ClearanceStack, motion: Rollouts, nearest: Least) -> t
 
 
 def _contact(problem: Problem, motion: Rollouts, k: int) -> FloatArray:
-    """Return the end effector's twist (6,) at a row, relative to the goal's twist."""
+    """Return the end effector's twist (6,) at row k relative to the goal's twist, inertial axes."""
     moving = [motion.velocity[:, 0, k], motion.angular_velocity[:, 0, k]]
     return np.asarray(np.concatenate(moving) - problem.place.twist)
 

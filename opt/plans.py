@@ -93,14 +93,15 @@ def plan(
         "horizon": optimisation of the whole motion from several initial guesses (docs/planner.md). It reaches
         targets that single steps miss, but takes longer to compute. "step": a quadratic program (QP) in each
         step, rolled out once for each side of the cone of zero cost; the best rollout is the plan. "paper":
-        the paper's cost as printed, minimised step by step, with a schedule for const8. It supports no base
-        limits, momentum, `also` or `via`. "resolved-rate", "least-disturbance", "minimum-effort": classical
-        methods that move straight to the target, under the same limits (docs/planner.md).
+        the paper's cost as printed, minimised step by step, with a schedule for const8. It does not support
+        attitudes, moving obstacles, base limits, momentum, `also` or `via`. "resolved-rate",
+        "least-disturbance", "minimum-effort": classical methods that move straight to the target, under the
+        limits of "step" (docs/planner.md).
     obstacles : sequence of Obstacle
         The obstacles, see `opt.Clearance`.
     via : sequence, optional
         Waypoints of the end effector in any order: positions (3,), poses, or `opt.Waypoint`, which may have a
-        time. Step-by-step methods support only waypoints with a time.
+        time. Single steps ignore waypoints without a time.
     progress : callable, optional
         A function that is called with the completed share of the work, 0 to 1.
     **options
@@ -111,13 +112,13 @@ def plan(
     Returns
     -------
     Trajectory
-        The plan; `reached` is true if it reaches the target, else `note` has the reason.
+        The plan; if it does not reach the target, `reached` is false and `note` has the reason.
 
     Raises
     ------
     InvalidValue
-        If a shape is wrong, a number is out of range, the start is outside the joint limits, or the method
-        does not support an option.
+        If a shape is wrong, a number is out of range, the start is outside the joint limits or overlaps an
+        obstacle, the target is inside an obstacle, or the method does not support an option.
     UnknownOption
         If an argument is misspelt.
     """
@@ -177,7 +178,7 @@ def _other_goals(also: Mapping[str, Any] | None) -> list[FrameGoal]:
 
 
 def _waypoints(via: Sequence[Any]) -> list[Waypoint]:
-    """Return the waypoints from `plan(via=...)`; plain positions and poses are named by their number."""
+    """Return the waypoints from `plan(via=...)`; positions and poses get names with their number."""
     kinds = "a position (3,) [m], a pinocchio.SE3, a homogeneous matrix (4, 4) or an opt.Waypoint"
     if isinstance(via, str) or not isinstance(via, Sequence | np.ndarray):
         remedy = f"must be a sequence of waypoints, each {kinds}; a single one is via=[waypoint]"
@@ -191,7 +192,7 @@ def _waypoints(via: Sequence[Any]) -> list[Waypoint]:
 
 
 def lacking(problem: Problem, method: str) -> str:
-    """Return a message that lists the features of a problem that a method does not support, or ''."""
+    """Return a message with the features of a problem that a method does not support; empty without any."""
     limits = problem.limits if method == "paper" else ()
     steps_along = method != "paper" and isinstance(problem.goal, Path)
     features = {
@@ -223,7 +224,7 @@ def plan_problem(
     one_of("method", method, METHODS)
     if unsupported := lacking(problem, method):
         raise InvalidValue("method", method, f"{unsupported}; use 'horizon'")
-    # If the end effector is at its goal, the arm stays at rest, regardless of the cost.
+    # If the robot is at rest at its goal, it stays there within the limits, regardless of the cost.
     if starts_within(problem, 1e-6, 1e-6) and problem.goal.place(0.0).rests:
         note = "the end effector is at its target from the start"
         still = measure(problem, np.zeros((problem.steps + 1, problem.sms.n)), note)
@@ -231,7 +232,8 @@ def plan_problem(
             return still
     if method == "horizon":
         return solve(problem, options, progress)
-    refused(problem)  # raises for an overlap with an obstacle, but not for a start nearer than the clearance
+    # The error of an overlap counts. The result for a start within the clearance does not.
+    refused(problem)
     if isinstance(problem.goal, Path):
         return plan_path_stepwise(problem, method, progress)
     plan = plan_stepwise(problem, method, progress)
@@ -277,11 +279,11 @@ def plan_many(
     Raises
     ------
     InvalidValue
-        If sequences have different lengths, or the number of jobs is below one.
+        If sequences have different lengths, or the number of jobs is not from 1 to 1024.
     UnknownOption
         If an argument is misspelt.
     TasksFailed
-        If planning fails for some motions; the error has the reasons, and the plans of the other
+        If planning raises errors for some motions; the exception has these errors, and the plans of the other
         motions.
 
     Examples
@@ -329,7 +331,7 @@ def _rows(name: str, value: Any) -> list[Any] | None:
 class _StepBox(AlphaBox):
     """The box on alpha that re-planning adds to a problem.
 
-    A flown motion is not checked against this box, because the user has not set this limit.
+    A flown motion is not checked against this box, because it is not a limit of the user's problem.
     """
 
     def violation_in_flight(self, motion: RecordedRollouts) -> Violation:
@@ -340,9 +342,9 @@ class _StepBox(AlphaBox):
 def replannable(problem: Problem, plan: Trajectory | None = None) -> Problem:
     """Return the problem for re-planning in a closed loop.
 
-    The paper's box on alpha is added, because single steps always have this limit. A flown motion is checked
-    against the box only if `problem` has it. A waypoint without a time gets the time at which `plan` is
-    nearest to the waypoint, because the loop cannot measure which waypoints were passed.
+    The paper's box on alpha is added if `problem` does not have it, because single steps always have this
+    limit. A waypoint without a time gets the time at which `plan` is nearest to it, because the loop cannot
+    measure which waypoints were passed. Without a `plan` it stays without a time.
     """
     limits = list(problem.limits)
     if not any(isinstance(limit, AlphaBox) for limit in limits):

@@ -57,9 +57,9 @@ def velocity_slopes(
 ) -> tuple[FloatArray, FloatArray]:
     """Return the slopes (3, n, ...) of two velocities with respect to joint positions.
 
-    The velocities are the base's angular velocity and the velocity of the end effector, in base axes. Both
-    follow from the joint rates (n, ...) and from `angular_drift` (3, ...). This drift is the base's angular
-    velocity due to an angular momentum that is constant in base axes.
+    The velocities are the base's angular velocity and the end effector's velocity relative to the system's
+    centre of mass, in base axes. `angular_drift` (3, ...) is the base's angular velocity due to an angular
+    momentum, which is constant in base axes here.
     """
     positions, rates = np.broadcast_arrays(arm.positions, rates)
     own = () if angular_drift is None else (angular_drift,)
@@ -68,7 +68,7 @@ def velocity_slopes(
 
 
 def coupling_slopes(stack: ArmStack, arm: ArmValues, by_coupling: FloatArray) -> FloatArray:
-    """Convert slopes (..., 6, n, S, K) with respect to C_bm to slopes (..., n, S, K) by joint positions."""
+    """Convert slopes by C_bm (..., 6, n, S, K) to slopes by joint positions (..., n, S, K)."""
     several = by_coupling.reshape(-1, *arm.coupling.shape)
     slopes = [kernel.coupling_slopes(stack.tree, arm.positions, slope) for slope in several]
     return np.reshape(slopes, (*by_coupling.shape[: -arm.coupling.ndim], *arm.positions.shape))
@@ -83,9 +83,9 @@ def forces(
 ) -> FloatArray:
     """Return joint torques H_q u' + C_q (n, ...) [N m, or N], and below them the base's wrench (6, ...).
 
-    u' are the accelerations. The wrench holds the base in the directions that the mode of the stack does not
-    leave free: a force [N], and a moment about the base's centre of mass [N m], base axes. For
-    `angular_drift` see `Rollouts`.
+    u' are the accelerations. The wrench holds the base in the directions in which the stack's mode does not
+    leave it free, and is zero in the others. It is a force [N], and a moment about the base's centre of mass
+    [N m], base axes. For `angular_drift` see `Rollouts`; default: zero.
     """
     own = np.zeros((3, *joints.shape[1:])) if angular_drift is None else angular_drift
     values = kernel.dynamics(stack.tree, joints, rates, accelerations, own).reshape(-1, *joints.shape[1:])
@@ -103,7 +103,7 @@ def force_slopes(
 ) -> dict[str, FloatArray]:
     """Return the slopes (n + 6, n, ...) of `forces` by name, with a fixed angular drift.
 
-    Forces are quadratic in rates and linear in accelerations, so finite differences for both are exact.
+    Forces are quadratic in rates and linear in accelerations, so finite differences by both are exact.
     """
     n, step = stack.n, 1e-6  # [rad]
     still = np.zeros((n, *joints.shape))  # the second axis is the joint
@@ -120,11 +120,11 @@ def force_slopes(
 
 
 def momentum_force_slopes(m: Rollouts) -> dict[str, FloatArray]:
-    """Return the slopes (n + 6, ., S, K) of `forces` through the angular drift, by name.
+    """Return the slopes of `forces` due to changes of the angular drift, by name; empty without drift.
 
-    The angular drift J R^T L, with the inverse inertia J, the base's attitude R and the angular momentum L,
-    depends on joint positions and attitude. Forces are quadratic in the drift, so finite differences for the
-    drift are exact.
+    The slopes are (n + 6, n, S, K) by joint positions, and (n + 6, 3, S, K) by rotations of the base about
+    inertial axes. The angular drift is J R^T L, with the inverse inertia J, the base's attitude R and the
+    angular momentum L. Forces are quadratic in the drift, so finite differences by the drift are exact.
     """
     if m.angular_momentum is None:
         return {}
@@ -148,9 +148,9 @@ def wheel_shares(wheels: ReactionWheels | None) -> FloatArray:
 
 
 def held_momentum(arm: ArmValues) -> FloatArray:
-    """Return D (3, n, ...), the angular momentum per joint rate about the system's centre of mass, base axes.
+    """Return D (3, n, ...), the angular momentum about `arm.com` per joint rate, base axes.
 
-    The base's attitude is held. Its position may be free or held, because a uniform translation has no
+    The base does not rotate. If it translates freely, D is the same, because a uniform translation has no
     angular momentum about the system's centre of mass.
     """
     return arm.angular - cross(arm.com[:, None], arm.linear)
@@ -161,8 +161,8 @@ def wheel_total(
 ) -> FloatArray:
     """Return the momenta h_0 (w,) of wheels with arm and base at rest [N m s].
 
-    They are the present momenta `momentum` (w,) plus the wheels' shares of the angular momentum of arm and
-    base in the state q (nq,), v (6 + n,).
+    h_0 is the sum of the present momenta `momentum` (w,) and of the wheels' shares of the angular momentum
+    of arm and base in the state q (nq,), v (6 + n,).
     """
     angular = pin.computeCentroidalMomentum(sms.model, sms.model.createData(), q, v).angular
     in_root_axes = pin.Quaternion(q[3:7]).toRotationMatrix().T @ angular
@@ -209,6 +209,7 @@ class Rollouts:
     The axes of components and joints come before the axes of motions and instants.
     """
 
+    # names of the arrays whose last axes are motions and instants
     of_rollouts: ClassVar[tuple[str, ...]] = (
         "joints",
         "rates",
@@ -218,21 +219,21 @@ class Rollouts:
     )
 
     stack: ArmStack  # the robot
-    times: FloatArray  # (K,) the last is the deadline
+    times: FloatArray  # (K,) in a search the order is that of `RateSpline.times`; the last is the end
     weights: FloatArray  # (K,) quadrature weights of the instants
-    limit_weights: FloatArray  # (K,) the same for limits, which are evaluated at more instants
-    last_tenth: Indices  # indices of the instants in the last tenth of the time
+    limit_weights: FloatArray  # (K,) weights of the instants for limits
+    last_tenth: Indices  # indices of the instants in the last tenth of the time; in a search without the end
     joints: FloatArray  # (n, S, K)
     rates: FloatArray
     accelerations: FloatArray
     base_attitude: FloatArray  # (3, 3, S, K)
-    com: FloatArray  # (3, K) the system's centre of mass
-    drift: FloatArray  # (3,) the velocity of the centre of mass
-    angular_drift: FloatArray  # (3, S, K) the base's angular velocity from the total momentum, base axes
-    base_start: FloatArray  # (3,) position of the base's centre of mass at the start
-    rotation_start: FloatArray  # (3, 3) attitude of the base at the start
+    com: FloatArray  # (3, K) the centre of mass of the system, or of the base if its position is held
+    drift: FloatArray  # (3,) the velocity of `com`
+    angular_drift: FloatArray  # (3, S, K) the base's angular velocity with joints at rest, base axes
+    base_start: FloatArray  # (3,) position of the base's centre of mass in the base's reference pose
+    rotation_start: FloatArray  # (3, 3) attitude of the base in its reference pose (`Problem.base_start`)
     target: FloatArray  # (3, K) the goal's position, in the axes `target_on`
-    mean_speed: float  # scale of speeds: the mean speed along a straight line to the target
+    mean_speed: float  # scale of speeds, see `Problem.mean_speed`
     smoothing: Smoothing = EXACT
     # [s] cos(theta_a) combines rates with a position that is earlier by this time, as in the paper's steps
     delay: float = 0.0
@@ -252,12 +253,12 @@ class Rollouts:
 
     @property
     def last(self) -> int:
-        """The index of the deadline."""
+        """The index of the last instant, the deadline of a plan."""
         return len(self.times) - 1
 
     @property
     def duration(self) -> float:
-        """The time from the start to the deadline [s]."""
+        """The time of the last instant [s]."""
         return float(self.times[-1])
 
     @cached_property
@@ -300,7 +301,7 @@ class Rollouts:
 
     @cached_property
     def angular_momentum(self) -> FloatArray | None:
-        """The total angular momentum (3,) about the centre of mass, inertial axes [N m s]; None if zero."""
+        """The total angular momentum (3,) about `com`, inertial axes [N m s]; None if it is zero."""
         drift = self.angular_drift[:, 0, 0]
         if not drift.any():
             return None
@@ -340,9 +341,9 @@ class Rollouts:
         return forces(self.stack, self.joints, self.rates, self.accelerations, self.angular_drift)
 
     def at(self, motion: Indices | None, instants: Indices | slice) -> Rollouts:
-        """Return V pairs of motion and instant, by their indices, as one motion with V instants.
+        """Return V pairs of motion and instant, selected by indices (V,), as one motion with V instants.
 
-        If `motion` is None, return these instants of all motions.
+        If `motion` is None, return all motions at the selected instants.
         """
 
         def pick(values: FloatArray) -> FloatArray:
@@ -358,13 +359,13 @@ class Rollouts:
 
     @cached_property
     def before(self) -> Rollouts:
-        """The finished motions at their nodes, with the accelerations just before each node."""
+        """The motions at their nodes, the even instants, with the accelerations just before each node."""
         nodes, jumping = self.at(None, slice(None, None, 2)), self.accelerations
         return replace(nodes, accelerations=np.concatenate([jumping[..., :1], jumping[..., 1::2]], axis=-1))
 
     @cached_property
     def paired(self) -> Paired:
-        """The paper's measures of the steps of one motion; its instants are nodes and midpoints."""
+        """The paper's measures of the first motion's steps; its instants are nodes and midpoints."""
         arm, rates = self.arm, self.rates[:, 0, 2::2]
         displacement = self.to_target[:, 0, :-1:2]
         velocity = apply_rates(arm.jstar[..., 0, :-1:2], rates)
@@ -378,7 +379,7 @@ class Rollouts:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class FixedRollouts(Rollouts):
-    """A stack of motions with given poses and velocities, independent of the joints."""
+    """A stack of motions whose poses and velocities are stored, and not computed from the joints."""
 
     of_rollouts: ClassVar[tuple[str, ...]] = (
         *Rollouts.of_rollouts,
@@ -402,7 +403,7 @@ class FixedRollouts(Rollouts):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class RecordedRollouts(FixedRollouts):
-    """A recording as one motion at its rows, with the applied torques."""
+    """A recorded motion, with an instant at each row of the recording, and its joint torques."""
 
     of_rollouts: ClassVar[tuple[str, ...]] = (*FixedRollouts.of_rollouts, "forces", "measured_momenta")
 
@@ -426,7 +427,7 @@ def rolled_out(
 
     The motion starts at `q0` (nq,). Its joint rates (N + 1, n) [rad/s] at nodes `dt` [s] apart are linear
     between nodes. The total momentum (6,) is [linear; angular], inertial axes, about the system's centre of
-    mass. The target is NaN until `dataclasses.replace` sets it.
+    mass; default: zero. The target is NaN until `dataclasses.replace` sets it.
     """
     steps, n = len(rates) - 1, sms.n
     count = 2 * steps + 1
@@ -498,6 +499,6 @@ def velocities(motion: Rollouts) -> FloatArray:
 
 
 def angles_from_start(quaternions: FloatArray) -> FloatArray:
-    """Return the angles (N + 1,) [rad] of the rotations from the first of unit quaternions (N + 1, 4)."""
-    apart = np.abs(quaternions @ quaternions[0])
-    return np.asarray(2.0 * np.arccos(np.minimum(apart, 1.0)))
+    """Return the angles (N + 1,) [rad] between the attitudes of unit quaternions (N + 1, 4) and the first."""
+    half_cosines = np.abs(quaternions @ quaternions[0])
+    return np.asarray(2.0 * np.arccos(np.minimum(half_cosines, 1.0)))

@@ -16,15 +16,17 @@ from ffsms_pin.system.regressors import PER_BODY
 if TYPE_CHECKING:
     from ffsms_pin.opt.trajectory import Trajectory
 
-_SMALL = 1e-5  # step of finite differences, as a share of a body's parameter scale
-_NONE = 1e-14  # a variance below this share of the largest variance is taken as zero
+_SMALL = 1e-5  # step of finite differences, as a share of the parameter scales of `_sizes`
+_NONE = 1e-14  # a scaled variance of at most this share of the largest one is taken as zero
 
 
 def end_spread(plan: Trajectory, covariance: FloatArray, sms: SpaceManipulator | None) -> FloatArray:
     """Return the covariance (3, 3) [m^2] of the end effector's final position, see `Trajectory.spread`."""
     if sms is None:
         if plan.problem is None:
-            raise InvalidValue("sms", sms, "must be given: a plan that was loaded from a file has no robot")
+            raise InvalidValue(
+                "sms", sms, "must be given, because a plan that was loaded from a file has no problem"
+            )
         sms = plan.problem.sms
     if sms.nq != plan.q.shape[1]:
         raise InvalidValue("sms", sms, "must be the robot of the plan, with the same joints")
@@ -48,7 +50,7 @@ def end_spread(plan: Trajectory, covariance: FloatArray, sms: SpaceManipulator |
 
 
 def _sizes(parameters: FloatArray) -> FloatArray:
-    """Return parameter scales (b, 10) of bodies: mass, mass times length, mass times length squared."""
+    """Return scales (b, 10) of inertial parameters: m, m l and m l^2 for mass m and radius of gyration l."""
     masses = parameters[:, 0]
     inertias = parameters[:, [4, 6, 9]].sum(axis=1) / 2.0
     lengths = np.sqrt(np.divide(inertias, masses, out=np.ones_like(masses), where=masses > 0.0))
