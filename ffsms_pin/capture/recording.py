@@ -48,22 +48,23 @@ class Captured:
     closings : tuple of Closing
         The closings of the gripper.
     planned, expected : Prediction
-        The predictions from the first plan, and from the estimates at the contact. `expected` is None if the
-        gripper has not closed on the client.
+        The predictions from the first plan, and from the estimates at the last contact. `expected` is None
+        if the gripper has not closed on the client.
     after : AfterCapture, optional
         The servicer with the true client right after the latch. None: the client was not latched.
     braking : Braking, optional
-        The last braking. None: the joints did not brake.
+        The last braking, planned at the latest when the gripper closes. None: no braking was planned.
     arrival : float
         The deadline of the plan [s].
     limits : ndarray, shape (n,)
-        Torque limits [N m].
+        Torque limits of the model [N m].
     held : bool
         True if the base is under a base law.
     spinning : ndarray, shape (3,), optional
         Total momentum of the wheels at the end of the run, root axes [N m s].
     departure : Departure, optional
-        The motion to rest after an abort, and the closest approach afterwards. None: there was no abort.
+        The motion to rest after an abort, and the closest approach afterwards. None: there was no abort, the
+        client was latched before it, or the client has no obstacles.
     measured : ClientIdentification, optional
         The measurements of servicer and latched client. None: the client was not latched.
     sensors : Sensors, optional
@@ -93,13 +94,16 @@ class Captured:
 
     @property
     def missed(self) -> str:
-        """The reason why the client was not latched; empty if it was latched."""
+        """The reasons why the client was not latched, separated by semicolons; empty if it was latched."""
         reasons = [phase.reason for phase in self.phases if phase.name in ("retreat", "braking", "collision")]
         return "" if self.caught else "; ".join(dict.fromkeys("; ".join(reasons).split("; ")))
 
     @property
     def contact_at(self) -> float:
-        """The time of the contact or, if the client was not latched, of the end of the first attempt [s]."""
+        """The time of the last contact or, if the client was not latched, of the first failure [s].
+
+        A failure is the start of a retreat, a braking or a collision.
+        """
         if self.caught:
             return [phase.time for phase in self.phases if phase.name == "contact"][-1]
         return next(phase.time for phase in self.phases if phase.name in ("retreat", "braking", "collision"))
@@ -132,7 +136,10 @@ class Captured:
 
     @property
     def momentum_error(self) -> float:
-        """The largest `Tracking.momentum_error`, relative to the largest initial momentum."""
+        """The largest norm of `Tracking.momentum_error`, relative to the largest initial momentum.
+
+        The initial momenta are those of the client, of both bodies, and the servicer's linear momentum.
+        """
         theirs = np.linalg.norm(self.client.momentum)
         ours = np.linalg.norm(self.whole.momentum[0, :3] - self.client.momentum[:3])
         largest = max(theirs, ours, np.linalg.norm(self.whole.momentum[0]))
@@ -148,7 +155,7 @@ class Captured:
         return self.measured.identified(self.sensors, bool(pushed))
 
     def numbers(self) -> dict[str, Any]:
-        """Return the numbers for the summary of a run; keys end in their unit."""
+        """Return the numbers for the summary of a run; keys of values with a unit end in that unit."""
         degrees = 180.0 / np.pi
         touched = self.whole.contact_wrench
         before = self.whole.t < self.latched_at - 1e-9
@@ -220,7 +227,7 @@ class Captured:
         }
 
     def _share(self, torque: FloatArray) -> float:
-        """Return the largest joint torque of (N, n) as a share of its limit."""
+        """Return the largest ratio of the joint torques (N, n) to their limits."""
         return float((np.abs(torque) / self.limits).max(initial=0.0))
 
 
@@ -232,7 +239,8 @@ def captured(
 ) -> Captured:
     """Simulate a capture of the true client in closed loop, see `StateMachine`.
 
-    `options` has keyword arguments of `simulate`; `progress` is called with the completed share, 0 to 1.
+    `options` has keyword arguments of `simulate`, at least `conditions` and `plant`. `progress` is called
+    with the completed share, 0 to 1.
     """
     plan, options, sms = mission.plan, dict(options), mission.model
     conditions = options["conditions"]
@@ -259,7 +267,7 @@ def captured(
 
 
 def _judged(record: Captured, mission: StateMachine, plant: SpaceManipulator) -> Tracking:
-    """Return the recording with its verdict on latch, limits and clearance."""
+    """Return the recording with the verdict on latch, limits and clearance."""
     whole, last = record.whole, record.phases[-1]
     least = _least_clearance(record, mission, plant)
     misses = [whole.stopped] if whole.stopped else []
@@ -296,7 +304,7 @@ def _knock(record: Captured, plant: SpaceManipulator) -> str:
 def _limit_misses(record: Captured, mission: StateMachine, plant: SpaceManipulator) -> list[str]:
     """Return a message for each limit of the plan that the last attempt violates before the first contact.
 
-    The limits of the corridor are left out, because the state machine checks them.
+    The limits that the goal adds (the corridor) are left out, because the state machine checks them.
     """
     whole, problem = record.whole, mission.plan.problem
     if problem is None:
@@ -324,7 +332,10 @@ def _limit_misses(record: Captured, mission: StateMachine, plant: SpaceManipulat
 def _least_clearance(
     record: Captured, mission: StateMachine, plant: SpaceManipulator
 ) -> LeastClearance | None:
-    """Return the least clearance of the flight to the true client's bodies and to those of the plan."""
+    """Return the least clearance of the flight, with the true client and by the limits of the plan.
+
+    Obstacles on the client are left out of these limits, because the plan has only the estimated client.
+    """
     whole, handling, candidates = record.whole, mission.handling, []
     stride = max(1, round(_JUDGED / max(float(whole.t[1] - whole.t[0]), 1e-9)))
     rows = np.unique([*range(0, len(whole.t), stride), len(whole.t) - 1])

@@ -101,7 +101,7 @@ class Rendezvous:
 
     @property
     def clearance(self) -> opt.Clearance:
-        """The clearance limit of the plan, or the default `opt.Clearance` if the plan has none."""
+        """The first clearance limit of the plan, or the default `opt.Clearance` if the plan has none."""
         return next((limit for limit in self._limits if isinstance(limit, opt.Clearance)), opt.Clearance())
 
     @cached_property
@@ -122,12 +122,15 @@ class Rendezvous:
         return _guided(rebound(self.given_obstacles, client), self.guide, self.scene, client)
 
     def bodies(self) -> list[opt.Obstacle]:
-        """Return the bodies of the true client whose contact the simulation does not model."""
+        """Return the obstacles on the true client and the exact pieces of a guide.
+
+        The list is empty if no obstacle is on the client.
+        """
         bodies = [obstacle for obstacle in rebound(self.given_obstacles, self.client) if obstacle.moves]
         return _touched(bodies, self.guide, self.scene, self.client)
 
     def first_estimate(self) -> Client | ClientEstimate:
-        """Return the known or estimated client at the start of the motion.
+        """Return the client as known at the start of the motion.
 
         With a camera, the client is estimated from a first measurement with latency and noise. Without a
         camera, the true client is known.
@@ -247,7 +250,7 @@ def _guided(
 def _touched(
     bodies: Sequence[opt.Obstacle], guide: Nozzle | Ring | None, scene: Scene | None, client: Client
 ) -> list[opt.Obstacle]:
-    """Return the bodies of a client and the exact pieces of its guide; empty if there are no bodies."""
+    """Return the bodies of a client and the exact pieces of its guide; empty without bodies."""
     if guide is None or scene is None or not bodies:
         return list(bodies)
     pieces = [

@@ -21,8 +21,8 @@ from ffsms_pin.opt.search.inverse_kinematics import within_workspace
 from ffsms_pin.opt.trajectory import measure
 from ffsms_pin.robot import SpaceManipulator
 
-_RETURN = 1.0  # [1/s] rate at which position errors are corrected and self-motions decay
-_DAMPING = 0.05  # [1] damping of changes of the joint rates near a singularity (Wampler 1986)
+_RETURN = 1.0  # [1/s] rate at which pose errors are corrected and self-motions decay
+_DAMPING = 0.05  # [m] damping of changes of the joint rates near a singularity (Wampler 1986)
 _RUBS = 0.05  # [m] tolerated violation of the clearance from a guide if no other retreat is possible
 _OVERLAP = 1e-3  # [m] overlap of bodies above which a plan is not flown
 _SHORT = 0.01  # [m] tolerated shortfall of a retreat, in addition to a tenth of its length
@@ -34,7 +34,7 @@ Planned = tuple[Trajectory | None, str]
 
 
 def in_collision(plan: Trajectory, sms: SpaceManipulator) -> str:
-    """Return a text of the bodies that overlap in a plan; empty if there are none."""
+    """Return a text of the bodies that overlap by more than 1 mm in a plan; empty if there are none."""
     if "clearance" not in plan.broken or plan.problem is None:
         return ""
     least = least_clearance(plan.problem, sms, plan.problem.motion(plan.joint_rates, plan.dt))
@@ -70,9 +70,10 @@ def moved_away(problem: Problem, *displacements: FloatArray) -> Planned:
 
     Straight motions are tried first, because a probe must leave a nozzle straight. Three rotations of the end
     effector are tried: it turns with the client, its rotation is ramped down, or it hardly turns. Each motion
-    is tried in the full time of the problem and in shorter times. If all straight motions violate limits, a
-    motion by the first displacement is planned. The last resort is a straight motion that only violates the
-    clearance from the guide, by less than 50 mm.
+    is tried in the full time of the problem and in shorter times. If no straight motion keeps the limits and
+    lets all joints brake before their position limits, a motion by the first displacement is planned. The
+    next choice is a straight motion that keeps the limits but does not let all joints brake. The last choice
+    is a straight motion that only violates the clearance from the guide, by less than 50 mm.
     """
     goal, trouble = problem.goal, ""
     assert isinstance(goal, Meet)
@@ -88,7 +89,7 @@ def moved_away(problem: Problem, *displacements: FloatArray) -> Planned:
         for displacement in displacements
     ]
     beside: list[tuple[float, Trajectory]] = []
-    hasty: list[Trajectory] = []  # motions after which a joint cannot brake before its position limit
+    hasty: list[Trajectory] = []  # feasible, but a joint cannot brake before its position limit afterwards
     for cut, (displacement, to), turning, share in product(
         (False, True), zip(displacements, goals, strict=True), _TURNING, (1.0, 0.6, 0.4)
     ):
@@ -122,7 +123,7 @@ def _can_stop(plan: Trajectory) -> bool:
 
 
 def _only_rubs(problem: Problem, plan: Trajectory) -> bool:
-    """Return whether a motion keeps clear of all bodies except the pieces of the guide at the grasp."""
+    """Return whether a motion keeps clear of all bodies except the pieces of a guide at the grasp."""
     others = [
         replace(
             limit,

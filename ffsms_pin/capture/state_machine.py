@@ -3,14 +3,17 @@
     approach -> closing -> contact -> braking -> rest
     braking -> identification -> rest, if a motion to identify the client is requested
     any of the first three -> retreat -> approach (another attempt), or braking -> rest
-    any -> collision, if bodies touch whose contact the simulation does not model: the run ends
+    any of the first three -> approach or braking, if the arm is already away from the grasp
+    any -> braking, if a guard trips; a strong contact before the latch leads to a retreat instead
+    any -> collision, if bodies touch whose contact the simulation does not model; the run ends
 
-The go or no-go decision is made at the hold point, where the corridor to the grasp begins. For a go, the
-uncertainty of the client must be within `GoLimits`, and the plan must arrive without collision. The grip must
-bear the contact. Braking must be possible within the torque limits and without collision. Until the contact,
-the attempt is aborted if the uncertainty exceeds its limits or the end effector leaves the corridor. At the
-deadline the gripper closes; it grasps the client if the errors are inside the envelope. After an abort the
-arm comes to rest where servicer and client keep clear of each other (`departure`).
+The go or no-go decision is made at the hold point, where the corridor to the grasp begins, and at the latest
+a second before the deadline. For a go, the uncertainty of the client must be within `GoLimits`, and the plan
+must arrive without collision. The grip must bear the contact. Braking must be possible within the torque
+limits and without collision. Until the contact, the attempt is aborted if the uncertainty exceeds its limits,
+the end effector leaves the corridor, or a miss or a collision is predicted. At the deadline the gripper
+closes; it grasps the client if the errors are inside the envelope. When the capture is given up, the arm
+comes to rest where servicer and client keep clear of each other, if possible (`departure`).
 """
 
 from __future__ import annotations
@@ -55,7 +58,7 @@ Laws = Callable[[SpaceManipulator], tuple[JointLaw, BaseLaw | None]]
 # A function from a configuration (nq,) and a `client` to a planning problem that begins at the present.
 Again = Callable[..., Problem]
 
-_LOOK_BACK = 1.0  # [s] over which the momentum is averaged before another plan
+_LOOK_BACK = 1.0  # [s] time over which the momentum is averaged before another plan
 _LONGEST_BRAKING = 160.0  # [s] upper bound of a braking; a `departure` takes up to two minutes
 _LEAST_CLOSING = 1.0  # [s] least time from the go decision to the deadline, enough to open a gripper
 _LOOK = 0.2  # [s] between two checks of the uncertainty and of the corridor
@@ -68,7 +71,7 @@ _DARK = 1.0  # [s] shortest interruption of the measurements that a reason menti
 _KNOCK, _KNOCKED = 1.0, 3.0
 LATCHED = "both are one body"  # the reason for braking after a latch
 TOUCH = 1e-4  # [m] overlap above which bodies count as touching
-_FASTEST = 0.5  # [m/s] largest speed of an end effector towards the corridor
+_FASTEST = 0.5  # [m/s] assumed largest speed of an end effector towards the corridor
 _TURNS = "floating", "translation-flying"  # modes in which the base's attitude is free
 
 
@@ -83,16 +86,18 @@ class Transition(NamedTuple):
 class StateMachine(Observer, Supervisor):
     """A state machine that serves `simulate` as reference, joint law, base law and supervisor of a capture.
 
-    The envelope and collisions are checked with the simulated `plant` and the true client. All other
-    decisions use measurements and the client of the goal `meet`, which is an estimate or, without a camera,
-    the true client. Up to the contact the arm follows a `reference`, which is the plan or a `Replanning`.
-    After the latch, control and braking use a model in which the servicer is joined with the estimated
-    client. `step` is the control step [s]. `again` returns the planning problem of another attempt; without
-    `again` there is one attempt.
+    From the closing of the gripper on, the envelope is checked with the simulated `plant` and the true
+    client, as are collisions in all states. The other decisions use measurements and the client of the goal
+    `meet`, which is an estimate or, without a camera, the true client. Up to the contact the arm follows a
+    `reference`, which is the plan or a `Replanning`. After the latch, control and braking use a model in
+    which the servicer is joined with the estimated client. `step` is the control step [s], which is rounded
+    so that the plan has a whole number of steps. `again` returns the planning problem of a retreat or of
+    another attempt; without `again` there is one attempt and no retreat.
 
     The attribute `phases` has the states so far, `closings` the closings of the gripper, `after` the servicer
-    and true client at the latch, and `expected` the prediction at the contact. `model` is the robot model of
-    the laws, `braking` the last braking, and `identification` has the measurements of the latched client.
+    and true client at the latch, and `expected` the prediction at the last contact. `model` is the robot
+    model of the laws, `braking` the last braking, and `identification` has the measurements of the latched
+    client.
     """
 
     def __init__(
@@ -134,7 +139,7 @@ class StateMachine(Observer, Supervisor):
         # The distances include the guide, because no contact is permitted outside the corridor.
         self._away = handling.closeness(sms, guides=True)
         self._near = 0.0  # [s] time of the next evaluation of the true distance
-        self._felt = -math.inf  # [s] time of the last contact
+        self._felt = -math.inf  # [s] time of the last contact or of the latch
         # Two values, for the base's position and attitude: True if it drifts, False if a base law holds it.
         planner = self._replanning
         self.momentum = plan.momentum if planner is None else planner.momentum
@@ -153,10 +158,10 @@ class StateMachine(Observer, Supervisor):
         self.target, self.q = reference.target, plan.q
         self.replans = planner is not None
 
-    # The interface of a reference, and of the laws.
+    # The interfaces of a reference, an observer and the laws.
 
     def observe(self, t: float, q: FloatArray, v: FloatArray) -> None:
-        """Store the measured state, and pass it to the law and the reference."""
+        """Store the measured state, and pass it to the law and to a reference that re-plans."""
         self._seen = q, v
         self.law.observe(t, q, v)
         if self.state in ("closing", "retreat") and self.base_law is None:
@@ -167,7 +172,7 @@ class StateMachine(Observer, Supervisor):
             self._visual.look(t, q, v)
 
     def observe_sensors(self, t: float, q: FloatArray, v: FloatArray) -> None:
-        """Pass the unfiltered measurements to the law and the identification of the client."""
+        """Pass the unfiltered measurements to the law and, after the latch, to the identification."""
         self.law.observe_sensors(t, q, v)
         if self.identification is not None and self.after is not None:
             self.identification.add(t, q, v, self._wheels)
@@ -180,14 +185,14 @@ class StateMachine(Observer, Supervisor):
             self._replanning.expect_noise(distance)
 
     def observe_wheels(self, momentum: FloatArray) -> None:
-        """Store the wheels' momenta (w,) [N m s], and pass them to the law and the reference."""
+        """Store the wheels' momenta (w,) [N m s], and pass them to the law and to re-planning."""
         self._wheels = momentum.copy()
         self.law.observe_wheels(momentum)
         if self._replanning is not None and self._follow is self._replanning:
             self._replanning.observe_wheels(momentum)
 
     def joint_failed(self, joint: int, locked: bool) -> None:
-        """Pass the fault of a joint to law and reference; later plans do not move the joint."""
+        """Pass the fault of a joint to the laws and to re-planning; later plans do not move the joint."""
         self._failed[self._sms.joint_names[joint]] = locked
         self.law.joint_failed(joint, locked)
         if self._replanning is not None:
@@ -205,7 +210,10 @@ class StateMachine(Observer, Supervisor):
         return 0 if planner is None or self._follow is not planner else planner.failed_in_a_row
 
     def reset(self, dt: float) -> None:
-        """Reset the laws for control steps of dt [s], before a run and after a latch."""
+        """Reset the laws for control steps of dt [s], before a run and at the latch.
+
+        Failed joints and the noise are passed to the joint law again.
+        """
         self.law.reset(dt)
         for name, locked in self._failed.items():
             self.law.joint_failed(self._sms.joint_names.index(name), locked)
@@ -282,11 +290,11 @@ class StateMachine(Observer, Supervisor):
         return self.law.torque_limit
 
     def guard_tripped(self, now: Instant, trip: Trip) -> Sequence[Event]:
-        """Return the reaction to a guard: joints brake, and the gripper opens unless the client is latched.
+        """Return the events after a guard has tripped: the joints brake, and an unlatched gripper opens.
 
-        If the contact force is too large, the arm retreats instead, under the present law. Drives cannot
-        resist an impact, so a contact may accelerate a joint to less than three times its rate limit. The law
-        then brakes the joint without another reaction.
+        If the load of the contact is too large before the latch, the arm retreats instead, under the present
+        law. Drives cannot resist an impact, so for a second after a contact a joint may move at up to three
+        times its rate limit. The law then brakes the joint, and no events are returned.
         """
         if trip.guard == "rate_margin" and self._knocked(now):
             return ()
@@ -348,7 +356,7 @@ class StateMachine(Observer, Supervisor):
         return self._touched_ahead(now, t - now.t) or self._foreseen_contact(now, t - now.t)
 
     def _foreseen_contact(self, now: Instant, span: float) -> str:
-        """Return a text of predicted attitude and velocity errors outside the envelope at the contact."""
+        """Return a text of the attitude and velocity errors that are predicted outside the envelope."""
         times, q, rates = self._ahead(now, span, _FINE)
         robot = self._learnt_robot
         momentum = centroidal(robot, *self._seen).momentum * np.repeat(self._drifts, 3)
@@ -360,7 +368,7 @@ class StateMachine(Observer, Supervisor):
         return self.handling.envelope.outside(miss, -off[6:], foreseen=True)
 
     def _ahead(self, now: Instant, span: float, step: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return times relative to now [s], configurations and joint rates of the followed motion."""
+        """Return times from now on [s], and the predicted configurations and joint rates at these times."""
         times = np.linspace(0.0, span, 2 + round(span / step))
         follow, h = self._follow, float(times[1])
         ahead = follow.ahead if isinstance(follow, Replanning) else follow.sample
@@ -398,14 +406,17 @@ class StateMachine(Observer, Supervisor):
         return self._touched_ahead(now, min(_AHEAD, self._deadline - now.t))
 
     def _beside_corridor(self, now: Instant) -> float:
-        """Return the distance [m] of the end effector from the corridor's cone, negative inside."""
+        """Return the distance [m] of the end effector from the cone with its tolerance, negative inside."""
         meet, off = self._meet, self._off(now)
         before = float(-off @ np.array(meet.axis))
         beside = float(np.linalg.norm(off + before * np.array(meet.axis)))
         return beside * math.cos(meet.half_angle) - before * math.sin(meet.half_angle) - meet.tolerance
 
     def _misaligned(self, now: Instant) -> float:
-        """Return the excess [rad] over the permitted misalignment, which decreases towards the grasp."""
+        """Return the excess [rad] over the permitted misalignment, which decreases towards the grasp.
+
+        If any misalignment is permitted, the result is negative infinity.
+        """
         meet = self._meet
         if meet.misalignment is None:
             return -math.inf
@@ -427,7 +438,10 @@ class StateMachine(Observer, Supervisor):
         return float(np.linalg.norm(tip.translation - there.translation))
 
     def _grasp_moved(self) -> str:
-        """Return a text of the grasp's displacement since the go decision, empty within the tolerance."""
+        """Return a text of the change of the estimated grasp position at the deadline since the go decision.
+
+        The text is empty below 10 mm or half of the envelope's distance, whichever is larger.
+        """
         if self._promised is None or self.state != "closing":
             return ""
         there = self._meet.client.pose(self._deadline) * self._meet.grasp
@@ -443,7 +457,7 @@ class StateMachine(Observer, Supervisor):
         return f"{moved}; {reason}" if moved else reason
 
     def _touched_ahead(self, now: Instant, span: float) -> str:
-        """Return a text of the predicted touch of the client within `span` [s]; empty if there is none."""
+        """Return a text of a contact with the client predicted within `span` [s]; empty if there is none."""
         closeness = self._away if self.state == "approach" and span <= _AHEAD else self._closeness
         if closeness is None or now.t < self._path - 1e-9 or span <= 0.0:
             return ""
@@ -457,7 +471,7 @@ class StateMachine(Observer, Supervisor):
         return f"the motion ahead touches the client after {times[k]:.2g} s ({pair})"
 
     def _collision(self, now: Instant) -> str:
-        """Return a text of the bodies of servicer and client that touch; empty if there are none."""
+        """Return a text of bodies of servicer and client that touch without a modelled contact, or ""."""
         if self._true is None or now.t < self._near - 1e-9:
             return ""
         distance, pair = self._true.at(now.q, now.client_pose, now.joined is not None)
@@ -505,7 +519,7 @@ class StateMachine(Observer, Supervisor):
         return None if now.t < self._begin + self._follow.duration - 1e-9 else self._another(now)
 
     def _another(self, now: Instant, *reasons: str, events: Sequence[Event] = ()) -> Transition:
-        """Begin another attempt from the current state; retreat and stop if no attempt is possible."""
+        """Begin another attempt from the current state; if none is possible, retreat, or stop if away."""
         tried, most = self._count("approach"), self.handling.attempts
         plan, trouble = None, f"given up after {tried} attempt{'s' if tried > 1 else ''}"
         if tried < most:
@@ -588,7 +602,7 @@ class StateMachine(Observer, Supervisor):
         """Return the servicer's initial momentum (6,) if it floats with unchanged momentum, else None.
 
         The momentum counts as changed if it deviates from the momentum of the measured velocities by more
-        than the mass uncertainty explains.
+        than the mass uncertainty explains. Without mass uncertainty or with a guide, the result is None.
         """
         if self.base_mode != "floating" or not others or self.handling.guide is not None:
             return None
@@ -621,7 +635,8 @@ class StateMachine(Observer, Supervisor):
     def _back(self, now: Instant, reason: str, *events: Event, for_good: bool = False) -> Transition:
         """Retreat along the axis of approach, out of the corridor if possible; stop if no motion is found.
 
-        `for_good` is true before an abort, with a longer retreat than for another attempt.
+        `for_good` is true after the last attempt, with a longer retreat than for another attempt. Otherwise
+        another attempt begins at once if the end effector is already away from the grasp.
         """
         if self._is_away(now) and not for_good:
             return self._another(now, reason, events=events)
@@ -638,9 +653,9 @@ class StateMachine(Observer, Supervisor):
         return Transition("retreat", reason, events)
 
     def _stop(self, now: Instant, reason: str, *events: Event, moves: bool = True) -> Transition:
-        """Begin a motion to rest in a posture in which servicer and client keep clear of each other.
+        """Begin a motion to rest, if possible to a posture in which servicer and client keep clear.
 
-        If `moves` is false, the arm only brakes.
+        If `moves` is false or the client is latched, the arm only brakes.
         """
         q, v = self._seen
         robot, limit, share = self.model, self.law.torque_limit, self.handling.torque_share
@@ -657,7 +672,7 @@ class StateMachine(Observer, Supervisor):
         return Transition("braking", reason, events)
 
     def _at_rest(self, q: FloatArray, v: FloatArray) -> AfterCapture:
-        """Return the servicer alone with its joints at rest, and the momentum with which it drifts."""
+        """Return the servicer without the client, with its joints at rest and the momentum of its drift."""
         momentum = centroidal(self._sms, q, v).momentum * np.repeat(self._drifts, 3)
         return AfterCapture(
             self._sms, q, self._sms.velocity(q, np.zeros(self._sms.n), momentum), momentum, 0.0

@@ -70,10 +70,10 @@ class SurfaceContact:
         Coal geometries, or pairs of a geometry and its placement (pinocchio.SE3), such as `Client.shapes`.
         The placements are in the end-effector frame and in the client's body axes.
     stiffness : float
-        k [N/m^p]. The default is `2 * hertz_stiffness(0.01, 5e6, 0.48)`, for a silicone pad with a radius of
-        10 mm on metal.
+        k [N/m^p]. The default is about `2 * hertz_stiffness(0.01, 5e6, 0.48)`, for a silicone pad with a
+        radius of 10 mm on metal.
     exponent : float
-        p, at least 1. Default: that of Hertz.
+        p, from 1 to 10. Default: that of Hertz.
     damping : float
         c [s/m]. The default, for surfaces on a structure, gives a restitution of 80 % at 10 mm/s.
     friction : float

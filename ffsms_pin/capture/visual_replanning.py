@@ -25,7 +25,10 @@ _LEAST = 1e-4  # [N s, N m s] smallest detected push
 
 
 def with_client(problem: Problem, client: Client) -> Problem:
-    """Return a problem with another client in its goal, which is an `opt.Meet` or a path on a client."""
+    """Return a problem with another client in its goal and obstacles.
+
+    The goal is an `opt.Meet` or an `opt.Path` on a client.
+    """
     goal = problem.goal
     goal = replace(goal, frame=client) if isinstance(goal, Path) else replace(goal, client=client)
     limits = [
@@ -55,12 +58,13 @@ class VisualReplanning(Replanning):
     """A `Replanning` to a client that a camera measures with noise and latency.
 
     `client` is the true client. The goal of the problem is an `opt.Meet` of the `estimate`, or an `opt.Path`
-    on the estimate. Each measurement updates the estimate. A path always moves with the estimate.
+    on the estimate. Each accepted measurement updates the estimate. A path always moves with the estimate.
 
     In a plan to meet the client, goal and obstacles use the new estimate in the second half of the time. In
-    the first half, the new estimate is used only if it displaces the grasp at the deadline by more than one
-    standard deviation, because plans would otherwise follow noise. The last measurement is made a second
-    before the deadline, because later corrections leave a velocity error and the gripper hides the markers.
+    the first half, the new estimate is used only if it changes the position or the attitude of the grasp at
+    the deadline by more than one standard deviation, because plans would otherwise follow noise. The last
+    measurement arrives a second before the deadline, because later corrections leave a velocity error and the
+    gripper hides the markers.
     """
 
     def __init__(
@@ -105,12 +109,15 @@ class VisualReplanning(Replanning):
         return there
 
     def observe(self, t: float, q: FloatArray, v: FloatArray) -> None:
-        """Measure the client if a measurement is due, then plan."""
+        """Measure the client if a measurement is due, then re-plan if a planning step is due."""
         self.look(t, q, v)
         super().observe(t, q, v)
 
     def look(self, t: float, q: FloatArray, v: FloatArray) -> None:
-        """Measure the client if a measurement is due before `until` [s]; q and v are the robot's state."""
+        """Measure the client if a measurement is due at t [s], which is at most `until`.
+
+        q (nq,) and v (6 + n,) are the robot's measured state, from which pushes on the client are estimated.
+        """
         if t < self._look - 1e-9:
             return
         self._look += self._sensor.period
@@ -140,7 +147,7 @@ class VisualReplanning(Replanning):
                 self._planned_for.pushed(*push)
 
     def _differs(self, t: float) -> bool:
-        """Return whether plans to meet the client use the new estimate from t [s] on."""
+        """Return whether plans made from t [s] on use the new estimate."""
         deadline, grasp = self.problem.duration, self.problem.goal.grasp
         before, now = (client.pose(deadline) * grasp for client in (self._planned_for, self.estimate))
         off = np.linalg.norm(pin.log6(before.actInv(now)).vector.reshape(2, 3), axis=1)
@@ -149,7 +156,7 @@ class VisualReplanning(Replanning):
 
 
 class Push(NamedTuple):
-    """An impulse and an angular impulse (3,) on a client at a time [s], see `ClientEstimate.pushed`."""
+    """A time [s], an impulse, an angular impulse and their noise, as for `ClientEstimate.pushed`."""
 
     time: float
     impulse: FloatArray
@@ -162,7 +169,8 @@ class MomentumSense:
 
     Only a contact changes the momentum of a floating servicer, however its joints move. Measured changes of
     the momentum have noise, and a drift if masses deviate from the model. Noise and drift are estimated from
-    changes without a push. If a contact is possible, changes above four times the noise are pushes.
+    the last changes without a push. If a contact is possible, changes that deviate from the drift by more
+    than four times the noise are pushes.
     """
 
     def __init__(self, problem: Problem) -> None:
@@ -189,7 +197,7 @@ class MomentumSense:
         robot : SpaceManipulator
             The servicer with its estimated masses.
         wheel_momentum : ndarray, shape (w,), optional
-            Momenta of wheels that hold the base [N m s].
+            Momenta of the wheels that hold the attitude [N m s].
         place : ndarray, shape (3,)
             The client's centre of mass [m].
         touching : bool
