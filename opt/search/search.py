@@ -70,11 +70,12 @@ class SearchOptions:
     Attributes
     ----------
     time_limit : float, optional
-        The computing time [s] after which the search returns its best plan. The time is checked whenever a
-        motion is finished. With a limit the plan depends on the speed of the computer. Default: no limit.
+        The computing time [s] after which the search returns its best plan. The time is checked between
+        strategies, and after each polished motion or rollout. With a limit the plan depends on the speed of
+        the computer. Default: no limit.
     cost_tolerance : float
-        The search returns the motion of least effort among the motions whose cost exceeds the least cost by
-        at most this value [s]. The value is not scaled with the duration.
+        The search returns the motion of least effort among the motions that arrive and whose cost exceeds the
+        least cost by at most this value [s]. The value is not scaled with the duration.
     without : sequence of str
         The names of the strategies to omit, for measurements; see `opt.search.search.STRATEGIES`.
     """
@@ -111,7 +112,7 @@ class Search:
         progress: Callable[[float], None] | None = None,
     ) -> None:
         self.problem, self.options = problem, options or SearchOptions()
-        # A motion of more than 2000 steps is evaluated in 1000 steps during the search.
+        # If the problem has more than 2000 steps, motions are evaluated in 1000 steps during the search.
         self._judged = replace(problem, dt=problem.duration / 1000) if problem.steps > 2000 else problem
         self._report = progress or (lambda share: None)
         self.coarse = Model.make(problem, self.options.coarse)
@@ -119,12 +120,12 @@ class Search:
         self.goals = JointGoals(np.empty((0, problem.sms.n)), np.empty(0))
         self.drawn = 0  # number of postures that were sampled for joint goals
         self.starts: FloatArray = np.empty(0)  # initial control points (K, M, n) on the coarse spline
-        self.pool: Candidates | None = None  # motions from all starts after a few iterations
+        self.pool: Candidates | None = None  # the best motions from all starts after a few iterations
         self.found: list[Candidates] = []  # all finished motions
-        self.fresh: list[Candidates] = []  # the finished motions from the last starts
-        self.settled = False  # True if no cheaper motion is needed
+        self.fresh: list[Candidates] = []  # the polished motions from the last starts
+        self.settled = False  # True if no further starts are needed
         self.hopeless = False  # True if no motion is expected to arrive
-        # False for a client's goal without cost terms: the first plan that arrives is then sufficient.
+        # False for an exact goal without cost terms, for which the first plan that arrives is sufficient.
         self.costed = not problem.goal.exact or bool(problem.cost_terms)
         self._started = time.perf_counter()
 
@@ -164,11 +165,11 @@ class Search:
         return self.misses(plan)[:2] == (False, False)
 
     def best(self, candidates: Sequence[Candidates] | None = None) -> Candidates:
-        """Return the best of the candidates (default: all finished motions).
+        """Return the best of the candidates; default: of all finished motions.
 
         The best motion has the least effort among the motions that arrive with nearly the least cost
-        (`SearchOptions.cost_tolerance`). Effort is the cost of the tie-breakers (`Term.tie_breaker`). If no
-        motion arrives, the best motion has the least error.
+        (`SearchOptions.cost_tolerance`). Effort is the sum of the tie-breakers (`Term.tie_breaker`), and cost
+        the sum of the other terms. If no motion arrives, the best motion has the least key `misses`.
         """
         candidates = self.found if candidates is None else candidates
         arrived = [candidate for candidate in candidates if self.arrives(candidate.plan)]
@@ -192,7 +193,8 @@ class Search:
     def polish(self, motion: Candidates) -> None:
         """Iterate a motion to convergence, and keep its plan.
 
-        If the plan misses the goal or violates a limit, repeat with a displaced goal or a larger margin.
+        If the plan misses the goal or violates a limit, repeat this with a displaced goal or a larger margin,
+        up to three times.
         """
         problem = self.problem
         for _ in range(4):
@@ -233,7 +235,7 @@ class Search:
         )
 
     def fails_while_tumbling(self) -> bool:
-        """Return whether a robot with angular momentum has no plan that reaches a fixed goal."""
+        """Return whether a robot with angular momentum has plans, but none that reaches its fixed goal."""
         problem = self.problem
         still = not problem.goal.moves and problem.place.rests and not problem.place.moves_with_base
         reached = any(candidate.plan.reached for candidate in self.found)
@@ -266,27 +268,27 @@ def _measured(problem: Problem, motion: Candidates) -> Candidates:
 
 
 _COARSE_STEPS = 100  # number of steps of a coarse rollout; if it ends near the goal, a fine rollout follows
-CHEAP = 0.01  # [s] if a motion of 8 s has at most this cost, the search for cheaper motions ends
+CHEAP = 0.01  # [s] the value of `cheap_cost` for 8 s, a large kappa and no obstacles
 
 
 def cheap_cost(search: Search) -> float:
     """Return the cost [s] up to which a plan is cheap enough; infinity if the plan's cost is irrelevant.
 
-    The value increases with the duration above 8 s, and is three times as large if there are obstacles. It is
-    also larger for a small kappa, because C~ exceeds max(0, cos(theta_a)) by up to log 2 / kappa.
+    Above 8 s the value is proportional to the duration. With obstacles it is three times as large. It is also
+    larger for a small kappa, because C~ exceeds max(0, cos(theta_a)) by up to log(2) / kappa.
     """
     problem = search.problem
     if not search.costed:
         return np.inf
     cost = CHEAP + 0.2 * (math.log(2.0) / problem.kappa) ** 2
-    around = 3.0 if any(limit.obstacles for limit in problem.limits) else 1.0
-    return around * max(1.0, problem.duration / REFERENCE_TIME) * cost
+    factor = 3.0 if any(limit.obstacles for limit in problem.limits) else 1.0
+    return factor * max(1.0, problem.duration / REFERENCE_TIME) * cost
 
 
 def straight_if_near(search: Search) -> None:
     """Plan the straight move if the start is within the goal's reach.
 
-    If this plan arrives, the search ends, because a cheaper motion would be a detour.
+    If this plan arrives, no further starts are needed, because a cheaper motion would be a detour.
     """
     goal = search.problem.goal
     if starts_within(search.problem, goal.reach, goal.orientation_reach):
@@ -298,12 +300,12 @@ def straight_if_near(search: Search) -> None:
 
 
 def straight_starts(search: Search, near: int, far: int, enough: float = 0.0, insist: bool = True) -> None:
-    """Add straight moves to joint goals as initial guesses.
+    """Set moves to joint goals as the next initial guesses.
 
     The joint goals are computed from `near` postures near the start and from `far` postures in the whole
-    joint range. The strategy is skipped if the cost of a plan that arrives is at most `enough` times
-    `cheap_cost`. Without `insist` it is also skipped if neither a motion nor a straight move has reached the
-    goal.
+    joint range, and in the first call also from the start itself. Later calls are skipped if the cost of a
+    plan that arrives is at most `enough` times `cheap_cost`. Without `insist` a call is also skipped if
+    neither a motion nor a straight move has reached the goal.
     """
     problem, first = search.problem, not search.drawn
     done = not first and search.arrived(enough * cheap_cost(search))
@@ -328,9 +330,9 @@ def straight_starts(search: Search, near: int, far: int, enough: float = 0.0, in
 
 
 def descend_from_starts(search: Search, keep: tuple[int, int, int], repeats: int) -> None:
-    """Add motions to the pool by a few iterations from every start, and refine the best motions of the pool.
+    """Apply a few iterations to all starts, add the best motions to the pool, and refine the best of the pool.
 
-    For `keep` and `repeats` see `refine`.
+    For `keep` and `repeats` see `refine`. If the search is hopeless, only one motion is refined.
     """
     search.fresh, model = [], search.coarse
     if not len(search.starts):
@@ -344,7 +346,7 @@ def descend_from_starts(search: Search, keep: tuple[int, int, int], repeats: int
 
 
 def within_limits(search: Search) -> None:
-    """Correct the motion of least error until it satisfies the limits, if no motion arrives."""
+    """Correct the best fresh motion by a weaker goal, if it violates a limit and no motion arrives."""
     if not search.fresh or search.arrived():
         return
     nearest = search.best(search.fresh)
@@ -411,7 +413,7 @@ def reaches(problem: Problem, options: SearchOptions | None, joints: FloatArray)
 
 
 def moving_end(search: Search) -> None:
-    """Plan with moving joints at the deadline, if a tumbling robot has no plan with joints at rest.
+    """Plan with moving joints at the deadline, if no plan of a tumbling robot reaches its goal.
 
     The base rotates, so the joints must move to keep the end effector at rest in inertial axes.
     """
@@ -427,7 +429,7 @@ def moving_end(search: Search) -> None:
 
 
 def at_the_deadline_alone(search: Search) -> None:
-    """Plan to reach the goal at the deadline, if a tumbling robot has no plan that stays at the goal."""
+    """Plan to reach the goal only at the deadline, if no plan of a tumbling robot stays at its goal."""
     if not search.fails_while_tumbling():
         return
     goal, rates = search.problem.goal, search.best().plan.joint_rates
@@ -482,7 +484,7 @@ STRATEGIES = (
     Strategy("moving end", moving_end),
     Strategy("deadline alone", at_the_deadline_alone),
 )
-# The strategies of a quick search, which returns the first plan that arrives, regardless of its cost.
+# The strategies of a quick search, which ends with the first plans that arrive, regardless of their cost.
 QUICK = (
     _NEAR,
     Strategy("first starts", partial(straight_starts, near=4, far=4)),
@@ -514,7 +516,7 @@ def _supports_rollouts(problem: Problem) -> bool:
 
 
 def _travels_far(search: Search, plan: Trajectory) -> bool:
-    """Return whether a plan has more than three times the joint travel of the shortest straight move."""
+    """Return whether a plan has more than three times the joint travel of the shortest move to the goal."""
     travels = np.abs(search.goals.arrived(search.problem) - search.problem.joints0).sum(axis=1)
     return plan.joint_travel > 3.0 * float(travels.min(initial=np.inf))
 
@@ -529,7 +531,8 @@ def solve(
     """Plan a motion by optimisation of the whole motion (docs/planner.md).
 
     The plan is the motion of least effort among the motions that arrive with nearly the least cost
-    (`SearchOptions.cost_tolerance`). After a numerical failure the plan has a `note`.
+    (`SearchOptions.cost_tolerance`). After a numerical failure the plan has a `note`. A motion along an
+    `opt.Path` is planned by rollouts and descents of the redundant motion.
 
     Parameters
     ----------
@@ -543,7 +546,10 @@ def solve(
     Raises
     ------
     InvalidValue
-        If the start overlaps an obstacle, or the target is inside an obstacle.
+        If the start overlaps an obstacle, the target is inside an obstacle, a path without an approach does
+        not begin at the end effector, or an option is not for paths.
+    PartError
+        If a user's own term or limit fails.
     """
     instance("problem", problem, Problem)
     instance("options", options, SearchOptions, optional=True)
@@ -581,7 +587,7 @@ def solve(
 def shortest(problem: Problem, tolerance: float = 0.05, options: SearchOptions | None = None) -> Trajectory:
     """Return the plan of least duration, by bisection that begins with the duration of the problem.
 
-    Because a search may miss a plan, the duration of the result is an upper bound of the least duration.
+    The duration of the result is an upper bound of the least duration, because a search may miss a plan.
 
     Parameters
     ----------
@@ -589,7 +595,7 @@ def shortest(problem: Problem, tolerance: float = 0.05, options: SearchOptions |
         The problem.
     tolerance : float
         The relative tolerance of the duration, below 1. The bisection ends if the duration of the plan
-        exceeds the duration of a failed search by at most this share.
+        exceeds the duration of a failed search by at most this share, or after 20 searches.
     options : SearchOptions, optional
         The options of every search.
 
@@ -597,8 +603,13 @@ def shortest(problem: Problem, tolerance: float = 0.05, options: SearchOptions |
     -------
     Trajectory
         The plan. Its `shortest_duration` is its duration [s]. Its `note` has the longest duration for which
-        no plan was found, and the least time under the joint limits. If no plan is found for the duration of
-        the problem or for the duration that the diagnosis proposes, the failed plan is returned.
+        the bisection found no plan, and the least time under the joint limits. If no plan is found for the
+        duration of the problem or for the duration that the diagnosis proposes, the failed plan is returned.
+
+    Raises
+    ------
+    InvalidValue
+        If the goal of the problem is a path, the tolerance is out of range, or `solve` raises it.
     """
     instance("problem", problem, Problem)
     if isinstance(problem.goal, Path):
