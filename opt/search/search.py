@@ -330,7 +330,7 @@ def straight_starts(search: Search, near: int, far: int, enough: float = 0.0, in
 
 
 def descend_from_starts(search: Search, keep: tuple[int, int, int], repeats: int) -> None:
-    """Apply a few iterations to all starts, add the best motions to the pool, and refine the best of the pool.
+    """Apply a few iterations to all starts, pool the best motions, and refine the best motions of the pool.
 
     For `keep` and `repeats` see `refine`. If the search is hopeless, only one motion is refined.
     """
