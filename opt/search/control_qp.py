@@ -47,7 +47,8 @@ class ControlQP:
     The control points (M n,) are flattened with the joints as the last axis. `matrix` (k, M) has the rows of
     one joint, which are the same for all joints. `kinds` (k,) has the kind of each row: "rate",
     "acceleration", "position", "rest" (at the end) or "stop" (after the end). The first `moving` rows of the
-    QP have the first three kinds. Control points of an arm that brakes from the start are always feasible.
+    QP have the first three kinds. Bounds are widened so that the control points of an arm that brakes from
+    the start are feasible, or zero control points if `RateSpline.changes`.
     """
 
     def __init__(self, problem: Problem, spline: RateSpline) -> None:
@@ -62,7 +63,7 @@ class ControlQP:
         lower = np.vstack([kind.lower for kind in kinds]).ravel() + 10.0 * _TOLERANCE
         upper = np.vstack([kind.upper for kind in kinds]).ravel() - 10.0 * _TOLERANCE
         self.moving = n * sum(kind not in ("rest", "stop") for kind in self.kinds)
-        # The bounds are widened, so that braking is feasible if the start is at a limit or beyond it.
+        # Bounds are widened if the start, or the motion that the spline changes, is at a limit or beyond it.
         at = self._along(np.zeros((size, n)) if spline.changes else braking(problem, spline))
         self.lower = np.minimum(np.maximum(lower, -UNBOUNDED), at)
         self.upper = np.maximum(np.minimum(upper, UNBOUNDED), at)
@@ -75,7 +76,8 @@ class ControlQP:
     def solve(self, hessian: FloatArray, gradient: FloatArray, p: FloatArray) -> FloatArray:
         """Minimise 1/2 x^T hessian x + gradient^T x over feasible steps x from p; return x (M, n).
 
-        Locked joints do not move. If DAQP fails, the unconstrained minimum is scaled down to the limits.
+        Locked joints do not move. If DAQP fails, the unconstrained minimum is scaled down to the limits. If
+        `hessian` is not positive definite, the negative gradient is scaled down to the limits.
         """
         free = self._free
         step = np.zeros(p.size)
@@ -83,7 +85,7 @@ class ControlQP:
             return step.reshape(p.shape)
         if free.size < p.size:
             hessian, gradient = hessian[np.ix_(free, free)], gradient[free]
-        factor = kernel.cholesky(hessian)  # None if the matrix is indefinite by rounding
+        factor = kernel.cholesky(hessian)  # None if rounding makes the matrix indefinite
         step[free] = unbounded = -gradient if factor is None else _solved(factor, -gradient)
         at = self._along(p)
         low, high = self.lower - at, self.upper - at
@@ -102,9 +104,9 @@ class ControlQP:
     ) -> FloatArray | None:
         """Return the best step x with low <= rows x <= high; None if DAQP fails.
 
-        `factor` is U with hessian = U^T U. DAQP minimises |z|^2 for z = U (x - unbounded). Its first rows are
-        the active rows and the rows that the unconstrained minimum violates. Rows that the solution violates
-        are added until the solution satisfies all rows.
+        `factor` is U with hessian = U^T U. DAQP minimises |z|^2 for z = U (x - unbounded) / scale. Its first
+        rows are the rows active at x = 0 and the rows that the unconstrained minimum violates. Rows that the
+        solution violates are added until the solution satisfies all rows.
         """
         touched = 100.0 * _TOLERANCE
         new = np.flatnonzero((move > high) | (move < low) | (high < touched) | (low > -touched))
@@ -154,9 +156,9 @@ class ControlQP:
 
 
 def _slowing(bounds: RobotLimits) -> float:
-    """Return the ratio of braking distance to joint rate [s], which is half of the longest braking time.
+    """Return the longest ratio of braking distance to joint rate [s], half of the braking time at full rate.
 
-    The peak of the deceleration is 1.5 times its mean.
+    The peak of the deceleration is taken as 1.5 times its mean.
     """
     longest = 1.5 * bounds.velocity / bounds.acceleration
     return 0.5 * float(longest[np.isfinite(longest)].max(initial=_LEAST_STOP))
@@ -168,7 +170,7 @@ def _solved(factor: FloatArray, right: FloatArray) -> FloatArray:
 
 
 def _rows(problem: Problem, spline: RateSpline) -> list[_Rows]:
-    """Return the rows of the joint limits, and the rows for joints at rest at the end or stopped after it."""
+    """Return the rows of the joint limits, and of joints that rest at the end or can stop after it."""
     rates0, rows = problem.joint_rates, list[_Rows]()
 
     def add(kind: str, scale: float, points: Map, lower: FloatArray, upper: FloatArray) -> None:
@@ -193,8 +195,7 @@ def _rows(problem: Problem, spline: RateSpline) -> list[_Rows]:
         at_end = Map(spline.rates.free[-1:], spline.rates.fixed[-1:])
         add("rest", 1.0, at_end, -at_rest(problem), at_rest(problem))
     elif problem.goal.coast is not None and (spline.changes or within_workspace(problem)):
-        # Joints must be able to brake after a contact. A search for a goal outside the workspace has no such
-        # rows, because there is no contact.
+        # Joints must be able to brake after a contact. If the goal is outside the workspace, there is none.
         for bounds in filter(None, (limit.joint_bounds for limit in problem.limits)):
             on = problem.goal.coast + _slowing(bounds)
             ends = [

@@ -37,10 +37,7 @@ _LONGER = (1.25, 1.5, 2.0, 3.0)  # factors on the failed duration
 def with_limit_notes(
     problem: Problem, plan: Trajectory, again: Callable[[Problem], Trajectory]
 ) -> Trajectory:
-    """Return a failed plan with notes of its active limits.
-
-    `again(problem)` returns a plan for another problem.
-    """
+    """Return a failed plan with notes on its active limits; `again(problem)` plans another problem."""
     motion, notes = problem.motion(plan.joint_rates), [plan.note]
     for limit in (limit for limit in problem.limits if limit.name in plan.binding):
         nearest = violation_of(limit, motion).nearest
@@ -73,7 +70,7 @@ class _Nothing(Limit):
 
 
 def refused(problem: Problem) -> Trajectory | None:
-    """Return a plan at rest if no motion from the start can satisfy the limits, otherwise None.
+    """Return a plan at rest if the start violates a limit with `Limit.refusal`, otherwise None.
 
     Raise `InvalidValue` if the start overlaps an obstacle, or if the target is inside an obstacle.
     """
@@ -109,8 +106,8 @@ def explain(
     """Return a failed plan with a note of its error, the active limits, and a sufficient duration.
 
     `goals` are the joint goals of the search, and `binding` has (kind, joint) of the active joint limits.
-    `attempt(problem, joints)` is called with problems of other durations. It returns whether a problem is
-    solved by straight moves to joint goals near `joints` (K, n), or if K is 0 by a quick search.
+    `attempt(problem, joints)` is called with problems of longer durations. It returns whether straight moves
+    to joint goals near `joints` (K, n) solve a problem, or if K is 0 whether a quick search solves it.
     """
     why = reasons(problem, plan, binding, goals)
     if arrives_while_tumbling(problem, plan):
@@ -141,7 +138,7 @@ def explain(
 
 
 def reasons(problem: Problem, plan: Trajectory, binding: Kinds, goals: JointGoals | None = None) -> list[str]:
-    """Return the reasons why a plan misses its goal: the workspace, or active limits; see `explain`."""
+    """Return the reasons why a plan misses its goal, such as active limits; for arguments see `explain`."""
     if not within_workspace(problem):
         distance, least, most = workspace_distances(problem)
         outside = (
@@ -204,7 +201,7 @@ def _cannot_stay(problem: Problem, plan: Trajectory) -> str:
 def moving_end_note(problem: Problem, plan: Trajectory) -> str:
     """Describe the joint rates that hold the end effector at the deadline while the base rotates.
 
-    The text is empty if the joints are at rest.
+    The text is empty if the joints are nearly at rest, the robot does not tumble, or the plan fails.
     """
     rates = np.abs(plan.joint_rates[-1])
     holds = problem.tumbles and problem.place.rests and plan.reached
@@ -218,7 +215,7 @@ def moving_end_note(problem: Problem, plan: Trajectory) -> str:
 
 
 def joint_limits_used(problem: Problem, plan: Trajectory, nodes: slice = slice(None)) -> Kinds:
-    """Return (kind, joint) of the joint limits that a plan reaches at `nodes`, the longest active first."""
+    """Return (kind, joint) of the joint limits active at `nodes` of a plan, the longest active first."""
     uses: list[tuple[int, str, int]] = []
     for bounds in (limit.joint_bounds for limit in problem.limits if limit.joint_bounds is not None):
         joints, whole = plan.joint_positions[nodes], bounds.upper - bounds.lower
@@ -241,8 +238,8 @@ def _sufficient(problem: Problem, goals: JointGoals, more_time_helps: bool, atte
     """Return the first sufficient duration [s] of a few longer durations; 0 if none is sufficient.
 
     Without momentum the end pose of a joint path does not depend on the speed. So more time helps only if a
-    limit that depends on the speed is active (`more_time_helps`), or if a feasible straight move to the goal
-    takes more time. `opt.shortest` computes the least duration.
+    limit that depends on the speed is active (`more_time_helps`), or if straight moves to the goal within the
+    limits take more time. `opt.shortest` computes the least duration.
     """
     if problem.goal.moves:
         return 0.0  # a moving goal depends on the deadline
@@ -261,7 +258,7 @@ def _sufficient(problem: Problem, goals: JointGoals, more_time_helps: bool, atte
 
 
 def too_short(problem: Problem, goals: JointGoals) -> float:
-    """Return a duration [s] below which a search is not expected to succeed; 0 if it is unknown."""
+    """Return a duration [s] below which a search is not expected to succeed; 0 if this is unknown."""
     if problem.momentum is not None or problem.joint_rates.any() or problem.goal.moves:
         return 0.0
     # In all known plans the motion takes at least 1 / 1.5 of the time of the fastest straight move.
@@ -269,7 +266,7 @@ def too_short(problem: Problem, goals: JointGoals) -> float:
 
 
 def keep_limits(model: Model, goals: FloatArray) -> NDArray[np.bool_]:
-    """Return the mask (K,) of straight moves to goals (K, n) that satisfy all limits except joint limits."""
+    """Return the mask (K,) of moves to joint goals (K, n) that satisfy all limits except joint limits."""
     if not len(goals):
         return np.zeros(0, dtype=bool)
     problem, spline = model.problem, model.spline

@@ -35,12 +35,12 @@ from ffsms_pin.system.batch.stacks import dot
 class Weights(NamedTuple):
     """The weights of goal and limits, and the smoothing of the paper's cost.
 
-    The values are for a motion of 8 s of an arm one metre long, and are scaled by duration and arm length.
-    `end` is the weight of the goal's errors at the deadline [1/m^2]; errors beyond the reach in the last
-    tenth have a tenth of this weight. `limits` is the weight of the limits' residuals, integrated over time
-    [1/s]. `tie_break` multiplies the weights of terms with `Term.smooths`. For `fade_speed` and
-    `fade_distance`, in arm lengths, see `Smoothing`. If `firm` is true, steps that reduce the cost keep the
-    final pose nearly fixed (see `deadzone`).
+    `end` is the weight of the goal's errors at the deadline [1/m^2], for a motion of 8 s and an arm of 1 m;
+    `linearise` scales it by duration and arm length. Errors beyond the reach in the last tenth have a tenth
+    of this weight. `limits` is the weight of the limits' residuals, integrated over time [1/s]. `tie_break`
+    multiplies the weights of terms with `Term.smooths`. For `fade_speed` and `fade_distance`, in arm lengths,
+    see `Smoothing`. If `firm` is true, steps that reduce the cost keep the final pose nearly fixed (see
+    `deadzone`), except for exact goals.
     """
 
     end: float
@@ -69,7 +69,10 @@ class Model:
 
     @classmethod
     def make(cls, problem: Problem, grid: Grid, free_end: bool = False) -> Model:
-        """Discretise the problem on a grid; with `free_end` the joints may move at the deadline."""
+        """Discretise the problem on a grid.
+
+        The joints may move at the deadline if `free_end` is true or the goal has a velocity.
+        """
         moving = not problem.goal.place(problem.duration).rests
         spline = rate_spline(problem.steps, problem.dt, grid, moving or free_end)
         return cls(problem, problem.goal, spline, ControlQP(problem, spline))
@@ -151,7 +154,8 @@ class Arrival(NamedTuple):
 def arrival(goal: Goal, motions: Rollouts, firm: bool = False) -> Arrival:
     """Return the residuals of motions at a goal; for `firm` see `Weights`.
 
-    Pose errors within the tolerance, or within the reach before the deadline, have the residual zero.
+    Pose errors have the residual zero within a share of the tolerance at the deadline, and within a share of
+    the reach in the last tenth of the time (`PoseTolerance.share`). Velocity errors have no deadzone.
     """
     (end, tail), m = arrivals(goal), Variables(motions)
     late, last = slice(int(motions.last_tenth[0]), None), slice(motions.last, None)
@@ -187,7 +191,7 @@ def motions_of(
 ) -> Rollouts:
     """Roll out control points p (S, M, n) at the spline's instants; `goal` replaces the problem's goal.
 
-    The base's attitude R is integrated by collocation at the Gauss points of the spline: dR/dt = R [omega]x.
+    The base's attitude R, with dR/dt = R [omega]x, is integrated by collocation at the spline's Gauss points.
     The angular velocity omega is spin @ u for the joint rates u, plus the contribution of the total momentum.
     """
     stack, rates0 = problem.stack, problem.joint_rates
@@ -236,8 +240,8 @@ def linearise(
 ) -> Candidates:
     """Linearise the residuals of motions with control points p (S, M, n).
 
-    `damping` is (S,) or scalar; its default is for all stages except the first. Derivatives are computed only
-    for motions whose merit is less than `below`, (S,) or scalar.
+    `damping` is (S,) or scalar. Derivatives are computed only for motions whose merit is less than `below`,
+    (S,) or scalar.
     """
     problem, goal, count = model.problem, model.goal, len(p)
     length = problem.stack.length
@@ -279,7 +283,7 @@ def linearise(
 
 
 def _largest(residual: Variable, margin: float) -> tuple[Indices, FloatArray]:
-    """Return indices of motions, and the largest residuals of these motions divided by the margin."""
+    """Return indices of motions, which may repeat, and residuals of these motions divided by the margin."""
     motion, _ = residual.where or (None, None)
     value = np.abs(residual.value).reshape(-1, *residual.shape[-2:]).max(axis=0) / max(margin, 1e-12)
     return (np.arange(len(value)), value.max(axis=1)) if motion is None else (motion, value[0])
@@ -302,7 +306,7 @@ class Weighted(NamedTuple):
 def gradients_and_hessians(
     spline: RateSpline, motions: Rollouts, chosen: Indices, residuals: list[Weighted]
 ) -> tuple[FloatArray, FloatArray]:
-    """Return gradients (S, Mn) and Hessians (S, Mn, Mn) of half the weighted sum of squares.
+    """Return gradients (S, Mn) and Gauss-Newton Hessians (S, Mn, Mn) of half the weighted sum of squares.
 
     Both are zero for motions whose index is not in `chosen`. Along the axis Mn the joints vary fastest.
     """
@@ -328,13 +332,13 @@ def gradients_and_hessians(
 
 
 _SHORTER = 0.3  # length of the second trial step as a share of the full step, if the full step fails
-_SATISFIED = 0.5  # largest residual of a satisfied limit, as a share of the limit's margin
+_SATISFIED = 0.5  # residual below which `tighten` takes a limit as satisfied, as a share of its margin
 
 
 def descend(motions: Candidates, weights: Weights, iterations: int) -> Candidates:
-    """Apply iterations of Levenberg-Marquardt to all motions in parallel, in place, and return the motions.
+    """Apply Levenberg-Marquardt iterations to all motions in parallel, in place, and return the motions.
 
-    A motion whose merit stalls gets no further iterations.
+    A motion whose merit stalls gets no further iterations. The returned derivatives may be zero.
     """
     model, live, now = motions.model, np.arange(len(motions.p)), motions
     for left in reversed(range(iterations)):
@@ -382,7 +386,7 @@ _LATER = (2, _weights(1e3, 0.03, 0.01)), (2, _weights(1e4, 0.03, 0.002)), (4, LA
 
 
 def coarse_stage(model: Model, p: FloatArray) -> Candidates:
-    """Apply a few iterations to control points (S, M, n), and a few more to the six best motions."""
+    """Apply a few iterations to control points (S, M, n), and a few more to the six best; return these six."""
     first, then = _weights(1e2, 0.3, 0.03), _weights(1e2, 0.1, 0.03)
     motions = distinct_best(linearise(model, p, first, 0.3), len(p))
     motions = distinct_best(descend(motions, first, 3), 6)
@@ -405,11 +409,11 @@ def refine(pool: Candidates, fine: Model, keep: tuple[int, int, int], repeats: i
 
 
 def distinct_best(motions: Candidates, keep: int) -> Candidates:
-    """Return the `keep` best motions that differ by more than 0.05 rad or m in some joint at some time.
+    """Return at most `keep` best motions that differ by more than 0.05 rad or m in some joint at some time.
 
-    Motions are ranked by the sum of the smoothed merit, 0.3 times the exact objective, and a penalty. The
-    penalty is the square of the largest clearance violation beyond one margin, in margins. Without the
-    penalty a short motion through a body has a good rank, but a descent cannot resolve the collision.
+    Motions are ranked by the sum of the smoothed merit, 0.3 times the exact objective, and a penalty. With
+    the `blocked_share` b the penalty is (b - 1)^2 if b > 1. Without the penalty a short motion through a body
+    has a good rank, but a descent cannot resolve the collision.
     """
     chosen: list[int] = []
     travels = motions.model.spline.travel.free @ motions.p
@@ -446,7 +450,7 @@ def prefer_limits(motion: Candidates) -> Candidates:
 
 
 def arrival_error(goal: Goal, plan: Trajectory) -> float:
-    """Return the largest error of the pose [m, rad] and of a desired twist [m/s, rad/s] at the deadline."""
+    """Return the largest error at the deadline, of the pose [m, rad] and a required twist [m/s, rad/s]."""
     last = float(plan.position_error[-1]), float(plan.orientation_error[-1])
     return float(end_errors(goal, *last, plan.contact_velocity, plan.duration).max())
 
@@ -454,8 +458,8 @@ def arrival_error(goal: Goal, plan: Trajectory) -> float:
 def corrected_goal(problem: Problem, goal: Goal, plan: Trajectory) -> Goal | None:
     """Return the goal for the next descent, if a descent to `goal` gave `plan`; None if the plan arrives.
 
-    The returned goal is displaced by the error of the plan. Its reach is smaller if the plan ends at the
-    problem's goal, but is too far from this goal during the last tenth.
+    The returned goal is `goal`, displaced by the pose error of the plan. Its reaches are smaller if the plan
+    ends at the problem's goal, but is too far from this goal during the last tenth.
     """
     within = arrival_error(problem.goal, plan) <= problem.goal.tolerance
     if plan.reached and within:
