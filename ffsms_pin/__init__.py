@@ -71,8 +71,8 @@ __all__ = [
     "viewer",
 ]
 
-# Names that are imported at their first use, because importing them takes three times as long as importing
-# all other names.
+# Names that are imported at their first use, because importing their modules takes several times as long as
+# importing all other names.
 _MODULES = {
     "Client": "client",
     "ComputedTorque": "control",

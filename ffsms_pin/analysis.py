@@ -68,11 +68,12 @@ def base_numbers(sms: SpaceManipulator, q: FloatArray) -> dict[str, float]:
 
 
 def plan_numbers(sms: SpaceManipulator, made: Trajectory) -> dict[str, Any]:
-    """Return the summary numbers of a plan; each key ends in the unit of its value.
+    """Return the summary numbers of a plan; keys of values with a unit end in that unit.
 
     `path_over_straight` is the length of the end effector's path divided by the distance between the path's
-    ends. The joint effort is the integral of the squared joint rates. The torque effort is the integral of
-    the squared torques H_q qdd + C_q, with the reduced inertia matrix H_q and the velocity terms C_q.
+    ends. The joint effort is the integral of the squared joint rates. The torque effort is the sum over the
+    planning steps of the squared torques H_q qdd + C_q at the start of each step, times the step. H_q and C_q
+    are the reduced inertia matrix and the velocity terms of the floating robot.
     """
     # Joint rates are linear between nodes, so the integral of their squares is exact.
     first, last = made.joint_rates[:-1], made.joint_rates[1:]
@@ -95,7 +96,7 @@ def plan_numbers(sms: SpaceManipulator, made: Trajectory) -> dict[str, Any]:
 
 
 def plan_summary(plan: Trajectory) -> dict[str, Any]:
-    """Return the settings and results of a plan for the summary of a run; keys end in the values' units."""
+    """Return the settings and results of a plan for the summary of a run; keys end in the unit, if any."""
     late = plan.t >= ARRIVAL_SHARE * plan.duration - 1e-9
     goal, path = None if plan.problem is None else plan.problem.goal, {}
     if isinstance(goal, Path):
@@ -201,7 +202,6 @@ def tracked_numbers(
         "momentum_drift_angular_kg_m2_per_s": float(np.linalg.norm(momentum[:, 3:], axis=1).max()),
         "kinetic_energy_max_J": scale,
         "energy_error_max_J": energy,
-        # The error is divided by the largest kinetic energy.
         "energy_error_relative": energy / scale if scale > 0.0 else 0.0,
         "base": base_numbers(plant, tracking.q),
         **_actuator_numbers(plant, tracking),
@@ -211,7 +211,7 @@ def tracked_numbers(
 def attempt_numbers(
     sms: SpaceManipulator, plan: Trajectory, tracking: Tracking, stopped: str
 ) -> dict[str, Any]:
-    """Return the final errors of a run; `stopped` is the reason for a stop, "" for a complete run."""
+    """Return the errors of a run; `stopped` is the reason for a stop, "" for a complete run."""
     ended = len(tracking.t) > 0
     return {
         "stopped": stopped,
@@ -293,7 +293,7 @@ def _frame_numbers(tracking: Tracking) -> dict[str, dict[str, float]]:
 
 
 def planned_actuators(sms: SpaceManipulator, plan: Trajectory) -> dict[str, Any]:
-    """Return a plan's predicted use of wheels and thrusters; empty without a prediction."""
+    """Return a plan's predicted use of wheels and thrusters; empty if the plan uses neither."""
     numbers: dict[str, Any] = {}
     if sms.wheels is not None and plan.wheel_momentum.any():
         largest = np.abs(plan.wheel_momentum).max(axis=0)
@@ -338,10 +338,10 @@ def _wheel_energy(wheels: ReactionWheels, tracking: Tracking) -> float:
 def end_effector_deviation(
     sms: SpaceManipulator, plan: Trajectory, tracking: Tracking, plant: SpaceManipulator | None = None
 ) -> FloatArray:
-    """Return the distance (k,) [m] from the simulated to the planned end effector at each planning step.
+    """Return distances (k,) [m] from the simulated to the planned end effector.
 
-    Each distance is measured at the first control instant at or after a node of the plan. If this instant is
-    between two nodes, the plan is propagated from the earlier node to the instant.
+    The distances are evaluated at each control instant that is the first at or after a node of the plan. If
+    the instant is between two nodes, the plan is propagated from the earlier node to the instant.
     """
     plant = sms if plant is None else plant
     momentum = plan.momentum if plan.momentum.any() else None
@@ -361,7 +361,10 @@ def end_effector_deviation(
 
 
 def joint_error_numbers(sms: SpaceManipulator, tracking: Tracking) -> dict[str, float]:
-    """Return the largest and final joint errors, separately for revolute and for prismatic joints."""
+    """Return the largest and final position errors and the largest rate errors of the joints.
+
+    Revolute and prismatic joints have separate numbers.
+    """
     sliding = ~sms.layout.turns
     position, rate = np.abs(tracking.joint_error), np.abs(tracking.joint_rate_error)
     numbers = {}

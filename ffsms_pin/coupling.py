@@ -66,7 +66,7 @@ def cosine(velocity: Iterable[float], direction: Iterable[float], scale: float =
     Parameters
     ----------
     velocity, direction : iterable of float, length 3
-        Vectors of any length in the same axes. Python floats are several times faster than arrays.
+        Vectors of any magnitude in the same axes. Python floats are several times faster than arrays.
     scale : float
         Magnitude |J| |rates| [m/s] of the terms whose sum is the velocity. If the velocity is below the
         rounding error of this sum, the result is 0.
@@ -77,7 +77,7 @@ def cosine(velocity: Iterable[float], direction: Iterable[float], scale: float =
         The cosine in [-1, 1].
     """
     (a, b, c), (x, y, z) = velocity, direction
-    # hypot neither overflows nor underflows, so vectors of any length are accepted.
+    # hypot neither overflows nor underflows, so vectors of any magnitude are accepted.
     speed, distance = math.hypot(a, b, c), math.hypot(x, y, z)
     if speed == 0.0 or distance == 0.0 or speed <= ROUNDING * scale:
         return 0.0
@@ -86,7 +86,7 @@ def cosine(velocity: Iterable[float], direction: Iterable[float], scale: float =
 
 
 def singular_values(matrices: FloatArray) -> FloatArray:
-    """Return the singular values (min(m, n), B) of finite matrices (m, n, B), the largest first.
+    """Return the singular values (min(m, n), ...) of finite matrices (m, n, ...), the largest first.
 
     The error is below 1e-14 of the largest singular value of each matrix, usually below 1e-15.
     """
@@ -175,7 +175,7 @@ class CouplingMetrics(Unchanging):
         joint_rates : array_like, shape (n,)
             Joint rates [rad/s]; only their direction matters.
         direction : array_like, shape (3,)
-            Direction from the end effector to the target, inertial axes, of any length.
+            Direction from the end effector to the target, inertial axes; its magnitude does not matter.
 
         Returns
         -------
@@ -207,9 +207,9 @@ def reaction_null_space(C_bm: FloatArray, of: str, tolerance: float) -> FloatArr
     The total momentum is taken as zero. The dimension of the space is n minus the rank of the rows of C_bm
     that `of` selects: at least n - 3 for "attitude" and n - 6 for "twist". The dimension is larger if the arm
     cannot move the base in some direction. A planar arm of three joints has the dimensions 2 for "attitude"
-    and 0 for "twist". The choice of the basis is arbitrary. With a basis N, joint rates N x move the base by
-    at most tolerance times the largest singular value times |x|. The result for "twist" does not depend on
-    the base's reference point.
+    and 0 for "twist". The choice of the basis is arbitrary. With a basis N, joint rates N x cause an angular
+    velocity or a twist of the base of at most tolerance times the largest singular value times |x|. The space
+    for "twist" does not depend on the base's reference point.
 
     Parameters
     ----------

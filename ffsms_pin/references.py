@@ -23,7 +23,7 @@ class Reference(Protocol):
     reference has them:
 
     - ``q``, an array of rows (nq,): its first row is the start of the plant if `simulate` has no `q0`.
-    - ``momentum``, (6,) or None: the total momentum of the plant at the start, unless `simulate` has a
+    - ``momentum``, (6,) or None: the total momentum of the plant at the start, unless `simulate` has `v0` or
       `momentum`.
     - ``base_mode``, a mode of `opt.Problem`, default "floating". Unless `simulate` has `v0` or `momentum`,
       the base starts with zero velocity in the directions that the mode holds.
@@ -40,7 +40,7 @@ class Reference(Protocol):
         ...
 
     def sample(self, t: float) -> Sample:
-        """Return joint positions [rad], rates [rad/s] and accelerations [rad/s^2], each (n,), at t [s]."""
+        """Return joint positions [rad or m], rates and accelerations, each (n,), at t [s]."""
         ...
 
 
@@ -85,7 +85,7 @@ class Observer(Protocol):
         return
 
     def joint_failed(self, joint: int, locked: bool) -> None:
-        """Process the failure of a joint (index from 0): `locked`, or without motor torque."""
+        """Process a reported failure of a joint (index from 0): `locked`, or without motor torque."""
         return
 
     def observe_robot(self, robot: Any) -> None:
@@ -93,7 +93,10 @@ class Observer(Protocol):
         return
 
     def expect_noise(self, distance: float) -> None:
-        """Process the standard deviation [m] of the measured end-effector position, before a noisy run."""
+        """Process the standard deviation [m] of the end-effector position that `observe` gets.
+
+        The method is called before a run with noisy sensors.
+        """
         return
 
 

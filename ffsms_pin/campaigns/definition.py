@@ -76,9 +76,10 @@ class Campaign:
         return scenario_of(Path(self.source), content, allow_import=self.allow_import)
 
     def digest(self) -> str:
-        """Return the SHA-256 of all inputs: tables, distributions, files in tables, and package versions.
+        """Return the SHA-256 of the inputs: tables, distributions, files in tables, and package versions.
 
-        Modules with a user's own terms and limits are included, but not the modules that they import.
+        Modules beside the scenario file with a user's own terms and limits are included, but not the modules
+        that they import. Meshes of a URDF are not included.
         """
         names = [self.content.get(table, {}).get("model") for table in ("robot", "plant")]
         names += [row.get("file") for row in self.content.get("obstacle", [])]

@@ -33,8 +33,8 @@ def flat_draws(table: Mapping[str, Any], path: str = "") -> Iterator[tuple[str, 
 def drawn_columns(draws: Mapping[str, Any], seed: int) -> dict[str, Any]:
     """Return a seed's drawn values as columns by name.
 
-    A drawn list has a numbered column for each entry. A choice that is neither text nor number is written as
-    JSON.
+    An array from a uniform or normal distribution has a column for each entry, numbered from 0. A choice that
+    is neither text nor number is written as JSON.
     """
     columns: dict[str, Any] = {}
     for key, distribution in draws.items():
@@ -55,7 +55,7 @@ def drawn_content(
     Raises
     ------
     InvalidScenario
-        The file has no such key, or a distribution cannot be used.
+        A key cannot be set in the tables of the file, or a distribution is invalid.
     """
     tables = copy.deepcopy(dict(content))
     for key in _SEEDS:

@@ -40,9 +40,9 @@ def campaign(
 ) -> Path:
     """Run the missing seeds of a campaign in a folder, write the table of all runs, and return its path.
 
-    `jobs` is the number of processes; 1 means this process. The default is the number of cores, or 1 without
-    Dask. `scheduler` is the address of a Dask scheduler, such as "tcp://host:8786", whose workers need the
-    folder under the same path. `progress` is called with the number of completed runs and that of all runs.
+    `jobs` is the number of processes; 1 means this process. The default is the number of usable cores, or 1
+    without Dask. `scheduler` is the address of a Dask scheduler, such as "tcp://host:8786", whose workers
+    need the folder under the same path. `progress` is called with the numbers of completed and of all runs.
     """
     if scheduler is not None and jobs is not None:
         raise InvalidValue("jobs", jobs, "must be left out, because the scheduler's workers do the runs")
@@ -103,7 +103,7 @@ def _run(of: Campaign, folder: Path, seeds: range, rows: list[Any] | None = None
 
 
 def _read(of: Campaign, folder: Path, seeds: range) -> list[Any] | None:
-    """Return the rows of a chunk; None if its file is missing, damaged or belongs to another campaign."""
+    """Return the rows of a chunk; None if its file is missing, damaged or made from other inputs."""
     try:
         chunk = json.loads(read_content(folder / "chunks" / f"{seeds[0]:010d}.json", LARGEST_DATA))
         return chunk["rows"] if [chunk["campaign"], chunk["seeds"]] == [of.hash, list(seeds)] else None

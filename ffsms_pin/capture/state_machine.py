@@ -178,7 +178,7 @@ class StateMachine(Observer, Supervisor):
             self.identification.add(t, q, v, self._wheels)
 
     def expect_noise(self, distance: float) -> None:
-        """Pass the noise of the end effector's position [m] to present and later laws and to the planner."""
+        """Pass the noise [m] of the end effector's position to present and later laws and to re-planning."""
         self._noise = distance
         self.law.expect_noise(distance)
         if self._replanning is not None:
