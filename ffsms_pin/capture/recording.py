@@ -53,7 +53,7 @@ class Captured:
     after : AfterCapture, optional
         The servicer with the true client right after the latch. None: the client was not latched.
     braking : Braking, optional
-        The last braking, planned at the latest when the gripper closes. None: no braking was planned.
+        The last planned braking. None: no braking was planned.
     arrival : float
         The deadline of the plan [s].
     limits : ndarray, shape (n,)
@@ -332,9 +332,9 @@ def _limit_misses(record: Captured, mission: StateMachine, plant: SpaceManipulat
 def _least_clearance(
     record: Captured, mission: StateMachine, plant: SpaceManipulator
 ) -> LeastClearance | None:
-    """Return the least clearance of the flight, with the true client and by the limits of the plan.
+    """Return the least clearance of the flight: to the true client, and by the clearance limits of the plan.
 
-    Obstacles on the client are left out of these limits, because the plan has only the estimated client.
+    Obstacles on the plan's client are left out, because this client is only an estimate.
     """
     whole, handling, candidates = record.whole, mission.handling, []
     stride = max(1, round(_JUDGED / max(float(whole.t[1] - whole.t[0]), 1e-9)))

@@ -3,7 +3,7 @@
     approach -> closing -> contact -> braking -> rest
     braking -> identification -> rest, if a motion to identify the client is requested
     any of the first three -> retreat -> approach (another attempt), or braking -> rest
-    any of the first three -> approach or braking, if the arm is already away from the grasp
+    any of the first three -> approach or braking, if the arm is away from the grasp or no retreat is found
     any -> braking, if a guard trips; a strong contact before the latch leads to a retreat instead
     any -> collision, if bodies touch whose contact the simulation does not model; the run ends
 
@@ -192,7 +192,7 @@ class StateMachine(Observer, Supervisor):
             self._replanning.observe_wheels(momentum)
 
     def joint_failed(self, joint: int, locked: bool) -> None:
-        """Pass the fault of a joint to the laws and to re-planning; later plans do not move the joint."""
+        """Pass the fault of a joint to the joint law and re-planning; later plans do not move the joint."""
         self._failed[self._sms.joint_names[joint]] = locked
         self.law.joint_failed(joint, locked)
         if self._replanning is not None:
@@ -415,7 +415,7 @@ class StateMachine(Observer, Supervisor):
     def _misaligned(self, now: Instant) -> float:
         """Return the excess [rad] over the permitted misalignment, which decreases towards the grasp.
 
-        If any misalignment is permitted, the result is negative infinity.
+        Without a bound on the misalignment, the result is negative infinity.
         """
         meet = self._meet
         if meet.misalignment is None:
@@ -635,7 +635,7 @@ class StateMachine(Observer, Supervisor):
     def _back(self, now: Instant, reason: str, *events: Event, for_good: bool = False) -> Transition:
         """Retreat along the axis of approach, out of the corridor if possible; stop if no motion is found.
 
-        `for_good` is true after the last attempt, with a longer retreat than for another attempt. Otherwise
+        If no other attempt follows, `for_good` is true, and a longer retreat is tried first. Otherwise
         another attempt begins at once if the end effector is already away from the grasp.
         """
         if self._is_away(now) and not for_good:
@@ -653,9 +653,9 @@ class StateMachine(Observer, Supervisor):
         return Transition("retreat", reason, events)
 
     def _stop(self, now: Instant, reason: str, *events: Event, moves: bool = True) -> Transition:
-        """Begin a motion to rest, if possible to a posture in which servicer and client keep clear.
+        """Begin a motion to rest, if possible where servicer and client then keep clear of each other.
 
-        If `moves` is false or the client is latched, the arm only brakes.
+        If `moves` is false, or the client is latched or has no obstacles, the arm only brakes.
         """
         q, v = self._seen
         robot, limit, share = self.model, self.law.torque_limit, self.handling.torque_share
