@@ -386,7 +386,7 @@ _LATER = (2, _weights(1e3, 0.03, 0.01)), (2, _weights(1e4, 0.03, 0.002)), (4, LA
 
 
 def coarse_stage(model: Model, p: FloatArray) -> Candidates:
-    """Apply a few iterations to control points (S, M, n), and a few more to the six best; return these six."""
+    """Apply a few iterations to control points (S, M, n); return the six best motions after a few more."""
     first, then = _weights(1e2, 0.3, 0.03), _weights(1e2, 0.1, 0.03)
     motions = distinct_best(linearise(model, p, first, 0.3), len(p))
     motions = distinct_best(descend(motions, first, 3), 6)

@@ -1,7 +1,7 @@
 """Inverse kinematics with a reacting base: joint goals whose straight joint-space moves end at the target.
 
-The straight move to such a joint goal is an initial guess that arrives. Joint goals are computed from many
-postures, near the start and in the whole joint range, to find motions of different homotopy classes.
+Straight moves to joint goals are initial guesses. Joint goals are computed from many postures, near the start
+and in the whole joint range, to find motions of different homotopy classes.
 """
 
 from __future__ import annotations
@@ -44,9 +44,9 @@ _DAMPING = 1e-3  # [arm lengths squared] damping of least squares with J*, for n
 
 
 class JointGoals(NamedTuple):
-    """The joint goals (K, n), and the sizes (K,) of the pose errors at the ends of straight moves to them.
+    """The joint goals (K, n), and the pose errors `distance` (K,) at the ends of straight moves to them.
 
-    A size is the root of the sum of squares of the position errors [m] and the attitude errors [rad].
+    Each is the root of the sum of squares of all position errors [m] and attitude errors [rad].
     """
 
     joints: FloatArray
@@ -57,15 +57,15 @@ class JointGoals(NamedTuple):
         return self.joints[self.distance <= radius * problem.stack.length]
 
     def arrived(self, problem: Problem) -> FloatArray:
-        """Return the goals whose straight moves end at the target within the tolerance."""
+        """Return the goals whose straight moves end within 1e-3 arm lengths of the target."""
         return self.near(problem, 1e-3)
 
 
 class _GoalFromStart(NamedTuple):
     """The desired place of a frame at the end of a joint-space move.
 
-    A place that moves with the base is in the base's axes. Any other place is in the base's initial axes,
-    with the origin at the system's final centre of mass.
+    A place that moves with the base is in the base's axes. The origin of any other place is the system's
+    centre of mass, and its axes are those of the base at the start, or inertial axes (`pose_error_at`).
     """
 
     place: Place
@@ -74,9 +74,10 @@ class _GoalFromStart(NamedTuple):
     def pose_error(
         self, arm: ArmValues, R: FloatArray, path_turning: FloatArray | None = None
     ) -> tuple[FloatArray, FloatArray]:
-        """Return pose errors (3 to 6, K) at the ends of moves, and slopes for joint goals (3 to 6, n, K).
+        """Return pose errors (3 or 6, K) at the ends of moves, and the slopes (3 or 6, n, K) of the poses.
 
-        The arguments are the results of `straight_ends`.
+        The slopes are by joint goals; an error is the desired pose minus the pose. The arguments are the
+        results of `straight_ends`.
         """
         position, rotation, linear, angular = self.frame.of_arm(arm)
         if not self.place.moves_with_base:
@@ -106,14 +107,16 @@ def _goals_from_start(problem: Problem) -> list[_GoalFromStart]:
 def joint_goals(problem: Problem, joints: FloatArray) -> JointGoals:
     """Compute joint goals whose straight moves end near the goal, by Newton's method from postures (K, n).
 
-    The iteration ends early if half of the moves end at the goal. The slopes of Newton's method follow from
-    J* at the end of the move. If the base rotates far, the slopes include the change of the base's rotation
-    along the move (`straight_ends`). With angular momentum the moves are rolled out in time.
+    The iteration ends early if half of the moves end within 1e-3 arm lengths of the goal. The slopes of
+    Newton's method follow from J* at the end of the move. If the base rotates far, the slopes include the
+    change of the base's rotation along the move (`straight_ends`). With angular momentum the moves are rolled
+    out in time.
     """
     arm, places, start, iterations = problem.stack, _goals_from_start(problem), problem.joints0, 20
     low, high = joint_range(problem)
     inset = np.where(problem.free, 0.0025 * (high - low), 0.0)
-    large = 0.5  # [rad or m] the largest step of a joint; also the base rotation above which slopes are exact
+    # [rad or m] The largest step of a joint. Slopes are exact if the median base rotation exceeds this value.
+    large = 0.5
     goals = np.where(problem.free, joints, start)
     # With a limit on the base's attitude, moves with little base rotation are preferred. In re-planning they
     # are not preferred, because the base has already rotated.
@@ -157,11 +160,10 @@ def straight_ends(
 ) -> tuple[ArmValues, FloatArray, FloatArray | None]:
     """Return the ends of straight moves to joint goals (K, n) without momentum.
 
-    The results are the arm at the end, the base's rotation from the start (3, 3, K), and a correction of
-    slopes (3, n, K). Without `exact` the correction is None. It is the slope of the base's rotation with
-    respect to the joint goals, minus the base's angular velocity per joint rate at the end. The
-    correction is not zero, because another joint goal changes the whole move. All results are in the base's
-    axes at the start.
+    The results are the arm at the end in base axes, and, in the base's axes at the start, the base's rotation
+    (3, 3, K) and a correction of slopes (3, n, K). Without `exact` the correction is None. It is the slope of
+    the base's rotation by the joint goals, minus the base's angular velocity per joint rate at the end. The
+    correction is not zero, because another joint goal changes the whole move.
     """
     stack, start = problem.stack, problem.joints0
     # With four instants the error of a small base rotation is 1e-4 rad.
@@ -199,7 +201,7 @@ def _tumbling_straight_ends(problem: Problem, goals: FloatArray) -> tuple[ArmVal
 
 
 def halton(first: int, count: int, dimensions: int) -> FloatArray:
-    """Return a deterministic low-discrepancy set of points (count, dimensions) in the unit cube.
+    """Return `count` points (count, dimensions) of the Halton sequence in the unit cube, from index `first`.
 
     Reference: J. H. Halton, "On the efficiency of certain quasi-random sequences of points", 1960.
     """
@@ -218,8 +220,8 @@ def halton(first: int, count: int, dimensions: int) -> FloatArray:
 def spread_postures(problem: Problem, first: int, count: int, radius: float = np.inf) -> FloatArray:
     """Return joint positions (count, n), evenly spread within a radius of the start [rad or m].
 
-    `first` is the number of postures in earlier calls. Joints that move no frame with a goal, for example the
-    joints of a second arm, keep their positions.
+    `first` is the index of the first posture in the sequence of postures. Joints that move no frame with a
+    goal, for example the joints of a second arm, keep their positions.
     """
     low, high = joint_range(problem)
     start = problem.joints0
@@ -231,7 +233,10 @@ def spread_postures(problem: Problem, first: int, count: int, radius: float = np
 
 
 def joint_range(problem: Problem) -> tuple[FloatArray, FloatArray]:
-    """Return the range of joint goals: the position limits, or start +-pi for joints without limits."""
+    """Return the range of joint goals: the position limits, or start +-pi for joints without limits.
+
+    The range of a locked joint is its position at the start.
+    """
     limits, start = problem.sms.limits, problem.joints0
     low = np.where(np.isfinite(limits.lower), limits.lower, start - np.pi)
     high = np.where(np.isfinite(limits.upper), limits.upper, start + np.pi)
@@ -239,15 +244,16 @@ def joint_range(problem: Problem) -> tuple[FloatArray, FloatArray]:
 
 
 def straight_time(problem: Problem, goals: FloatArray) -> FloatArray:
-    """Return the least durations [s] of straight moves from rest to rest to joint goals (..., n)."""
+    """Return the least times [s] of moves from rest to rest to joint goals (..., n), see `least_time`."""
     return least_time(problem.sms.limits, goals - problem.joints0)
 
 
 def least_time(limits: RobotLimits, displacement: FloatArray, begin: Any = 0.0, end: Any = 0.0) -> FloatArray:
     """Return the least time [s] for joint displacements (..., n) under limits of rates and accelerations.
 
-    `begin` and `end` are the joint rates at both ends. Each joint is a double integrator: it accelerates to a
-    peak rate, keeps this rate if it is the rate limit, and decelerates.
+    `begin` and `end` are the joint rates at both ends. Each joint is a double integrator, which accelerates
+    to a peak rate, keeps this rate if it is the rate limit, and decelerates. The slowest joint determines the
+    time.
     """
     a = np.minimum(limits.acceleration, 1e12)
     # `ramp` is the displacement while the rate changes directly from `begin` to `end`. The sign of the
@@ -263,7 +269,10 @@ def least_time(limits: RobotLimits, displacement: FloatArray, begin: Any = 0.0, 
 
 
 def straight_profile(spline: RateSpline) -> FloatArray:
-    """Return control points (M,) of a joint's move by 1 from rest to rest with least squared acceleration."""
+    """Return control points (M,) of a joint's move by 1 from rest with least squared acceleration.
+
+    The joint is at rest at the end unless `spline.free_end`.
+    """
     end = spline.position_points.free[-1]
     system = np.block([[spline.squared_acceleration, end[:, None]], [end[None], np.zeros((1, 1))]])
     return np.asarray(np.linalg.solve(system, np.append(np.zeros(spline.size), 1.0))[:-1])
@@ -272,7 +281,8 @@ def straight_profile(spline: RateSpline) -> FloatArray:
 def straight_moves(problem: Problem, spline: RateSpline, goals: FloatArray) -> FloatArray:
     """Return control points (K, M, n) of straight moves with `straight_profile` to joint goals (K, n).
 
-    If the duration is too short for a joint, it moves as far as its rate and acceleration limits allow.
+    If the duration is too short for a joint, the joint moves as far as its rate and acceleration limits
+    allow with this profile.
     """
     profile, limits = straight_profile(spline), problem.sms.limits
     # The motion of a moving arm is the sum of braking and of a move by the remaining displacement.
@@ -319,10 +329,10 @@ def moves_to(problem: Problem, spline: RateSpline, goals: FloatArray) -> FloatAr
 def pose_error_at(
     problem: Problem, place: Place, t: float, joints: FloatArray, base: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the pose errors (K, 6) of postures (K, n) relative to a place, and their slopes (K, 6, n).
+    """Return pose errors (K, 3 or 6) of postures (K, n) at time `t` [s], and the slopes of the poses.
 
-    The slopes are with respect to joint positions, with a reacting base. `base` (3, 3, K) are the base's
-    attitudes. The system's centre of mass is where it is at time `t` [s].
+    An error is the desired place minus the pose of the end effector. The slopes (K, 3 or 6, n) are by joint
+    positions, with a reacting base. `base` (3, 3, K) are the base's attitudes.
     """
     centre = problem.com0 + t * problem.drift
     desired = _GoalFromStart(place.transformed(-centre, np.eye(3)), RobotFrame.of(problem.stack))
@@ -333,9 +343,9 @@ def pose_error_at(
 def _back(
     problem: Problem, joints: FloatArray, base: FloatArray, t: float, place: Place
 ) -> tuple[FloatArray, FloatArray]:
-    """Return postures (K, n) with the end effector at a place at t [s], and base attitudes (3, 3, K).
+    """Return postures (K, n) with the end effector close to a place at t [s], and base attitudes (3, 3, K).
 
-    Newton's method starts from the postures `joints`, with a reacting base.
+    They result from six iterations of Newton's method from the postures `joints`, with a reacting base.
     """
     low, high = problem.sms.limits.lower, problem.sms.limits.upper
     damping, stuck = _DAMPING * problem.stack.length**2, np.zeros(joints.shape, dtype=bool)
@@ -358,7 +368,7 @@ _reach_ranges: WeakKeyDictionary[Problem, tuple[float, float]] = WeakKeyDictiona
 
 
 def within_workspace(problem: Problem) -> bool:
-    """Return whether the distance of the target is in the reachable range (`workspace_distances`)."""
+    """Return whether the target's distance is in the reachable range (`workspace_distances`)."""
     distance, least, most = workspace_distances(problem)
     return bool(least - problem.goal.tolerance <= distance <= most + problem.goal.tolerance)
 
@@ -376,7 +386,7 @@ def workspace_distances(problem: Problem) -> tuple[float, float, float]:
 def reach_range(problem: Problem) -> tuple[float, float]:
     """Return the least and greatest distance [m] of the end effector from the system's centre of mass.
 
-    All postures in `joint_range` are considered. The distances are computed once for each problem.
+    The distances result from a search over `joint_range`, and are computed once for each problem.
     """
     reach = _reach_ranges.get(problem)
     if reach is None:

@@ -44,18 +44,18 @@ if TYPE_CHECKING:
 
 _GAIN = 5.0  # [1/s] feedback gain of errors
 _LEVER = 0.3  # [m] lever arm by which angular velocities are multiplied to compare them with velocities
-_DAMPING = 1e-7  # weight of squared joint rates relative to squared velocities, for singular postures
+_DAMPING = 1e-7  # weight of the distance to the preferred rates, relative to |J|^2, for singular postures
 _RETURN = 2.0  # [1/s] gain by which redundant motion returns to the preferred motion
 
 
 class PathNodes(NamedTuple):
-    """A path at the nodes of a motion, in the path's axes, with velocities and angular velocities."""
+    """The poses and twists of a path at the nodes of a motion, in inertial or base axes (`on_base`)."""
 
     positions: FloatArray  # (N + 1, 3) [m]
     velocities: FloatArray  # (N + 1, 3) [m/s]
     rotations: FloatArray | None  # (N + 1, 3, 3)
     angular_velocities: FloatArray | None  # (N + 1, 3) [rad/s]
-    free_axis: FloatArray | None
+    free_axis: FloatArray | None  # (3,) in the axes of the end effector
     on_base: bool
 
     @classmethod
@@ -79,7 +79,7 @@ class PathNodes(NamedTuple):
 
 
 def feedback_gain(dt: float, gain: float = _GAIN) -> float:
-    """Return the feedback gain of path errors [1/s], at most 0.3 / dt [s] to avoid overshoot."""
+    """Return the feedback gain of path errors [1/s], at most 0.3 / dt to avoid overshoot."""
     return min(gain, 0.3 / dt)
 
 
@@ -96,7 +96,10 @@ class Task(NamedTuple):
 def path_task(
     problem: Problem, nodes: PathNodes, k: int, q: FloatArray, joints: FloatArray, gain: float
 ) -> Task:
-    """Return the task at node k in a configuration q (nq,): the path's velocity plus gain times error."""
+    """Return the task at node k in a configuration q (nq,): the path's velocity plus `gain` times the error.
+
+    `joints` (n,) are the joint positions of q. In the task the velocity due to the momentum is subtracted.
+    """
     columns, _, more = kernel.step_state(problem.stack.tree, q[:7], joints, problem.momentum)
     tip, drift, rotation = more[:3], more[12:18], more[18:27].reshape(3, 3)
     J, position, velocity = columns[1], nodes.positions[k], nodes.velocities[k]
@@ -132,7 +135,7 @@ def _alignment(now: FloatArray, axis: FloatArray) -> FloatArray:
 def resolved(
     task: Task, prefer: FloatArray, bounds: tuple[FloatArray, FloatArray], weight: FloatArray | None = None
 ) -> FloatArray:
-    """Return joint rates (n,) for a task within bounds, nearest to the rates `prefer`.
+    """Return joint rates (n,) for a task within bounds; redundant motion is nearest to the rates `prefer`.
 
     `weight` (n, n) is the metric of the distance to `prefer`; default: the identity.
     """
@@ -204,7 +207,7 @@ def rollout_along(
 
 
 def _locked_weight(problem: Problem) -> FloatArray | None:
-    """Return the metric (n, n) of `resolved` that locks joints; None if no joint is locked."""
+    """Return a metric (n, n) for `resolved` in which locked joints hardly move; None if all are free."""
     return None if problem.free.all() else np.diag(np.where(problem.free, 1.0, 1e12))
 
 
@@ -254,7 +257,7 @@ def follow_path(
     """Plan a motion along the path of a problem by a rollout, and for redundant arms by descents.
 
     The option `time_limit` ends the descents, and `without=["descent"]` omits them. Other options raise
-    `InvalidValue`, because they are for searches.
+    `InvalidValue`, because they are for searches. A motion of least time has no descents.
     """
     path = problem.goal
     assert isinstance(path, Path)
@@ -302,9 +305,9 @@ def rest_note(path: Path) -> str:
 def redundant_motion(
     problem: Problem, options: SearchOptions | None, progress: Callable[[float], None] | None
 ) -> Preference | None:
-    """Return a preferred motion that reduces the merit of the rollout; None if no such motion is found.
+    """Return a preferred motion that improves the rollout (`Followed.worth`); None if none is found.
 
-    For long motions the time steps of the descent are larger than the problem's time steps.
+    For motions with many time steps the descent uses fewer, larger steps.
     """
     begun, limit = time.perf_counter(), math.inf
     if options is not None and options.time_limit is not None:
@@ -333,7 +336,7 @@ def redundant_motion(
     return preference(problem, np.stack(finer, axis=1))
 
 
-_LAW_NODES = 600  # number of points at which a time law satisfies the limits
+_LAW_NODES = 600  # number of intervals of a path, at whose ends the time law satisfies the limits
 _MARGINS = (0.01, 0.03, 0.1)  # safety margins of the limits, tried in order
 
 
@@ -343,7 +346,8 @@ def follow_fastest(
     """Plan the motion of least time along a geometric path, within the duration of the problem.
 
     The joint path does not depend on the speed, so a rollout at constant speed computes it. Then
-    `fastest_law` computes the time of each point of the path under the speed bounds of the limits.
+    `fastest_law` computes the time of each point of the path under the speed bounds of the limits. If the
+    least time exceeds the duration, the path is planned in the given duration, with a note.
     """
     path = problem.goal
     assert isinstance(path, Path)
@@ -374,7 +378,7 @@ def follow_fastest(
 
 
 def _joint_path(problem: Problem, path: Path) -> Rollouts | None:
-    """Return the motion along a path in 1 s without rate limits; None if it leaves the path."""
+    """Return the motion along a path in 1 s without joint limits; None if it leaves the path."""
     start = problem
     if path.approach_time > 0.0:  # the joint path begins in the final posture of the approach
         rest = np.zeros(2)
@@ -398,7 +402,7 @@ def _joint_path(problem: Problem, path: Path) -> Rollouts | None:
 
 
 def is_redundant(problem: Problem, nodes: PathNodes) -> bool:
-    """Return whether the joints that are not locked are redundant for a path at its start."""
+    """Return whether the joints that are not locked are redundant for a path at the motion's start."""
     task = path_task(problem, nodes, 0, problem.q0, problem.joints0, _GAIN)
     sizes = np.linalg.svd(task.J[:, problem.free], compute_uv=False)
     return int(problem.free.sum()) > int((sizes > 1e-6 * sizes.max(initial=0.0)).sum())
@@ -466,7 +470,7 @@ def explain_path(problem: Problem, nodes: PathNodes, plan: Trajectory) -> Trajec
 
 
 def _out_of_reach(problem: Problem, nodes: PathNodes) -> str:
-    """Return a message for the first point of a path outside the workspace; empty if no point is outside."""
+    """Return a message on the first point of a path outside the workspace; empty if no point is outside."""
     if nodes.on_base:
         return ""
     least, most = reach_range(problem)
@@ -561,7 +565,7 @@ def _follows_slowed(problem: Problem, scale: float) -> bool:
 
 
 def slowing(problem: Problem, rates: FloatArray) -> float:
-    """Return the factor on the duration with which joint rates (N + 1, n) satisfy the limits of the joints.
+    """Return the least factor on the duration with which joint rates (N + 1, n) satisfy the joint limits.
 
     These are the limits of joint rates, accelerations and torques.
     """

@@ -30,7 +30,7 @@ def plan_path_stepwise(problem: Problem, method: str, progress: Progress | None 
 
     The path determines the direction of motion, so the methods "step" and "resolved-rate" are the same. The
     other methods weight the redundant motion by the metric `REFERENCES[method]`. The joint rates of each step
-    are within all limits, and nearest to the rates without limits.
+    satisfy the limits, and are nearest to the rates without limits.
     """
     path = problem.goal
     assert isinstance(path, Path)

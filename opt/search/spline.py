@@ -2,7 +2,7 @@
 
 The acceleration is then a linear spline, and the position a cubic spline. A spline lies within the range of
 its control points, so bounds on control points ensure the limits at every instant. The first control point is
-the joint's initial rate. The last control point is zero, or free if the goal has a velocity.
+the joint's initial rate. The last control point is zero, or free if the joints may move at the end.
 
 Reference: C. de Boor, "A Practical Guide to Splines", 2001, ch. IX to XI.
 """
@@ -23,8 +23,8 @@ from ffsms_pin.opt.rollouts import ARRIVAL_SHARE
 class Grid(NamedTuple):
     """The resolution of a spline: the intervals before and after 0.9 T, and Gauss points in each interval.
 
-    Each late interval has half the length of the interval before it, because the distance to the goal
-    decreases in a similar way.
+    Late intervals halve in length towards the end, because the distance to the goal decreases in a similar
+    way; the last two are equal. There are fewer of them if they would be shorter than a time step.
     """
 
     intervals: int
@@ -65,7 +65,7 @@ class RateSpline:
     the joint rates, their integrals and their derivatives at these times. `weights` (Q + 2,) are the
     quadrature weights of integrals over time, with the weight of the last step at T. In `limit_weights`, for
     limits, 0.9 T and T each have the weight of the whole time. `last_tenth` are the indices of times from
-    0.9 T on. `quadrature` is for the kernel, with m intervals of g points each. It has the weights
+    0.9 T on, except T. `quadrature` is for the kernel, with m intervals of g points each. It has the weights
     (m, g, g) of integrals from the start of an interval to its points, the weights (m, g) of integrals over
     an interval, and the index of the interval that begins at 0.9 T.
     `acceleration_points`, `position_points` and `rate_points` map to the control points of accelerations,
@@ -107,8 +107,9 @@ class RateSpline:
         """Return the spline of changes of a motion with joint rates (N + 1, n) at nodes `dt` [s] apart.
 
         The rates of the motion are linear between nodes. A change begins with zero rate and acceleration, and
-        is zero if all control points are zero. The maps to control points are for limits. Their `fixed`
-        (2, k, n) has the least and greatest values of the motion on the support of each control point.
+        is zero if all control points are zero. The maps to the control points of accelerations,
+        displacements and rates are for limits. Their `fixed` (2, k, n) has the least and greatest values of
+        the motion on the support of each control point.
         """
         slopes = np.diff(rates, axis=0) / dt
         places = np.vstack([np.zeros_like(rates[:1]), np.cumsum(0.5 * dt * (rates[1:] + rates[:-1]), axis=0)])
@@ -166,10 +167,10 @@ def gauss(points: int) -> tuple[FloatArray, FloatArray]:
 
 @lru_cache(maxsize=64)
 def rate_spline(steps: int, dt: float, grid: Grid, free_end: bool = False) -> RateSpline:
-    """Return the spline for `steps` steps of `dt` [s]; `free_end` is for goals with a velocity.
+    """Return the spline for `steps` steps of `dt` [s].
 
-    The rates reach zero half a step after the deadline. The paper's cost includes the last node, so at this
-    node the arm must still move.
+    The rates reach zero half a step after the deadline, or are free if `free_end`. The paper's cost includes
+    the last node, so at this node the arm must still move.
     """
     duration = steps * dt
     end, late_start = duration + 0.5 * dt, ARRIVAL_SHARE * duration
@@ -226,8 +227,8 @@ def rate_spline(steps: int, dt: float, grid: Grid, free_end: bool = False) -> Ra
 def _weights(whole: FloatArray, early: NDArray[np.bool_]) -> FloatArray:
     """Return the weights (Q + 2,) of integrals over time, with the weight of the last step at the deadline.
 
-    The paper's cost is a sum of the values at the ends of all steps. In the last step the direction to the
-    goal rotates fast, so the integral over this step would differ from the sum.
+    The paper's cost is a sum over the steps. In the last step the direction to the goal rotates fast, so the
+    integral over this step would differ from its summand.
     """
     over, soon = whole.ravel(), early[:-2]
     return np.append(np.where(soon, over, 0.0), [0.0, over[~soon].sum()])

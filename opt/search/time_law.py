@@ -2,8 +2,8 @@
 
 At the share s of the path, with q' = dq/ds, the joints have rates q' ds/dt and accelerations q' u + q'' x.
 Here x is the square of ds/dt, and u = d^2 s/dt^2. Without momentum the joint torques of a free-floating robot
-are linear in u and x, too. So each limit is a row a u + b x <= c. A backward pass computes the largest x from
-which the end can be reached. A forward pass then uses the largest u.
+are linear in u and x, too. So each limit is a row a u + b x <= c, or a bound on x. A backward pass computes
+the largest x from which the end can be reached. A forward pass then uses the largest u.
 
 Reference: H. Pham, Q.-C. Pham, "A new approach to time-optimal path parameterization based on reachability
 analysis", IEEE Transactions on Robotics 34 (2018).
@@ -36,7 +36,7 @@ class LimitRows(NamedTuple):
 
 
 def limit_rows(shares: FloatArray, bounds: Sequence[SpeedBound], margin: float) -> LimitRows:
-    """Return speed bounds at shares (G,) of a path as rows; `margin` reduces each bound by this share."""
+    """Return speed bounds at shares (G,) of a path as rows; each bound is multiplied by 1 - `margin`."""
     use, a, b, c, fastest = 1.0 - margin, [], [], [], np.full(len(shares), np.inf)
     for bound in bounds:
         slack = use * bound.most[:, None] - np.sign(bound.slope) * bound.at_rest[:, None]
@@ -81,7 +81,7 @@ def fastest_law(rows: LimitRows) -> TimeLaw | None:
 
 
 def _stretch(rows: LimitRows, i: int, step: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return the rows in u and x at both ends of interval i; u is constant, x is at the interval's start."""
+    """Return the rows at both ends of interval i, in its constant u and in x at its start."""
     ahead = rows.a[i + 1] + 2.0 * step * rows.b[i + 1]  # x at the end is x + 2 step u
     return (
         np.concatenate([rows.a[i], ahead]),

@@ -1,4 +1,4 @@
-"""The final poses of joint motions of a tumbling robot, and their slopes for changes of the whole motion.
+"""The final poses of a tumbling robot after joint motions, and their slopes by changes of the whole motion.
 
 The base's attitude R satisfies R' = R [omega]x. The angular velocity omega has a contribution of the joint
 rates, and a contribution of the total angular momentum L. A change of the joint motion rotates the
@@ -32,8 +32,8 @@ def tumbling_ends(
 ) -> tuple[ArmValues, FloatArray, FloatArray]:
     """Return the final states of K motions of a tumbling robot.
 
-    The results are the arm, the base's rotation (3, 3, K), and the slopes (3, n, K) of the robot's final
-    rotation vector with respect to the joint goals. All results are in the base's axes at the start.
+    The results are the arm in base axes, and, in the base's axes at the start, the base's rotation (3, 3, K)
+    and the slopes (3, n, K) of the robot's final rotation vector by the joint goals.
 
     Parameters
     ----------
