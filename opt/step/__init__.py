@@ -1,1 +1,1 @@
-"""The paper's step: a quadratic program in alpha, solved by ProxQP."""
+"""Single steps: the paper's step as a quadratic program in alpha, and rollouts of steps."""

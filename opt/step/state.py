@@ -1,4 +1,4 @@
-"""The robot's state at the start of a step, step references, braking, and rollouts of steps."""
+"""The robot's state at the start of a step, the methods' metrics, braking, and rollouts of steps."""
 
 from __future__ import annotations
 
@@ -33,18 +33,20 @@ class StepState:
 
     `dt` is the step's length, `time_left` the time from the step's start to the deadline, and `time` the time
     from the motion's start to the step's start [s]. `time_offset` [s] is added to `time` for limits and
-    moving obstacles. `momentum` (6,) is the total momentum, inertial axes, about the system's centre of mass;
-    None: zero. `base_start` (7,) is the root pose relative to which base rotation and displacement are
-    measured; None: the present pose. `mode` names the part of the base's motion that is held, if any.
+    moving obstacles. `momentum` (6,) is the total momentum [linear; angular], inertial axes, about the
+    system's centre of mass; None: zero. `base_start` (7,) is the root pose relative to which base rotation
+    and displacement are measured; None: the pose in q. `mode` names the part of the base's motion that is
+    held, if any.
     `wheel_total` (w,) are the momenta of the wheels that hold the base's attitude, with the joints at rest
     [N m s].
 
-    Derived quantities are `reaction` (6, n), the root's velocity per joint rate, root axes; `J_star` and
-    `J_arm` (6, n), the end effector's Jacobians with a reacting and a fixed base, inertial axes; `V` (n, n)
-    and `entropy` of the mode's C_bm; the end effector's position `tip` (3,) [m] and attitude `tip_rotation`
+    Derived quantities are `reaction` (6, n), the root's twist per joint rate, root axes; `J_star` and `J_arm`
+    (6, n), the end effector's Jacobians with a reacting and a fixed base, inertial axes; `V` (n, n) and
+    `entropy` of the mode's C_bm; the end effector's position `tip` (3,) [m] and attitude `tip_rotation`
     (3, 3), inertial axes; `com` (3,), the centre of mass of the system, or of the base if its position is
-    held, root axes [m]; `drift` and `tip_drift` (6,), the velocities of root and end effector due to the
-    momentum, with the joints at rest; and `bounds` on the joint rates at the step's end (`rate_bounds`).
+    held, relative to the root in root axes [m]; `drift` (6,), root axes, and `tip_drift` (6,), inertial axes,
+    the twists of root and end effector due to the momentum, with the joints at rest; and `bounds` on the
+    joint rates at the step's end (`rate_bounds`).
     """
 
     def __init__(
@@ -85,7 +87,7 @@ class StepState:
 
     @cached_property
     def variables(self) -> StepVariables:
-        """The variables of the step, for formulas."""
+        """The variables of the step, for the formulas of terms and limits."""
         return StepVariables(self)
 
 
@@ -94,25 +96,22 @@ def rate_bounds(
 ) -> tuple[FloatArray, FloatArray]:
     """Return the least and greatest joint rates w (n,) [rad/s] at the end of a step of constant acceleration.
 
-    With these rates each joint keeps its limits during the step, and can brake before its stop afterwards
-    with the largest acceleration a. With the distance d to the upper limit, w satisfies
-    dt (rate + w) / 2 + w^2 / (2 a) <= d. If even w = 0 is too fast for that, w < 0 satisfies
-    rate^2 dt / (2 (rate - w)) <= d. The acceleration limit has priority over the others.
+    With these rates each joint satisfies its limits during the step, and can then stop before its position
+    limit with its largest acceleration a. With the distance d to the upper limit, w satisfies
+    dt (rate + w) / 2 + w^2 / (2 a) <= d. If even w = 0 violates this, w < 0 satisfies
+    rate^2 dt / (2 (rate - w)) <= d. The acceleration limit has priority over the other limits.
     """
     least, greatest = kernel.rate_bounds(limits.table, joints, rates, dt)
     return least, greatest
 
 
 def _spared_turn(step: StepState) -> FloatArray:
-    """Return the scaled weight matrix of the base's angular velocity.
-
-    Its null space is the reaction null space.
-    """
+    """Return the scaled weight matrix of the base's angular velocity, null in the reaction null space."""
     return _scaled(step.reaction[3:].T @ step.reaction[3:])
 
 
 def _spared_energy(step: StepState) -> FloatArray:
-    """Return the scaled reduced inertia H_q, the weight matrix of the floating system's kinetic energy."""
+    """Return the scaled reduced inertia H_q, the weight matrix of the system's kinetic energy in its mode."""
     return _scaled(step.sms.arm_stack(step.mode).reduced_inertia(step.joints[:, None])[..., 0])
 
 
@@ -122,8 +121,9 @@ def _scaled(W: FloatArray) -> FloatArray:
     return W / mean if mean > 0.0 else W
 
 
-# The methods of single steps, each with W (n, n) of its penalty rates^T W rates of redundant motion; None is
-# the identity. "step" moves on the cone of zero paper cost, the others move straight to the target.
+# The methods of single steps, each with the metric W (n, n) of its penalty u^T W u on the joint rates u of
+# redundant motion; None: the identity. "step" moves on the cone of zero paper cost, the others move straight
+# to the target.
 REFERENCES: dict[str, Callable[[StepState], FloatArray] | None] = {
     "step": None,
     "resolved-rate": None,  # resolved motion rate control through J* (Umetani and Yoshida 1989)
@@ -146,7 +146,7 @@ def roll_out_steps(
 ) -> tuple[FloatArray, str]:
     """Plan step by step to a target (3,) [m] and an attitude (3, 3), with a stepper that has been reset.
 
-    Return the joint rates (N + 1, n) at the nodes [rad/s], and a note on steps that failed.
+    Return the joint rates (N + 1, n) at the nodes [rad/s], and the message of `braked_note`.
     """
     sms, dt = stepper.sms, stepper.dt
     steps = max(1, round(duration / dt))
@@ -165,14 +165,15 @@ def roll_out_steps(
 
 
 def braked_note(braked: int, steps: int) -> str:
-    """Return a message with the number of failed steps; empty if there are none."""
+    """Return a message with the number of steps that were not solved; empty if there are none."""
     return f"the arm braked in {braked} of {steps} steps that were not solved" if braked else ""
 
 
 def sides_across(displacement: FloatArray, J: FloatArray) -> list[FloatArray]:
-    """Return unit vectors (3,) perpendicular to a displacement (3,), in the strongest directions of J.
+    """Return unit vectors (3,) perpendicular to a displacement (3,), in the strongest directions of J (3, n).
 
-    Each direction is returned with both signs. For a planar arm these are the two sides of the displacement.
+    At most two directions are returned, each with both signs. For a planar arm these are the two sides of the
+    displacement.
     """
     distance = float(np.linalg.norm(displacement))
     across = np.eye(3) if distance < 1e-12 else np.eye(3) - np.outer(displacement, displacement) / distance**2
@@ -184,15 +185,16 @@ def sides_across(displacement: FloatArray, J: FloatArray) -> list[FloatArray]:
 def braking(step: StepState) -> FloatArray:
     """Return the rates (n,) [rad/s] at the end of a step in which the arm brakes as fast as its joints can.
 
-    All joints brake in the same time. If their reactions on the base cancel, they do so while braking, too.
+    All rates are reduced by the same factor. If the joints' reactions on the base cancel, they also cancel
+    during braking.
     """
     return np.asarray(step.rates * max(0.0, 1.0 - step.dt / max(_stop(step, step.rates), 1e-12)))
 
 
 def stoppable(limits: Sequence[Limit], step: StepState, rates: FloatArray, slower: FloatArray) -> FloatArray:
-    """Return the joint rates (n,) for the step's end after which the arm can still stop within the limits.
+    """Return joint rates (n,) for the step's end after which the arm can still stop within the limits.
 
-    If stopping after this step would violate a limit, the rates are interpolated towards the braking rates
+    If stopping from `rates` (n,) would violate a limit, the result is interpolated towards the braking rates
     `slower` (n,), for which the last step has ensured the limits.
     """
     if not _broken(limits, step, rates).any():
@@ -206,7 +208,7 @@ def stoppable(limits: Sequence[Limit], step: StepState, rates: FloatArray, slowe
 
 
 def _broken(limits: Sequence[Limit], step: StepState, end: FloatArray) -> FloatArray:
-    """Return the violation of each limit if the arm moves with rates `end` and then stops in five steps."""
+    """Return each limit's violation if the step ends with rates `end` and the arm stops in five more steps."""
     sms, momentum = step.sms, step.momentum
     q, _ = advance(sms, step.q, step.rates, (end - step.rates) / step.dt, step.dt, momentum, step.mode)
     slowing = np.linspace(1.0, 0.0, 6)[:, None] * end

@@ -38,10 +38,11 @@ from ffsms_pin.threads import OneThread
 
 @dataclass(frozen=True)
 class StepWeights:
-    """The weights of a step's objective, in the order of their priority; limits are rows without weights.
+    """The weights of a step's objective.
 
-    The objective is the sum of half of each weight times its squared term. J*_v and J*_w are the linear and
-    angular rows of the end effector's Jacobian, and V alpha the joint rates.
+    The objective is the sum of half of each weight times its squared term, and of `clearance` times its term.
+    J*_v and J*_w are the linear and angular rows of the end effector's Jacobian, and V alpha the joint rates.
+    The products J*_v V alpha and J*_w V alpha include the end effector's drift due to a momentum.
 
     Attributes
     ----------
@@ -55,14 +56,13 @@ class StepWeights:
         The weight of |J*_w V alpha - omega_ref|^2 [1/(rad/s)^2], with the desired angular velocity omega_ref.
         It is small, so that rotation does not bend the path.
     effort : float
-        The weight of |alpha|^2 [1/(rad/s)^2], against redundant motion. It reduces the
-        speed of the end effector by about a thousandth.
+        The weight of |alpha|^2 [1/(rad/s)^2], against redundant motion, or of the penalty in `REFERENCES`.
     change : float
         The weight of |V alpha - rates|^2 [1/(rad/s)^2], with the rates at the step's start, against jumps of
         redundant motion between steps.
     clearance : float
-        The weight of slack + 1/2 slack^2 [1/(m/s), 1/(m/s)^2], with the slack of the soft rows. It is about
-        fifty times the largest gain of the other terms, so that a row is relaxed only if it is infeasible.
+        The weight of slack + 1/2 slack^2 [1/(m/s), 1/(m/s)^2], with the slack of the soft rows. It is large
+        compared with the gain of the other terms, so that a row is relaxed only if it is infeasible.
     """
 
     direction: float = 1.0
@@ -132,10 +132,11 @@ class StepQP(NamedTuple):
 class DesiredMotion(NamedTuple):
     """The desired motion of the end effector at the end of a step, inertial axes.
 
-    `towards` (3,) is the unit vector to the target, `direction` (3,) that of the desired velocity (the e of
-    docs/planner.md); both are zero at the target. `side` (3,) is the unit vector perpendicular to `towards`
-    on the side of the desired velocity, for the next step. `angular_velocity` (3,) [rad/s] leads to the
-    desired attitude and is zero without one. `speed` [m/s] is s_ref.
+    `towards` (3,) is the unit vector to the target, and `direction` (3,) the unit vector along the desired
+    velocity (the e of docs/planner.md); both are zero at the target. `side` (3,) is the unit vector
+    perpendicular to `towards` on the side of the desired velocity, for the next step; at the target it is the
+    last side. `angular_velocity` (3,) [rad/s] leads to the desired attitude, and is zero without a desired
+    attitude. `speed` [m/s] is s_ref.
     """
 
     towards: FloatArray
@@ -157,10 +158,11 @@ def step_qp(
     """Return the desired motion to a target (3,) [m] and an attitude `rotation` (3, 3), and the step's QP.
 
     The velocity is at the angle acos(`cosine`) to the displacement towards the target. The component of
-    `side` (3,) perpendicular to this displacement selects the side of the cone; if that component is zero,
-    the end effector's present velocity selects the side. A row lower <= G u <= upper becomes
-    lower <= G V alpha <= upper. A soft row becomes two rows, G V alpha + softness slack >= lower and
-    G V alpha - softness slack <= upper. The last two rows are s >= 0 and slack >= 0.
+    `side` (3,) perpendicular to this displacement selects the side of the cone. If `side` is zero, the end
+    effector's present velocity replaces it; if there is no perpendicular component, the side is arbitrary. A
+    row lower <= G u <= upper becomes lower <= G V alpha <= upper. A soft row becomes two rows,
+    G V alpha + softness slack >= lower and G V alpha - softness slack <= upper. The last two rows are s >= 0
+    and slack >= 0.
     """
     kinematics = step.J_star, step.V, step.rates, step.tip_drift, step.sms.limits.acceleration
     when = cosine, step.time_left, step.dt
@@ -193,7 +195,7 @@ def new_solver(variables: int, rows: int) -> Any:
 
 
 class StepSolution(NamedTuple):
-    """The solution x (n + 2,) of a QP, and its multipliers z (m,), above zero at a row's upper side.
+    """The solution x (n + 2,) of a QP, and its multipliers z (m,), positive at a row's upper bound.
 
     `solved` is true if the solver reached its tolerance.
     """
@@ -214,12 +216,12 @@ class StepSolver:
         return StepSolver, ()
 
     def solve(self, p: StepQP, start: tuple[FloatArray, FloatArray] | None = None) -> StepSolution:
-        """Solve a QP with a warm start from the solution (x, z) of a similar QP; if it fails, without.
+        """Solve a QP with a warm start from the solution (x, z) of a similar QP; if that fails, without one.
 
         The last digits of ProxQP's result depend on the alignment of its memory, and the differences grow
         over a rollout of a thousand steps. Therefore the equality-constrained problem of the active rows is
-        solved again. If its solution satisfies all rows and its multipliers have the right signs, it solves
-        the QP, and is returned.
+        solved again. Its solution is returned if it satisfies all rows and its multipliers have the right
+        signs, because it then solves the QP.
         """
         size = p.A.shape
         if start is not None and (len(start[1]), len(start[0])) != size:
@@ -240,7 +242,7 @@ class StepSolver:
         x, z = np.array(results.x), np.array(results.z)
         solved = solved and math.isfinite(x.dot(x))  # finite only if all of x is finite
         if not solved:
-            del self._solvers[size]  # its state is useless for the next QP
+            del self._solvers[size]  # the next QP needs a solver without this state
         # After a warm start ProxQP may report success with multipliers of inactive rows.
         return StepSolution(x, z, solved) if start is None else self.solve(p)
 
@@ -258,7 +260,7 @@ class Step:
     solved : bool
         False if the step was not solved, so that the arm brakes within its limits.
     slack : float
-        The slack of the soft limits [m/s]; zero if all of them are satisfied.
+        The slack of the soft limits [m/s]; zero if all of them are satisfied, or the step is not solved.
     """
 
     alpha: FloatArray
@@ -337,7 +339,7 @@ class Stepper:
         return Stepper(problem.sms, problem.dt, problem.kappa, limits, terms, weights, reference, *settings)
 
     def like(self, sms: SpaceManipulator | None = None) -> Stepper:
-        """Return a new stepper with the same settings, for the robot `sms`; default: the same robot."""
+        """Return a new stepper with the same settings, for the robot `sms`; default: this robot."""
         parts = self.kappa, self._given, self.terms, self.weights, self.reference
         settings = self.momentum, self.mode, self.wheel_total, self.time_offset
         return Stepper(sms or self.sms, self.dt, *parts, *settings)
@@ -348,7 +350,7 @@ class Stepper:
         base_start: FloatArray | None = None,
         deadline: float | None = None,
     ) -> None:
-        """Clear the last step, and set the attributes; if `side` is zero, the velocity selects the side."""
+        """Clear the last step, and set the attributes; a zero `side` lets the velocity select the side."""
         self.side, self.base_start, self.deadline = np.array(side, dtype=np.float64), base_start, deadline
         # The last solution: joint rates instead of alpha, because V rotates between steps; s and slack; z.
         self._last: tuple[FloatArray, FloatArray, FloatArray] | None = None
@@ -357,7 +359,7 @@ class Stepper:
     def step(self, q: ArrayLike, joint_rates: ArrayLike, target: Any, time_left: float) -> Step:
         """Return the next step from a configuration q (nq,) and joint rates (n,) [rad/s].
 
-        `target` is a position (3,) of the end effector, a pinocchio.SE3, or a fixed goal, inertial axes.
+        `target` is a position (3,) of the end effector or a pinocchio.SE3, inertial axes, or a fixed goal.
         `time_left` is the time to the deadline [s].
         """
         return self.advance(*self._checked(q, joint_rates, target, time_left))

@@ -27,15 +27,15 @@ from ffsms_pin.opt.trajectory import Trajectory, measure
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.robot.base_motion import advance
 
-# The weights of classical methods and of re-planned motions. The weight of the effort is ten times the
+# The weights of classical methods, paths and re-planned motions. The weight of the effort is ten times the
 # default, and still small enough for an arm to leave a singular start.
 REFERENCE_WEIGHTS = StepWeights(effort=1e-5)
 
 
 def sides_of(problem: Problem) -> list[FloatArray]:
-    """Return the sides of the cone at the start, unit vectors (3,), or a zero vector.
+    """Return the sides of the cone at the start, unit vectors (3,).
 
-    The vector is zero if J* has no direction perpendicular to the displacement.
+    If J* has no direction perpendicular to the displacement, the only element is a zero vector.
     """
     J = problem.rotation0 @ problem.arm0.jstar[..., 0]
     place = problem.place.aim(problem.sms, problem.q0)
@@ -45,8 +45,8 @@ def sides_of(problem: Problem) -> list[FloatArray]:
 def cheap_rollouts(problem: Problem, budget: float, sides: Sequence[FloatArray]) -> Iterator[FloatArray]:
     """Yield joint rates (N + 1, n) of rollouts on sides of the cone, at rest at the end.
 
-    A rollout is left out if its cost exceeds the budget [s], if a QP is not solved, or if it will not arrive
-    in time.
+    A rollout is left out if its cost exceeds the budget [s], if a QP is not solved, or if the end effector is
+    too far from the target to arrive in time.
     """
     place, sms, dt, steps = problem.place, problem.sms, problem.dt, problem.steps
     stepper, mode = Stepper.of(problem), problem.mode
@@ -111,15 +111,16 @@ def _done(problem: Problem, stepper: Stepper | PaperStepper, progress: Progress 
 
 
 def with_rest_at_end(problem: Problem, rates: FloatArray) -> FloatArray:
-    """Return the joint rates (N + 1, n) with rest at the end, reduced where a joint would brake too late.
+    """Reduce joint rates (N + 1, n) near the end so that the arm is at rest at the end.
 
-    A joint brakes with half of its acceleration limit. At each node all rates are reduced by the same factor,
-    which preserves the node's cost in its configuration. The rates at the start are not changed.
+    A joint's rate is at most the rate from which the joint stops in time with half of its acceleration limit.
+    At each node all rates are reduced by the same factor, which preserves the cost in the node's
+    configuration. The rates at the start are not changed.
     """
     left = np.arange(len(rates))[::-1, None]
     most = at_rest(problem) + 0.5 * problem.dt * left * np.minimum(problem.sms.limits.acceleration, 1e6)
     share = np.min(most / np.maximum(np.abs(rates), 1e-12), axis=1, keepdims=True)
-    share[0] = 1.0  # the rates at the start cannot be changed
+    share[0] = 1.0
     return np.asarray(rates * np.minimum(share, 1.0))
 
 
@@ -131,8 +132,8 @@ class PaperStepper:
     (SciPy's SLSQP) starts from the last rates. const8 becomes a row that bounds the speed towards the target
     from below by a schedule. The minimum is attained on a cone of velocities, on which the solver stops at an
     arbitrary point. This point may differ between neighbouring steps, so the rates chatter, as in the paper's
-    figures. The joint limits and |alpha_i| <= 1 always hold, as printed; the rows of other limits are hard.
-    For arguments see `Stepper`.
+    figures. The joint limits and |alpha_i| <= 1 are constraints, as printed; soft rows of `limits` are hard
+    here. If no solution is found, the arm brakes. For arguments see `Stepper`.
     """
 
     sms: SpaceManipulator
@@ -213,7 +214,7 @@ class PaperStepper:
     def _cost(
         self, alpha: FloatArray, A: FloatArray, towards: FloatArray, entropy: float
     ) -> tuple[float, FloatArray]:
-        """Return the paper's summand and its gradient with respect to alpha, for the velocity A alpha."""
+        """Return the paper's summand and its gradient by alpha, for the end effector's velocity A alpha."""
         velocity = A @ alpha
         speed = math.sqrt(float(velocity @ velocity))
         if speed < 1e-12:
@@ -229,9 +230,9 @@ class PaperStepper:
 def _closing_speeds(
     closing: FloatArray, lower: FloatArray, upper: FloatArray, rows: tuple[FloatArray, FloatArray] | None
 ) -> tuple[float, float]:
-    """Return the least and greatest speed towards the target with joint rates within bounds.
+    """Return the least and greatest speed [m/s] towards the target with joint rates u within bounds.
 
-    If `rows` are the pair (G, least), joint rates u also satisfy G u >= least.
+    `closing` (n,) is the speed per joint rate. If `rows` is (G, least), u also satisfies G u >= least.
     """
     speeds = [float(pick(closing * lower, closing * upper).sum()) for pick in (np.minimum, np.maximum)]
     if rows is not None:
