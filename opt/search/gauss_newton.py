@@ -210,7 +210,7 @@ def motions_of(
         problem.rotation0,
         np.zeros(3) if momentum is None else momentum[3:],
     )
-    R, own = turned[:9].reshape(3, 3, *rates.shape[1:]), turned[9:].reshape(3, *rates.shape[1:])
+    R, drift = turned[:9].reshape(3, 3, *rates.shape[1:]), turned[9:].reshape(3, *rates.shape[1:])
     return Rollouts(
         stack=stack,
         times=spline.times,
@@ -224,7 +224,7 @@ def motions_of(
         base_attitude=R,
         com=start[:, None] + problem.drift[:, None] * spline.times,
         drift=problem.drift,
-        angular_drift=own,
+        angular_drift=drift,
         smoothing=smoothing,
         delay=problem.dt,
         **given(problem, goal or problem.goal, spline.times),
@@ -283,7 +283,7 @@ def linearise(
 
 
 def _largest(residual: Variable, margin: float) -> tuple[Indices, FloatArray]:
-    """Return indices of motions, which may repeat, and residuals of these motions divided by the margin."""
+    """Return indices of motions, which may repeat, and their largest residuals divided by the margin."""
     motion, _ = residual.where or (None, None)
     value = np.abs(residual.value).reshape(-1, *residual.shape[-2:]).max(axis=0) / max(margin, 1e-12)
     return (np.arange(len(value)), value.max(axis=1)) if motion is None else (motion, value[0])

@@ -94,12 +94,12 @@ class _GoalFromStart(NamedTuple):
 
 def _goals_from_start(problem: Problem) -> list[_GoalFromStart]:
     """Return the desired places of the problem's goal and of `Limit.ends`."""
-    turn = problem.rotation0
+    R0 = problem.rotation0
     origin = problem.com0 + problem.duration * problem.drift
     ends = [FrameEnd(RobotFrame.of(problem.stack), problem.place)]
     ends += [end for limit in problem.limits for end in limit.ends]
     return [
-        _GoalFromStart(place if place.moves_with_base else place.transformed(-turn.T @ origin, turn.T), frame)
+        _GoalFromStart(place if place.moves_with_base else place.transformed(-R0.T @ origin, R0.T), frame)
         for frame, place in ends
     ]
 

@@ -415,9 +415,9 @@ def check_begin(problem: Problem, path: Path) -> None:
     distance, angle = place.error(pose, problem.q0)
     if distance <= path.tolerance and angle <= path.orientation_tolerance:
         return
-    by = f"{length_text(distance)}" + (f" and {np.degrees(angle):.3g} deg" if path.turned else "")
+    error = length_text(distance) + (f" and {np.degrees(angle):.3g} deg" if path.turned else "")
     remedy = (
-        f"must leave time [s] to move to the path, which begins {by} from the end effector; "
+        f"must leave time [s] to move to the path, which begins {error} from the end effector; "
         f"set opt.Path(..., approach_time={max(2.0, np.ceil(10.0 * distance)):g}), or another start"
     )
     raise InvalidValue("approach_time", path.approach_time, remedy)

@@ -499,8 +499,8 @@ def starts_within(problem: Problem, reach: float, orientation_reach: float) -> b
     if problem.momentum is not None or problem.goal.moves or problem.joint_rates.any():
         return False
     start = problem.sms.at(problem.q0).end_effector_pose
-    far, turned = problem.place.error(start, problem.q0)
-    return bool(far <= reach and turned <= orientation_reach)
+    distance, angle = problem.place.error(start, problem.q0)
+    return bool(distance <= reach and angle <= orientation_reach)
 
 
 def _is_hopeless(search: Search) -> bool:

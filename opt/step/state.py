@@ -208,7 +208,7 @@ def stoppable(limits: Sequence[Limit], step: StepState, rates: FloatArray, slowe
 
 
 def _broken(limits: Sequence[Limit], step: StepState, end: FloatArray) -> FloatArray:
-    """Return each limit's violation if the step ends with rates `end` and the arm stops in five more steps."""
+    """Return the violation of each limit if the step ends with rates `end`, from which the arm then stops."""
     sms, momentum = step.sms, step.momentum
     q, _ = advance(sms, step.q, step.rates, (end - step.rates) / step.dt, step.dt, momentum, step.mode)
     slowing = np.linspace(1.0, 0.0, 6)[:, None] * end
