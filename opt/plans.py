@@ -101,7 +101,7 @@ def plan(
         The obstacles, see `opt.Clearance`.
     via : sequence, optional
         Waypoints of the end effector in any order: positions (3,), poses, or `opt.Waypoint`, which may have a
-        time. Single steps ignore waypoints without a time.
+        time. Single steps ignore waypoints without a time, and their plans usually miss these waypoints.
     progress : callable, optional
         A function that is called with the completed share of the work, 0 to 1.
     **options
