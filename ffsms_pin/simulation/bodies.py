@@ -1,6 +1,6 @@
-"""The bodies of a run besides the robot's links: wheels and thrusters with their limits, and a client.
+"""The actuators of the base with their limits, and the client, in a run.
 
-A client is a second free body; loads act between it and the end effector.
+A client is a second free body. Loads act between the client and the end effector.
 """
 
 from __future__ import annotations
@@ -21,16 +21,15 @@ from ffsms_pin.references import Resettable
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.simulation.loads import Load, checked_load
 
-# From this share of its largest force a thruster counts as saturated. The rest allows for rounding.
-_AT_LIMIT = 0.999
+_AT_LIMIT = 0.999  # share of its largest force from which a thruster counts as saturated
 _ALIGNED = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
 
 
 class BaseActuators:
     """The wheels and thrusters of a plant in a run under a base law; without a law the base floats.
 
-    A wheel's torque is limited to the largest torque of its motor. It is also limited so that the wheel stays
-    within its largest momentum during the control step. On-off thrusters are pulsed.
+    A wheel's torque is limited to the largest torque of its motor, and to the torque that would bring a wheel
+    on a base at rest to its largest momentum within the control step. On-off thrusters are pulsed.
 
     Attributes
     ----------
@@ -71,7 +70,7 @@ class BaseActuators:
         self._full: dict[str, tuple[float, int]] = {}
 
     def command(self, view: BaseView) -> bool:
-        """Evaluate the law in this control step; return False if its command is not finite."""
+        """Evaluate the base law and store its limited command; return False if the command is not finite."""
         command = self.law.command(view)
         if not isinstance(command, BaseCommand):
             raise InvalidValue("base_controller.command", command, "must return a BaseCommand")
@@ -108,7 +107,7 @@ class BaseActuators:
         self._full[message] = since, steps + 1
 
     def notes(self) -> list[str]:
-        """Return a text for each saturation of an actuator, with its start and its total duration."""
+        """Return a sentence for each saturated actuator limit, with its first time and its total duration."""
         return [
             f"t = {since:.6g} s: {message} (for {steps * self._dt:.3g} s in all)"
             for message, (since, steps) in self._full.items()
@@ -123,7 +122,7 @@ class BaseActuators:
             force[:6] = self.thrusters.wrenches @ self.thruster_force
 
     def stepped(self, speed: FloatArray) -> None:
-        """Store the wheels' speeds (w,) [rad/s] at the end of a step, and the used propellant."""
+        """Update the wheels' momenta from their speeds (w,) [rad/s] after a step, and add the used propellant."""
         if self.wheels is not None:
             self.wheel_momentum = self.wheels.inertia * speed
         if self.thrusters is not None:
@@ -131,7 +130,7 @@ class BaseActuators:
 
     @property
     def spinning(self) -> FloatArray:
-        """The total momentum of the wheels (3,) [N m s], root axes."""
+        """The vector sum of the wheels' spin momenta (3,) [N m s], root axes."""
         return np.zeros(3) if self.wheels is None else self.wheels.total(self.wheel_momentum)
 
     @property
@@ -141,7 +140,7 @@ class BaseActuators:
 
 
 def _check_law(sms: SpaceManipulator, plant: SpaceManipulator, law: Any) -> None:
-    """Raise `InvalidValue` unless `law` is a base law that fits the actuators of plant and model."""
+    """Raise `InvalidValue` unless `law` is a base law, and plant and model have equally many actuators."""
     if not isinstance(law, BaseLaw) or not callable(law.command):
         raise InvalidValue("base_controller", law, "must have a method command(view)")
     sizes = len(plant.wheels or ()), len(plant.thrusters or ())
@@ -183,10 +182,10 @@ def with_client(model: Any, client: Client) -> Any:
 
 
 class ClientBody:
-    """The pose and motion of a client in a run; free until it is latched to the end effector.
+    """A client in a run, which is free until it is latched to the end effector.
 
-    `q` (7,) and `v` (6,) are the configuration and velocity of its free-flyer, v in body axes. `loads` act
-    throughout the run, `grips` while a gripper is closed.
+    `q` (7,) and `v` (6,) are the configuration and velocity of the client's free-flyer, v in body axes. Until
+    the latch, `loads` act all the time and `grips` act while a gripper is closed.
     """
 
     def __init__(self, client: Client, loads: Sequence[Load]) -> None:
@@ -217,22 +216,22 @@ class ClientBody:
     def latch(
         self, plant: SpaceManipulator, q: FloatArray, v: FloatArray, locked: Sequence[int]
     ) -> AfterCapture:
-        """Combine plant and client at their present poses into one robot, and remove the loads."""
-        now = other_motion(self.client, self.pose, self.twist)  # the client, with the present as time zero
+        """Combine plant and client at their present poses into one robot, and remove all loads."""
+        now = other_motion(self.client, self.pose, self.twist)  # its time zero is the present
         self.joined = after_capture(plant, q, v, now, locked=locked)
         self._held = plant.at(q).end_effector_pose.inverse() * self.pose
         self.loads = self.grips = ()
         return self.joined
 
     def carried(self, model: Any, data: Any, frame: int, q: FloatArray, v: FloatArray) -> None:
-        """Move the latched client with the end effector; q and v are the state of `model`."""
+        """Set the state of the latched client from the end effector's; q and v are the state of `model`."""
         pin.forwardKinematics(model, data, q, v)
         pose = pin.updateFramePlacement(model, data, frame) * self._held
         motion = self._held.actInv(pin.getFrameVelocity(model, data, frame))
         self.q, self.v = pin.SE3ToXYZQUAT(pose), motion.vector
 
     def carrying(self, model: Any, data: Any, frame: int, *motion: FloatArray) -> FloatArray:
-        """Return the inertial wrench (6,) of the latched client on the end effector, inertial axes.
+        """Return the wrench (6,) of the latched client on the end effector due to its inertia, inertial axes.
 
         `motion` is q, v and the acceleration of `model`. The moment is about the end-effector frame's origin.
         """
@@ -248,8 +247,8 @@ class ClientBody:
     ) -> tuple[FloatArray, FloatArray]:
         """Return the total wrenches [force; moment] (6,) of the loads on the end effector and on the client.
 
-        Both are in inertial axes, about the end-effector frame's origin and the client's centre of mass. q
-        and v are the state of `model`, see `with_client`.
+        The axes are inertial. The first moment is about the end-effector frame's origin, the second about the
+        client's centre of mass. q and v are the state of `model`, see `with_client`.
         """
         pin.forwardKinematics(model, data, q, v)
         tool, body = pin.updateFramePlacement(model, data, frame), data.oMi[model.njoints - 1]

@@ -1,4 +1,4 @@
-"""The motion of a client in a run: free until the client is captured, then with the end effector."""
+"""The recorded motion of a client, for viewers and plots."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from ffsms_pin.simulation import Tracking
 
 @dataclass(frozen=True, eq=False)
 class ClientMotion:
-    """The poses of a client's body frame, inertial axes, interpolated between instants.
+    """The poses of a client's body frame, inertial axes, interpolated between the instants of a recording.
 
     Attributes
     ----------
@@ -28,7 +28,7 @@ class ClientMotion:
     quaternion : ndarray, shape (k, 4)
         Attitudes as quaternions (x, y, z, w).
     shapes : tuple of Shape
-        The visual shapes of the client.
+        The client's shapes with their placements in the body frame.
     """
 
     t: FloatArray
@@ -40,9 +40,9 @@ class ClientMotion:
         """Return the pose (pinocchio.SE3) at a time [s], clipped to the first and the last instant."""
         i = int(np.clip(np.searchsorted(self.t, t) - 1, 0, len(self.t) - 2))
         share = float(np.clip((t - self.t[i]) / (self.t[i + 1] - self.t[i]), 0.0, 1.0))
-        turn = pin.Quaternion(self.quaternion[i]).slerp(share, pin.Quaternion(self.quaternion[i + 1]))
-        place = (1.0 - share) * self.position[i] + share * self.position[i + 1]
-        return pin.SE3(turn.toRotationMatrix(), place)
+        rotation = pin.Quaternion(self.quaternion[i]).slerp(share, pin.Quaternion(self.quaternion[i + 1]))
+        position = (1.0 - share) * self.position[i] + share * self.position[i + 1]
+        return pin.SE3(rotation.toRotationMatrix(), position)
 
     def poses(self, times: ArrayLike) -> tuple[FloatArray, FloatArray]:
         """Return positions (K, 3) [m] and attitudes (K, 3, 3) at times (K,) [s]."""
@@ -51,7 +51,7 @@ class ClientMotion:
 
 
 def client_motion(tracking: Tracking, shapes: tuple[Shape, ...] = ()) -> ClientMotion:
-    """Return the client's motion in a recording; `shapes` are its visual shapes.
+    """Return the client's motion in a recording; `shapes` are the shapes to draw.
 
     Raises
     ------
