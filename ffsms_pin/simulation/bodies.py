@@ -122,7 +122,7 @@ class BaseActuators:
             force[:6] = self.thrusters.wrenches @ self.thruster_force
 
     def stepped(self, speed: FloatArray) -> None:
-        """Update the wheels' momenta from their speeds (w,) [rad/s] after a step, and add the used propellant."""
+        """Update the wheels' momenta from the speeds (w,) [rad/s] after a step, and the propellant used."""
         if self.wheels is not None:
             self.wheel_momentum = self.wheels.inertia * speed
         if self.thrusters is not None:

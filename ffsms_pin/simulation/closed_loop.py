@@ -80,7 +80,7 @@ def simulate(
     so no external force acts on the base. By default, one Runge-Kutta step of order 4 (`rk4_step`) integrates
     the articulated-body dynamics. With a `base_controller` the plant's wheels and thrusters act on the base
     as well, and the wheels' speeds are part of the state. The `conditions` add imperfections. The recording
-    has the plant's true motion and the torques after the actuators.
+    has the plant's true motion and the torques after the actuators' limits and delays.
 
     Parameters
     ----------
@@ -92,39 +92,42 @@ def simulate(
     controller : Controller
         A joint torque law, such as a `SlidingModeController`.
     dt : float
-        Control and integration step [s]. It is changed to the nearest step that divides the duration.
+        Control step [s], by default also the integration step. It is changed so that a whole number of steps
+        makes up the duration.
     q0 : array_like, shape (nq,), optional
-        Initial configuration of the plant. Default: that of the reference.
+        Initial configuration of the plant. Default: the first configuration of the reference.
     plant : SpaceManipulator, optional
         The simulated robot, with the same joints as `sms` but, for example, other masses. Default: `sms`.
     progress : callable, optional
         A function called with the completed share of the run, 0 to 1.
     conditions : Conditions, optional
         Friction, actuators, sensors, disturbances, events, guards, initial motion and integrator. Default:
-        `Conditions()`. Its fields may be given by name instead: ``friction=JointFriction(...)``.
+        `Conditions()`. Fields may also be passed by name, such as ``friction=JointFriction(...)``.
     base_controller : BaseLaw, optional
-        The law of the plant's wheels and thrusters, such as `ffsms_pin.control.QuaternionFeedback`: an object
-        with a method ``command(view)``. Default: none; the wheels stand still and the base floats.
+        The law of the plant's wheels and thrusters, such as `ffsms_pin.control.QuaternionFeedback`. Default:
+        none; the wheels stand still relative to the base, and the base floats.
     client : Client, optional
-        A second free body, which starts with its pose and twist of time zero.
+        A second free body, which starts with the client's pose and twist at time zero.
     loads : Load or sequence of Load
-        The forces between end effector and client, see `ffsms_pin.simulation.Load`.
+        The forces and torques between end effector and client, see `ffsms_pin.simulation.Load`.
     supervisor : Supervisor, optional
-        An object that chooses the next events during the run.
+        An object that chooses events in each control step.
 
     Returns
     -------
     Tracking
-        Its `note` lists events, joints at their torque limits, and a change of the total momentum without an
-        external force. Such a change is caused by too large a step or too steep friction. If a guard stopped
-        the flight, `stopped` has the reason.
+        The recording. Its `note` lists events, joints at their torque limits, and a change of the total
+        momentum without an external force. Such a change is caused by too large a step or too steep friction.
+        If a guard or a `Freeze` stopped the flight, `stopped` has the reason. A run with a supervisor is not
+        judged, so its `arrived` is False.
 
     Raises
     ------
     InvalidValue
-        A shape is wrong, a number is out of range, or the plant has other joints.
+        A type or shape is wrong, a number is out of range, or the plant has other joints.
     SimulationDiverged
-        The state or a torque is no longer finite; the error has the recording until then.
+        The state, a torque or a command to the base's actuators is not finite; the error has the recording
+        until then.
     ResultError
         The file of the guards cannot be written; raised before the run.
     """
@@ -154,11 +157,11 @@ def simulate(
         warn_of_friction(plant, controller)
     if isinstance(reference, HasBaseMode):
         warn_of_base(reference.base_mode, base_controller, sms, stacklevel=5)
-    coming, estimating = setup.events, setup.estimator
+    upcoming, estimating = setup.events, setup.estimator
     if sensors is not None and not sensors.perfect:
         for observer in observing:
             observer.expect_noise(place_deviation(sms, q, sensors, estimating))
-    feel = wrench_listener(setup.measure_wrench, observing)
+    pass_wrench = wrench_listener(setup.measure_wrench, observing)
     if isinstance(controller, Resettable):
         controller.reset(dt)
     compensates = controller if isinstance(controller, CompensatesFriction) else None
@@ -189,39 +192,39 @@ def simulate(
         return v
 
     def ended(rows: int) -> Tracking:
-        """Return the first rows as a recording, with its verdict if there is no supervisor."""
+        """Return the first rows as a recording, judged if there is no supervisor."""
         recorded = replace(record.tracking(rows, saturation.notes()), stopped=stopped)
         return recorded if supervisor is not None else judged(recorded, reference, plant)
 
     def diverged(t: float, rows: int, what: str = "") -> SimulationDiverged:
-        """Save the recording and return the error for a state or torque that is not finite."""
+        """Return the error for a state or command that is not finite; save the recording if a path is set."""
         recorded = ended(rows)
         saved = "" if guards is None else guards.saved(recorded)
         return SimulationDiverged(t, recorded, saved, *filter(None, [what]))
 
-    stride = max(1, steps // 200)  # enough for a progress bar
+    stride = max(1, steps // 200)  # [steps] between two calls of `progress`
 
     # A diverging state may overflow; `record` checks that each row is finite.
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
         try:
             record = Record(world, t, setup.target)
         except MemoryError:
-            message = f"makes {steps} steps, too many for the memory: use a longer dt, or a shorter motion"
+            message = f"makes {steps} steps, too many for the memory; use a longer dt or a shorter motion"
             raise InvalidValue("dt", dt, message) from None
         for k in range(steps + 1):
             now = float(t[k])
-            while coming and coming[0].time <= now + 1e-9:
-                v = happen(coming.pop(0), now, k, q, v)
+            while upcoming and upcoming[0].time <= now + 1e-9:
+                v = happen(upcoming.pop(0), now, k, q, v)
             measured = seen_q, seen_v = (q, v) if setup.measure is None else setup.measure(q, v)
             if estimating is not None:
                 seen_q, seen_v = estimating.update(seen_q, seen_v, tau, base.spinning)
-            felt = world.wrench(now, q, v)
+            contact_wrench = world.wrench(now, q, v)
             if k < steps:
                 if base.law is not None:
                     for observer in observing:
                         observer.observe_wheels(base.wheel_momentum)
-                if feel is not None:
-                    feel(now, world.wrist(now, q, felt))
+                if pass_wrench is not None:
+                    pass_wrench(now, world.wrist(now, q, contact_wrench))
                 if stopping is None or supervisor is not None:
                     for observer in observing:
                         observer.observe_sensors(now, *measured)
@@ -229,17 +232,19 @@ def simulate(
             if supervisor is not None and k < steps:
                 pose, twist = (None, np.zeros(6)) if body is None else (body.pose, body.twist)
                 joined, spinning = None if body is None else body.joined, base.wheel_momentum.copy()
-                instant = Instant(now, q.copy(), v.copy(), pose, twist, felt.copy(), spinning, joined)
+                instant = Instant(
+                    now, q.copy(), v.copy(), pose, twist, contact_wrench.copy(), spinning, joined
+                )
                 for event in supervisor.decide(instant):
                     v = happen(event, now, k, q, v)
-                    felt = world.wrench(now, q, v)
-            wanted = reference.sample(now) if k else first_sample(reference, plant.n)
-            if not record.add(k, q, v, wanted, work, felt):
+                    contact_wrench = world.wrench(now, q, v)
+            desired = reference.sample(now) if k else first_sample(reference, plant.n)
+            if not record.add(k, q, v, desired, work, contact_wrench):
                 raise diverged(float(t[max(k - 1, 0)]), k)
             if watch is not None and stopping is None and k < last:
                 latched = body is not None and body.joined is not None
-                state = world.plant, q, v, record.arrays["joint_error"][k], wanted[1]
-                if trip := watch.trip(k, *state, felt, latched, saturation, observing, world.limp):
+                state = world.plant, q, v, record.arrays["joint_error"][k], desired[1]
+                if trip := watch.trip(k, *state, contact_wrench, latched, saturation, observing, world.limp):
                     freeze = [Freeze(now, trip.reason)]
                     for event in freeze if supervisor is None else supervisor.guard_tripped(instant, trip):
                         v = happen(event, now, k, q, v)
@@ -249,9 +254,9 @@ def simulate(
                 break
             if stopping is not None:
                 tau = stopping.torque(seen_q, seen_v, world.limp)
-                wanted = plant.layout.positions(seen_q), np.zeros(plant.n), np.zeros(plant.n)
+                desired = plant.layout.positions(seen_q), np.zeros(plant.n), np.zeros(plant.n)
             else:
-                tau = np.asarray(controller.torque(seen_q, seen_v, *wanted))
+                tau = np.asarray(controller.torque(seen_q, seen_v, *desired))
                 if tau.shape != (plant.n,) or tau.dtype.kind not in "fiu":
                     raise InvalidValue("controller.torque", tau, f"must return numbers of shape ({plant.n},)")
                 saturation.commanded(tau)
@@ -263,10 +268,10 @@ def simulate(
                 tau = setup.limit_torque(tau)
             what = "" if all(map(math.isfinite, tau.tolist())) else "the controller's torque is not finite at"
             if base.law is not None and not what:
-                felt_tau = tau
+                acting_tau = tau
                 if stopping is None and compensates is not None:
-                    felt_tau = tau - compensates.friction_torque
-                view = BaseView(now, seen_q, seen_v, base.wheel_momentum, wanted, felt_tau)
+                    acting_tau = tau - compensates.friction_torque
+                view = BaseView(now, seen_q, seen_v, base.wheel_momentum, desired, acting_tau)
                 what = "" if base.command(view) else "the base controller's command is not finite at"
             if what:
                 raise diverged(now, k + 1, what)

@@ -16,37 +16,41 @@ from ffsms_pin.simulation.guards import Trip
 class Controller(Protocol):
     """A joint torque law.
 
-    A controller that also derives from `Observer` observes the run, as every `control.JointLaw` does. Four
-    more attributes are used if a controller has them: ``reset(dt)``, called before the run with the control
-    step [s]; ``torque_limit`` (n,), the largest torques that it commands [N m], at which a joint counts as
-    saturated; ``friction_torque`` (n,), the part of its last torque that compensates friction [N m];
-    ``robot``, the `SpaceManipulator` that it has estimated, used for braking and re-planning.
+    A controller that also derives from `Observer` observes the run, as every `control.JointLaw` does. The
+    following attributes are used if a controller has them:
+
+    - ``reset(dt)``, called before the run with the control step [s].
+    - ``torque_limit`` (n,), the largest torques that the controller commands [N m], at which a joint counts
+      as saturated.
+    - ``friction_torque`` (n,), the part of the last torque that compensates friction [N m].
+    - ``sms`` and ``robot``, the nominal and the estimated `SpaceManipulator`. Braking and re-planning use
+      ``robot`` as soon as it differs from ``sms``.
     """
 
     def torque(
         self, q: FloatArray, v: FloatArray, q_d: FloatArray, qd_d: FloatArray, qdd_d: FloatArray
     ) -> FloatArray:
-        """Return joint torques (n,) [N m] from measured q (nq,), v (6 + n,) and the desired motion (n,)."""
+        """Return joint torques (n,) [N m] for a measured q (nq,), v (6 + n,) and a desired motion (n,)."""
         ...
 
 
 @runtime_checkable
 class CompensatesFriction(Protocol):
-    """A controller with the part of its last torque (n,) that compensates friction [N m]."""
+    """A controller that has the part (n,) of its last torque that compensates friction [N m]."""
 
     friction_torque: FloatArray
 
 
 @runtime_checkable
 class EstimatesRobot(Protocol):
-    """A controller with its nominal model `sms` and the estimated `robot`."""
+    """A controller that has a nominal model `sms` and an estimated model `robot`."""
 
     sms: SpaceManipulator
     robot: SpaceManipulator
 
 
 class Instant(NamedTuple):
-    """The true state of plant and client that a supervisor receives; without a client, `client_pose` is None.
+    """The true state of plant and client, passed to a supervisor in each control step.
 
     Attributes
     ----------
@@ -55,13 +59,13 @@ class Instant(NamedTuple):
     q, v : ndarray, shape (nq,), (6 + n,)
         Configuration and velocity of the plant.
     client_pose : pinocchio.SE3
-        Pose of the client's body frame, inertial axes.
+        Pose of the client's body frame, inertial axes; None without a client.
     client_twist : ndarray, shape (6,)
-        Twist of the client, inertial axes.
+        Twist of the client's body frame, inertial axes; zero without a client.
     wrench : ndarray, shape (6,)
         Wrench of the client on the end effector, about the end-effector frame's origin, inertial axes.
     wheel_momentum : ndarray, shape (w,)
-        Spin momenta of the base's wheels [N m s].
+        Spin momenta of the base's wheels, relative to the base [N m s].
     joined : AfterCapture, optional
         Plant and client as one robot; None before a `Latch`.
     """
@@ -85,19 +89,20 @@ class Supervisor(Protocol):
     Attributes
     ----------
     model : SpaceManipulator
-        The robot model for estimation and braking; `simulate` reads the model again after a latch.
+        The robot model for braking and, from a latch on, for the state estimation. `simulate` reads this
+        attribute when it needs the model.
     """
 
     model: SpaceManipulator
 
     def decide(self, now: Instant) -> Sequence[Event]:
-        """Return the events of the present instant, after the reference has observed the measured state."""
+        """Return the events of the present control step; called after `Observer.observe`."""
         ...
 
     def guard_tripped(self, now: Instant, trip: Trip) -> Sequence[Event]:
         """Return the events after a guard has tripped. Default: a `Freeze`.
 
-        A `Freeze` stops the flight. Without a `Freeze` the flight goes on, with one second to end a contact
-        that is too strong.
+        A `Freeze` stops the flight; without a `Freeze` the flight goes on. If a contact guard has tripped,
+        the contact guards are disabled for one second, so that the supervisor can end the contact.
         """
         return [Freeze(now.t, trip.reason)]

@@ -25,9 +25,9 @@ class Load(Protocol):
         Parameters
         ----------
         tool, client : pinocchio.SE3
-            Poses of the end-effector frame, and of the client's body frame (origin: its centre of mass).
+            Poses of the end-effector frame, and of the client's body frame at its centre of mass.
         tool_twist, client_twist : ndarray, shape (6,)
-            Velocity of the frame's origin [m/s] and angular velocity [rad/s], inertial axes.
+            Velocity of the frame's origin [m/s] and angular velocity [rad/s] of each, inertial axes.
 
         Returns
         -------
@@ -47,5 +47,5 @@ def checked_load(name: str, load: Any) -> Load:
 
 
 def velocity_at(point: FloatArray, frame: Any, twist: FloatArray) -> FloatArray:
-    """Return the velocity (3,) of a body's point at `point`, from the twist of the body's `frame`."""
+    """Return the velocity (3,) of the body point at `point` (3,), from the twist (6,) of the body's `frame`."""
     return twist[:3] + cross(twist[3:], point - frame.translation)

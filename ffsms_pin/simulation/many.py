@@ -1,4 +1,4 @@
-"""The simulation of several closed loops in parallel, for studies over plants, starts and noise."""
+"""Parallel simulations of closed loops, for studies over plants, initial states and noise."""
 
 from __future__ import annotations
 
@@ -39,27 +39,28 @@ def simulate_many(
     sms : SpaceManipulator
         The model from which references and controllers were made.
     reference, controller, dt, q0, plant, **options
-        The arguments of `simulate`. Each simulation works on copies, so a controller with internal state
-        starts afresh.
+        The arguments of `simulate`. Each simulation works on copies of these objects.
     progress : callable, optional
         A function called with the completed share of the simulations, 0 to 1.
     jobs : int, optional
-        The number of processes; 1: the present process. Default: the number of cores. With several processes
-        a script must call this function below `if __name__ == "__main__":`, because the processes import the
-        script.
+        The number of processes; 1 uses the present process. Default: the number of cores. With several
+        processes a script must call this function below `if __name__ == "__main__":`, because the processes
+        import the script.
 
     Returns
     -------
     list of Tracking
-        The recordings in the order of the arguments. The recording of a run of 12 s takes about 4 MB; a
-        campaign stores only numbers.
+        The recordings in the order of the arguments. The recording of a run of 12 s with seven joints and
+        the default `dt` takes about 7 MB of memory.
 
     Raises
     ------
     InvalidValue
-        Sequences of different lengths, an unknown option, or a number of jobs below one.
+        Sequences of different lengths, an unknown option, or a number of jobs that is not from 1 to 1024.
     TasksFailed
         Some simulations failed. The error has the reasons, and the results of the successful simulations.
+    TaskError
+        An argument cannot be sent to another process, or a process died.
 
     Examples
     --------
@@ -71,15 +72,14 @@ def simulate_many(
     rows = {name: rows for name, value in arguments.items() if (rows := _rows(name, value)) is not None}
     count = common_length(rows)
     check_options("simulate_many", arguments)
-    # A controller may contain `sms`. Each task has controller and `sms`, so that the controller contains the
-    # same object `sms` in another process, too.
+    # A controller may refer to `sms`. Each task contains both, so that copies of the controller refer to the
+    # copy of `sms`.
     tasks = [(sms, {**arguments, **{name: values[i] for name, values in rows.items()}}) for i in range(count)]
     runs = map_in_processes(_simulate, tasks, jobs, progress)
     return [replace(run) for run in runs]  # arrays from another process are writable; `replace` freezes them
 
 
 def _simulate(task: tuple[SpaceManipulator, dict[str, Any]]) -> Tracking:
-    """Simulate one closed loop."""
     sms, arguments = task
     return simulate(sms, **arguments)
 
