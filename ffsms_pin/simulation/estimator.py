@@ -1,6 +1,6 @@
 """The estimation of the present state from noisy and delayed sensors, by filters and the momentum equation.
 
-docs/closed-loop.md has the equations and their effect.
+See docs/closed-loop.md.
 """
 
 from __future__ import annotations
@@ -20,17 +20,17 @@ from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.simulation.devices import Sensors
 from ffsms_pin.system.dynamics import inertia_matrix, over_base
 
-_SETTLED = 5.0  # [s] time after which a filter's gains hardly change
-_SURPRISE = 5.0  # standard deviations that Gaussian noise exceeds about once in two million measurements
+_SETTLED = 5.0  # [s] time until a filter's gains are almost constant
+_OUTLIER = 5.0  # standard deviations, exceeded by Gaussian noise about once in two million measurements
 
 
 @dataclass(frozen=True)
 class Estimator:
-    """The parameters of an estimator of the state; noise and latency are those of the `Sensors`.
+    """The parameters of the state estimator; noise and latency are those of the `Sensors`.
 
-    The acceleration error of the nominal model is modelled as white noise. Each number is the square root of
-    the spectral density of such noise. With larger numbers the measurements have more weight. The defaults
-    suit mass errors of 30 % on arms that move at about 0.1 rad/s.
+    The acceleration error of the nominal model is modelled as white noise. Each parameter is the square root
+    of the spectral density of this noise. Larger values give the measurements more weight. The defaults suit
+    mass errors of 30 % on arms that move at about 0.1 rad/s.
 
     Raises
     ------
@@ -49,9 +49,9 @@ class Estimator:
 class RunningEstimator:
     """The state estimator of a run.
 
-    The joints are filtered with the model's acceleration under the applied torques. The base's twist is the
-    sum of the twist of the momentum equation, v = -M_b^-1 (M_bm qd + [0; h_w]), and of a bias. Here qd are
-    the filtered joint rates and h_w is the momentum of the wheels. The bias is filtered from the delayed
+    Joint positions and rates are filtered with the model's acceleration under the applied torques. The base's
+    twist is that of the momentum equation, v = -M_b^-1 (M_bm qd + [0; h_w]), plus a bias. Here qd are the
+    filtered joint rates, and h_w is the momentum of the wheels. The bias is filtered from the delayed
     measurements. The base's pose is filtered at the instant of the measurement, and integrated to the present
     with this twist.
     """
@@ -80,7 +80,7 @@ class RunningEstimator:
     def settled_deviations(self) -> tuple[float, float, float]:
         """The standard deviations of joint positions [rad], base position [m] and attitude [rad], per axis.
 
-        They are the steady-state values of the filters' covariances.
+        They follow from the covariances of the filters in the steady state.
         """
         filters = [PositionAndRate(*noise) for noise in self._noises]
         for filtering in filters:
@@ -97,7 +97,7 @@ class RunningEstimator:
 
         In the measured `q` and `v` the base is delayed, the joints are not. `tau` (n,) [N m] are the torques
         since the last call; the first call ignores them. `spinning` (3,) is the present momentum of the
-        wheels in root axes [N m s].
+        wheels in root axes [N m s], by default zero.
         """
         before, self._spinning = self._spinning, np.zeros(3) if spinning is None else spinning
         if tau is None or not self._modelled:
@@ -122,7 +122,7 @@ class RunningEstimator:
         self._modelled.append(modelled)
 
     def _momentum_equation(self, q: FloatArray) -> FloatArray:
-        """Return the root velocity (6,), root axes, for zero total momentum at the estimated joint rates."""
+        """Return the root velocity (6,), root axes, at zero total momentum and the estimated joint rates."""
         at = q.copy()
         self._sms.layout.set_positions(at, self._joints)
         M = inertia_matrix(self._sms, at)
@@ -131,15 +131,15 @@ class RunningEstimator:
         return -over_base(M, momentum)
 
     def _filter_joints(self, q: FloatArray, v: FloatArray, tau: FloatArray, taken: FloatArray) -> None:
-        """Predict the joints, and correct them by the measured q and v.
+        """Predict the joint positions and rates, and correct them by the measured q and v.
 
-        `tau` (n,) are the joint torques, `taken` (3,) the rate of the wheels' momentum in root axes [N m].
+        `tau` (n,) are the joint torques, `taken` (3,) is the rate of the wheels' momentum in root axes [N m].
         """
         sms, dt = self._sms, self._dt
         before, velocity, force = q.copy(), np.empty(sms.nv), np.zeros(sms.nv)
         sms.layout.set_positions(before, self._joints)
         velocity[:6], velocity[6:] = self._modelled[-1] + self._bias, self._rates
-        force[6:] = tau + self._rub()
+        force[6:] = tau + self._friction()
         force[3:6] = -(taken + np.cross(velocity[3:6], self._spinning))
         acceleration = pin.aba(self._model, self._data, before, velocity, force)[6:]
         joints = self._joints + dt * (self._rates + 0.5 * dt * acceleration)
@@ -151,11 +151,11 @@ class RunningEstimator:
         self._joints = joints + K_pp * off + K_pr * too_fast
         self._rates = rates + K_rp * off + K_rr * too_fast
 
-    def _rub(self) -> FloatArray:
-        """Return the friction (n,) [N m] of the robot's file at the estimated rates.
+    def _friction(self) -> FloatArray:
+        """Return the friction torques (n,) [N m] of the robot's file at the estimated rates.
 
-        Its slope times the control step is added to the armature, so that steep friction is integrated
-        implicitly.
+        The slope of the friction times the control step is added to the armature of the model, so that steep
+        friction is integrated implicitly.
         """
         if not self._rubs:
             return np.zeros(self._sms.n)
@@ -193,9 +193,9 @@ class RunningEstimator:
 def place_deviation(
     sms: SpaceManipulator, q: FloatArray, sensors: Sensors, estimator: RunningEstimator | None
 ) -> float:
-    """Return the standard deviation of the end effector's estimated position [m] at q (nq,).
+    """Return the root-mean-square error [m] of the estimated end-effector position at q (nq,).
 
-    Without an estimator, the position is that of the raw measurements.
+    Without an estimator, the position follows from the raw measurements.
     """
     if estimator is None:
         joint, shift, turn = sensors.joint_deviation, sensors.base_position_noise, sensors.base_attitude_noise
@@ -213,8 +213,8 @@ class PositionAndRate:
 
     The model is p' = r, r' = known acceleration + white noise; `acceleration_noise` is the square root of the
     spectral density of this noise [rad/s^1.5 or m/s^1.5]. The noises of the measurements are standard
-    deviations, zero for perfect measurements. The gains depend on noise and time alone, so one filter serves
-    all joints, or all axes.
+    deviations, zero for perfect measurements. All joints share one filter, because their noises are equal;
+    so do the three axes of the base's position, and those of its attitude.
     """
 
     def __init__(self, position_noise: float, rate_noise: float, acceleration_noise: float) -> None:
@@ -236,12 +236,12 @@ class PositionAndRate:
         self._rr = rr + S * dt
 
     def inflate(self, rate_error: float) -> None:
-        """Increase the covariance if the noise does not explain the error of a predicted rate.
+        """Increase the covariance if the error of a predicted rate exceeds 5 standard deviations.
 
-        The model is then worse than assumed, for example because a body was captured. The next gains follow
-        the measurements.
+        The model is then worse than assumed, for example because a body was captured. With the larger
+        covariance the next gains weight the measurements more.
         """
-        if self._R_r > 0.0 and rate_error * rate_error > _SURPRISE**2 * (self._rr + self._R_r):
+        if self._R_r > 0.0 and rate_error * rate_error > _OUTLIER**2 * (self._rr + self._R_r):
             self._pp, self._pr = max(self._pp, self._R_p), 0.0
             self._rr = max(self._rr, rate_error * rate_error)
 
@@ -257,7 +257,7 @@ class PositionAndRate:
             return 1.0, 0.0, 0.0, 1.0
         a, c = pp + R_p, rr + R_r
         determinant = a * c - pr * pr
-        if determinant <= 0.0:  # all variances are zero
+        if determinant <= 0.0:  # position or rate are predicted and measured without error
             return 0.0, 0.0, 0.0, 0.0
         K_pp = (pp * c - pr * pr) / determinant
         K_pr = pr * R_p / determinant

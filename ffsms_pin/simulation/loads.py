@@ -47,5 +47,5 @@ def checked_load(name: str, load: Any) -> Load:
 
 
 def velocity_at(point: FloatArray, frame: Any, twist: FloatArray) -> FloatArray:
-    """Return the velocity (3,) of the body point at `point` (3,), from the twist (6,) of the body's `frame`."""
+    """Return the velocity (3,) of a body at `point` (3,), from the twist (6,) of the body's `frame`."""
     return twist[:3] + cross(twist[3:], point - frame.translation)
