@@ -41,21 +41,23 @@ class Wrench:
     Raises
     ------
     InvalidValue
-        A value is out of range or has a wrong shape; raised at the start of a run.
+        A value is out of range or has a wrong shape; raised at the start of a run. The values of a function
+        are checked during the run.
     """
 
     wrench: Annotated[Vector6, Unit("N, N m")]
     """The force and moment (6 numbers), inertial axes; in Python also a function of time [s] that returns
     them."""
     on: Annotated[Literal["base", "end-effector"], Unit()] = "base"
-    """The body: the "base", at its centre of mass, or the "end-effector", at the origin of its frame."""
+    """The body on which the wrench acts, "base" (at its centre of mass) or "end-effector" (at the origin of
+    its frame)."""
     start: Annotated[Number, Unit("s")] = 0.0
     """The time at which the wrench begins."""
     end: Annotated[AnyTime, Unit("s")] = math.inf
-    """The time at which the wrench ends."""
+    """The time at which the wrench ends, infinite for a wrench until the end of the run."""
 
     def force(self, plant: SpaceManipulator) -> GeneralisedForce:
-        """Return the wrench as a generalised force, conjugate to Pinocchio's v; a function of t, q and v."""
+        """Return a function of t, q and v that returns the generalised force conjugate to Pinocchio's v."""
         one_of("wrench.on", self.on, ("base", "end-effector"))
         start, end = number("wrench.start", self.start), self.end
         if not (isinstance(end, (int, float)) and end > start):
@@ -89,11 +91,12 @@ class Wrench:
 
 @dataclass(frozen=True, eq=False)
 class Capture:
-    """An event: from `time` on the end effector holds a rigid body, such as a payload or a client.
+    """An event in which the end effector grasps a rigid body, such as a payload or a client.
 
-    The capture is a plastic impact: the body takes on the end effector's velocity, and the joint rates jump,
-    because drives cannot transmit an impulse (locked joints can). The momentum of robot and body together is
-    conserved; energy is lost. Reference and controller do not observe the event.
+    If the body moves relative to the end effector, the capture is a plastic impact. The end effector then
+    changes its velocity as well, and the joint rates jump, because drives cannot transmit an impulse (locked
+    joints can). The total momentum of robot and body is conserved; energy is lost. Reference and controller
+    do not observe the event.
 
     Raises
     ------
@@ -106,16 +109,16 @@ class Capture:
     mass: Annotated[Positive, Unit("kg")]
     """The mass of the body."""
     inertia: Annotated[Inertia, Unit("kg m²")]
-    """The inertia about the body's centre of mass in the axes of the end-effector frame at the capture: 3
-    principal moments, or a 3 by 3 matrix."""
+    """The inertia about the body's centre of mass in the axes of the end-effector frame, as 3 principal
+    moments or a 3 by 3 matrix."""
     com: Annotated[Vector3, Unit("m")] = (0.0, 0.0, 0.0)
     """The body's centre of mass in the end-effector frame."""
     twist: Annotated[Vector6 | None, Unit("m/s, rad/s", "the end effector's")] = None
     """The body's twist before the capture (6 numbers): velocity of its centre of mass and angular velocity,
-    inertial axes. With the default the capture has no impact."""
+    inertial axes. With the default there is no impact."""
 
     def client(self, tool: Any, tool_twist: FloatArray) -> Client:
-        """Return the captured body, for an end effector with a pose (pinocchio.SE3) and a twist (6,)."""
+        """Return the captured body, from the pose (pinocchio.SE3) and twist (6,) of the end effector."""
         mass, tensor, com = rigid_body("capture", self.mass, self.inertia, self.com)
         pose, twist = carried(tool, tool_twist, pin.SE3(np.eye(3), com))
         if self.twist is not None:
@@ -125,7 +128,7 @@ class Capture:
     def apply(
         self, plant: SpaceManipulator, q: FloatArray, v: FloatArray, locked: list[int]
     ) -> tuple[SpaceManipulator, FloatArray]:
-        """Return the plant with the body, and v after the impact; `locked` has indices in v."""
+        """Return the plant with the body, and v after the impact; `locked` are locked joints' indices in v."""
         now = plant.at(q, v)
         client = self.client(now.end_effector_pose, now.end_effector_twist)
         joined = after_capture(plant, q, v, client, locked=locked)
@@ -137,15 +140,15 @@ class Capture:
 
 @dataclass(frozen=True)
 class JointFault:
-    """An event: from `time` on a joint is locked at its position, or limp (without torque).
+    """An event after which a joint is locked at its position, or limp (without motor torque).
 
-    A joint that locks is stopped by an impact: momentum is conserved, energy is lost. Friction acts on a limp
-    joint, and mechanical stops keep it within its position limits.
+    A locking joint stops at once; the total momentum is conserved, and energy is lost. Friction acts on a
+    limp joint, and mechanical stops keep the joint within its position limits.
 
     Raises
     ------
     InvalidValue
-        The plant has no such joint; raised at the start of a run.
+        The plant has no such joint, or the kind is unknown; raised at the start of a run.
     """
 
     time: Annotated[NotNegative, Unit("s")]
@@ -153,10 +156,10 @@ class JointFault:
     joint: Annotated[NameOrIndex, Unit()]
     """The joint's name, or its index from 0."""
     kind: Annotated[Literal["locked", "limp"], Unit()] = "locked"
-    """The kind of failure: "locked", the joint keeps its position; "limp", the joint has no torque."""
+    """The kind of failure. A "locked" joint keeps its position; a "limp" joint has no motor torque."""
     told: Annotated[bool, Unit()] = True
     """True to report the fault to reference and controller (`Observer.joint_failed`), so that re-planning
-    uses the remaining joints."""
+    uses the other joints."""
 
     def index(self, plant: SpaceManipulator) -> int:
         """Return the index of the joint, from 0."""
@@ -173,7 +176,7 @@ class JointFault:
 
 @dataclass(frozen=True)
 class _TimedEvent:
-    """An event at a `time` [s], with a text."""
+    """An event at a `time` [s], with a text for the recording's note."""
 
     time: float
     text: ClassVar[str]
@@ -184,7 +187,7 @@ class _TimedEvent:
 
 @dataclass(frozen=True)
 class Close(_TimedEvent):
-    """An event: from `time` [s] on a load, such as a gripper's grip, acts between end effector and client."""
+    """An event at `time` [s], after which a load, such as a grip, acts between end effector and client."""
 
     load: Load
     text = "the gripper closes"
@@ -192,16 +195,17 @@ class Close(_TimedEvent):
 
 @dataclass(frozen=True)
 class Open(_TimedEvent):
-    """An event: at `time` [s] the loads of all `Close` events end."""
+    """An event at `time` [s] that removes the loads of all `Close` events."""
 
     text = "the gripper opens"
 
 
 @dataclass(frozen=True)
 class Latch(_TimedEvent):
-    """An event: from `time` [s] on the client is rigidly attached to the end effector at its present pose.
+    """An event at `time` [s] that rigidly attaches the client to the end effector at its pose at that time.
 
-    A plastic impact ends the remaining relative velocity, see `ffsms_pin.client.after_capture`.
+    A plastic impact ends the remaining relative velocity, see `ffsms_pin.client.after_capture`. All loads
+    between end effector and client are removed.
     """
 
     text = "latched"
@@ -209,7 +213,7 @@ class Latch(_TimedEvent):
 
 @dataclass(frozen=True)
 class Phase:
-    """An event that only marks the beginning of a phase of the run at `time` [s], with a reason."""
+    """An event that marks the beginning of a phase at `time` [s], without an effect on the plant."""
 
     time: float
     name: str
@@ -221,7 +225,7 @@ class Phase:
 
 @dataclass(frozen=True)
 class Freeze:
-    """An event: from `time` [s] on `control.StoppingLaw` brakes the joints, until the end of the run.
+    """An event at `time` [s], after which `control.StoppingLaw` brakes the joints until the end of the run.
 
     The controller is no longer called, but the law of the base is.
     """
@@ -235,7 +239,7 @@ class Freeze:
 
 @dataclass(frozen=True)
 class End(_TimedEvent):
-    """An event: the run ends at `time` [s], before the end of its reference."""
+    """An event that ends the run at `time` [s], before the end of the reference."""
 
     text = "ended"
 

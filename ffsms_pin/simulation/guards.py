@@ -24,9 +24,9 @@ from ffsms_pin.simulation.tracking import Tracking
 from ffsms_pin.system.dynamics import floating_motion, inertia_matrix
 
 _ENERGY_PERIOD = 0.02  # [s] between two checks of the energy, because each needs an inertia matrix
-_ENERGY_FLOOR = 0.5  # share of the rate limits; slower motions do not trip the energy guard
+_ENERGY_FLOOR = 0.5  # share of the rate limits, for the energy that the energy guard always allows
 _RATE = 1.0  # [rad/s or m/s] rate limit that the energy guard assumes for a joint without a rate limit
-_RELEASE = 1.0  # [s] time in which a supervisor can end a contact that is too strong
+_RELEASE = 1.0  # [s] time without contact guards, in which a supervisor can end a contact
 _CUT = 1.0 - 1e-9  # share of a torque limit from which a torque counts as saturated
 
 
@@ -35,24 +35,26 @@ class Guards:
     """The limits of a flight; a flight that exceeds a limit is stopped.
 
     When a guard trips, `control.StoppingLaw` brakes the joints until the end of the run, while the base's
-    law continues. The recording's `stopped` has time, value and limit, and the flight has not arrived. None
-    or an infinite number switches a guard off. A state that is not finite always raises `SimulationDiverged`.
+    law continues. A `Supervisor` may react otherwise. The recording's `stopped` has the time and the reason,
+    and the flight has not arrived. None or an infinite number switches a guard off. A state that is not
+    finite always raises `SimulationDiverged`.
 
     Raises
     ------
     InvalidValue
-        A number is negative, or the file name is unusable.
+        A number is out of range, or the file name is unusable.
     """
 
     position_margin: Annotated[Margin | None, Angle("rad or m")] = POSITION_MARGIN
-    """The largest distance of a joint beyond its stop. The guard also trips if a joint can no longer brake
-    within this distance with half of its torque. Limp joints are ignored, because their stops hold them."""
+    """The largest distance of a joint beyond its position limit. The guard also trips if a joint can no
+    longer brake within this distance with half of its torque limit. Limp joints are ignored, because
+    mechanical stops hold them."""
     rate_margin: Annotated[Margin | None, Unit()] = RATE_MARGIN
     """The share by which a joint may exceed its rate limit. Re-planned motions with wrong masses exceed the
     limit by up to 0.02. With the default, braking can keep the excess below 0.05."""
     saturation: Annotated[Margin | None, Unit("s")] = 0.3
     """The longest time that a joint may spend at its torque limit. Later time below the limit is subtracted.
-    The torque limit is the law's `torque_limit`, or the robot's limit if the law has none. It is at most the
+    The torque limit is the law's `torque_limit`, or the robot's limit if the law has none, and at most the
     limit of the `Actuator`."""
     joint_error: Annotated[Margin | None, Angle("rad or m")] = 1.0
     """The largest deviation of a joint from its reference. An unmodelled payload of 10 kg on a seven-joint
@@ -63,21 +65,22 @@ class Guards:
     """The largest torque of a client on the end effector that the grip bears."""
     contact_share: Annotated[Margin | None, Unit()] = 1.0
     """The largest load of a client on the wrist and on the joints, as a share of their limits. The
-    limits of the wrist are `force_limit` and `moment_limit` of the `WristSensor`. The torques of the joints
-    that balance the load are compared with the torque limits."""
+    limits of the wrist are `force_limit` and `moment_limit` of the `WristSensor`. Until a latch, the joint
+    torques that balance the load are compared with the torque limits."""
     base_rate: Annotated[Margin | None, Angle("rad/s")] = 1.0
     """The largest angular velocity of the base. The default is about the range of a satellite's gyroscopes,
     and more than twice the rate in any plan of a packaged robot."""
     energy: Annotated[Margin | None, Unit()] = 1.0
     """The largest excess of the joint motion's kinetic energy over the reference's largest kinetic energy so
     far, divided by this largest energy. Without external forces, an excess comes from the motors. The
-    default allows rates 40 % above the desired rates. The energy of joint rates at half of their limits is
-    always allowed in addition."""
+    default allows rates 40 % above the desired rates. In addition, the sum of each joint's energy at half of
+    its rate limit is always allowed."""
     failed_steps: Annotated[AtLeastOne | None, Unit()] = 10
-    """The number of consecutive planning steps without a solution (the reference's `failed_in_a_row`)."""
+    """The number of consecutive planning steps without a solution (`Observer.failed_in_a_row`) at which the
+    guard trips."""
     path: Annotated[Text | os.PathLike[str] | None, Unit("", "none")] = None
-    """A file for the recording (npz, as by `Tracking.save`), written if a guard trips or the state diverges;
-    in a scenario the path is relative to the results folder."""
+    """A file for the recording (npz, as by `Tracking.save`), written if the flight is stopped or diverges; in
+    a scenario the path is relative to the results folder."""
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
@@ -96,7 +99,7 @@ class Guards:
         return math.inf if value is None else float(value)
 
     def saved(self, tracking: Tracking) -> str:
-        """Save a recording at `path`; return a sentence with the path or the error, empty without a path."""
+        """Save a recording at `path`, and return a text with the path or the error; empty without a path."""
         if self.path is None:
             return ""
         try:
@@ -117,7 +120,7 @@ class Trip(NamedTuple):
     guard : str
         The name of the guard, a field of `Guards`.
     reason : str
-        One line with the value and the limit.
+        One line about the exceeded limit.
     """
 
     guard: str
@@ -126,7 +129,7 @@ class Trip(NamedTuple):
 
 @runtime_checkable
 class TorqueLimited(Protocol):
-    """A controller with the largest torques (n,) that it commands [N m]."""
+    """A controller that has the largest torques (n,) of its commands [N m]."""
 
     torque_limit: FloatArray
 
@@ -156,7 +159,7 @@ class Saturation:
         self._level, self._steps = np.zeros(plant.n), 0
 
     def commanded(self, torque: FloatArray) -> None:
-        """Update the times at the limits by the torques (n,) that the law commands in a control step."""
+        """Update the times at the limits, from the torques (n,) that the law commands in a control step."""
         self._steps += 1
         reached = np.abs(torque) >= self._from
         if reached.any():
@@ -166,7 +169,7 @@ class Saturation:
             self._level = np.maximum(self._level - 1.0, 0.0)
 
     def worst(self) -> tuple[int, float]:
-        """Return the joint with the longest time at its limit, and this time [s]."""
+        """Return the index of the joint with the longest net time at its limit, and this time [s]."""
         i = int(self._level.argmax())
         return i, float(self._level[i]) * self._dt
 
@@ -217,16 +220,19 @@ class Watch:
         q: FloatArray,
         v: FloatArray,
         joint_error: FloatArray,
-        wanted_rates: FloatArray,
-        felt: FloatArray,
+        desired_rates: FloatArray,
+        wrench: FloatArray,
         latched: bool,
         saturation: Saturation,
         observers: Sequence[Observer],
         limp: NDArray[np.bool_],
     ) -> Trip | None:
-        """Return the guard that trips at row k, or None; `limp` (n,) marks limp joints."""
+        """Return the guard that trips at row k, or None.
+
+        `wrench` (6,) is the client's wrench on the end effector; `limp` (n,) is True for limp joints.
+        """
         guards, rates = self._guards, v[6:]
-        if k >= self._from and felt.any() and (trip := self._of_contact(plant, q, felt, latched)):
+        if k >= self._from and wrench.any() and (trip := self._of_contact(plant, q, wrench, latched)):
             return trip  # checked first, because a strong contact also causes other guards to trip
         if reason := self._of_stops(plant, q, rates, saturation.limit, limp):
             return Trip("position_margin", reason)
@@ -238,7 +244,7 @@ class Watch:
             return Trip("joint_error", reason)
         if reason := self._of_base(v[3:6]):
             return Trip("base_rate", reason)
-        if k % self._every == 0 and (reason := self._of_energy(plant, q, rates, wanted_rates)):
+        if k % self._every == 0 and (reason := self._of_energy(plant, q, rates, desired_rates)):
             return Trip("energy", reason)
         if reason := _of_planning(guards.limit("failed_steps"), observers):
             return Trip("failed_steps", reason)
@@ -263,7 +269,7 @@ class Watch:
         if not self._beyond(joints, rates, displacement)[~limp].any():
             return ""
         M = inertia_matrix(plant, q)
-        strength = 0.5 * torque / np.diag(M[6:] @ floating_motion(M))  # decelerations by half of the torques
+        strength = 0.5 * torque / np.diag(M[6:] @ floating_motion(M))  # decelerations by half of the limits
         displacement = np.maximum(self._reaction * speed, speed**2 / (2.0 * strength))
         over = np.where(limp, 0.0, self._beyond(joints, rates, displacement))
         if not over.any():
@@ -278,7 +284,7 @@ class Watch:
         return f"joint '{self._names[i]}' is {beyond_by}"
 
     def _beyond(self, joints: FloatArray, rates: FloatArray, displacement: FloatArray) -> FloatArray:
-        """Return each joint's excess (n,) over stop and margin after a displacement (n,); zero inside."""
+        """Return the excess (n,) over stops and margin after a displacement (n,) along the rates."""
         ahead = joints + np.sign(rates) * displacement
         return np.maximum(np.maximum(ahead - self._upper, self._lower - ahead), 0.0)
 
@@ -308,19 +314,19 @@ class Watch:
         return f"joint '{self._names[i]}' is {off} off its reference, {most:.3g} {unit} are allowed"
 
     def _of_contact(
-        self, plant: SpaceManipulator, q: FloatArray, felt: FloatArray, latched: bool
+        self, plant: SpaceManipulator, q: FloatArray, wrench: FloatArray, latched: bool
     ) -> Trip | None:
         for name, most, load, kind, unit in (
-            ("contact_force", self._force, felt[:3], "force", "N"),
-            ("contact_torque", self._torque, felt[3:], "torque", "N m"),
+            ("contact_force", self._force, wrench[:3], "force", "N"),
+            ("contact_torque", self._torque, wrench[3:], "torque", "N m"),
         ):
             size = math.sqrt(load @ load)
             if size > most:
                 return Trip(name, f"the contact {kind} is {size:.3g} {unit}, {most:.3g} {unit} are allowed")
         share = self._guards.limit("contact_share")
-        if latched or share == math.inf:  # the joints' own torques carry a latched client
+        if latched or share == math.inf:  # the motor torques include the load of a latched client
             return None
-        loads = np.abs(felt @ plant.at(q).J_star)
+        loads = np.abs(wrench @ plant.at(q).J_star)
         i = int((loads / self._limits.torque).argmax())
         most, unit = share * self._limits.torque[i], "N m" if self._units[i] == "rad" else "N"
         if loads[i] <= most:
@@ -333,14 +339,14 @@ class Watch:
         return "" if rate <= most else f"the base turns at {rate:.3g} rad/s, {most:.3g} rad/s are allowed"
 
     def _of_energy(
-        self, plant: SpaceManipulator, q: FloatArray, rates: FloatArray, wanted_rates: FloatArray
+        self, plant: SpaceManipulator, q: FloatArray, rates: FloatArray, desired_rates: FloatArray
     ) -> str:
         share = self._guards.limit("energy")
         if share == math.inf:
             return ""
         M = inertia_matrix(plant, q)
         H = M[6:] @ floating_motion(M)
-        self._reference_energy = max(self._reference_energy, 0.5 * float(wanted_rates @ H @ wanted_rates))
+        self._reference_energy = max(self._reference_energy, 0.5 * float(desired_rates @ H @ desired_rates))
         energy, floor = 0.5 * float(rates @ H @ rates), 0.5 * float(self._rates**2 @ np.diag(H))
         if energy <= floor + (1.0 + share) * self._reference_energy:
             return ""
