@@ -232,7 +232,7 @@ def plan_problem(
             return still
     if method == "horizon":
         return solve(problem, options, progress)
-    # The error of an overlap counts. The result for a start within the clearance does not.
+    # Raises for an overlap. The result is unused, because steps may start nearer than the clearance.
     refused(problem)
     if isinstance(problem.goal, Path):
         return plan_path_stepwise(problem, method, progress)

@@ -409,7 +409,7 @@ def refine(pool: Candidates, fine: Model, keep: tuple[int, int, int], repeats: i
 
 
 def distinct_best(motions: Candidates, keep: int) -> Candidates:
-    """Return at most `keep` best motions that differ by more than 0.05 rad or m in some joint at some time.
+    """Return the best motions that differ by more than 0.05 rad or m in a joint, at most `keep`.
 
     Motions are ranked by the sum of the smoothed merit, 0.3 times the exact objective, and a penalty. With
     the `blocked_share` b the penalty is (b - 1)^2 if b > 1. Without the penalty a short motion through a body

@@ -46,7 +46,7 @@ _DAMPING = 1e-3  # [arm lengths squared] damping of least squares with J*, for n
 class JointGoals(NamedTuple):
     """The joint goals (K, n), and the pose errors `distance` (K,) at the ends of straight moves to them.
 
-    Each is the root of the sum of squares of all position errors [m] and attitude errors [rad].
+    Each error is the root of the sum of squares of all position errors [m] and attitude errors [rad].
     """
 
     joints: FloatArray

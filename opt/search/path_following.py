@@ -98,7 +98,7 @@ def path_task(
 ) -> Task:
     """Return the task at node k in a configuration q (nq,): the path's velocity plus `gain` times the error.
 
-    `joints` (n,) are the joint positions of q. In the task the velocity due to the momentum is subtracted.
+    `joints` (n,) are the joint positions of q. The velocity due to a momentum is subtracted.
     """
     columns, _, more = kernel.step_state(problem.stack.tree, q[:7], joints, problem.momentum)
     tip, drift, rotation = more[:3], more[12:18], more[18:27].reshape(3, 3)
@@ -257,7 +257,8 @@ def follow_path(
     """Plan a motion along the path of a problem by a rollout, and for redundant arms by descents.
 
     The option `time_limit` ends the descents, and `without=["descent"]` omits them. Other options raise
-    `InvalidValue`, because they are for searches. A motion of least time has no descents.
+    `InvalidValue`, because they are for searches. For a path with `timing="fastest"` see
+    `follow_fastest`.
     """
     path = problem.goal
     assert isinstance(path, Path)

@@ -350,7 +350,7 @@ class Stepper:
         base_start: FloatArray | None = None,
         deadline: float | None = None,
     ) -> None:
-        """Clear the last step, and set the attributes; a zero `side` lets the velocity select the side."""
+        """Clear the last step, and set the attributes; if `side` is zero, the velocity selects the side."""
         self.side, self.base_start, self.deadline = np.array(side, dtype=np.float64), base_start, deadline
         # The last solution: joint rates instead of alpha, because V rotates between steps; s and slack; z.
         self._last: tuple[FloatArray, FloatArray, FloatArray] | None = None
