@@ -128,7 +128,7 @@ class Capture:
     def apply(
         self, plant: SpaceManipulator, q: FloatArray, v: FloatArray, locked: list[int]
     ) -> tuple[SpaceManipulator, FloatArray]:
-        """Return the plant with the body, and v after the impact; `locked` are locked joints' indices in v."""
+        """Return the plant with the body, and v after the impact; `locked` are indices in v."""
         now = plant.at(q, v)
         client = self.client(now.end_effector_pose, now.end_effector_twist)
         joined = after_capture(plant, q, v, client, locked=locked)

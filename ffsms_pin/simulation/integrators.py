@@ -17,20 +17,20 @@ from ffsms_pin.simulation.events import Force
 Step: TypeAlias = tuple[FloatArray, FloatArray, float]
 
 # Limits of the adaptive integrators.
-_TOLERANCE = 1e-12  # of each inner step, relative and absolute
+_TOLERANCE = 1e-12  # error of each inner step, relative and absolute
 _MOST_PARTS = 10_000  # largest number of parts of a step; a state that needs more counts as diverged
 _MOST_SLOPES = 100_000  # largest number of evaluations in a part; a state that needs more counts as diverged
-_REACH = 0.3  # [rad or m] distance at which the chart is re-centred, so that the series below converge
+_REACH = 0.3  # [rad or m] displacement in a part; small, because `_bernoulli` truncates a series
 
 # Yoshida's triple jump: the lengths of three symmetric second-order steps that make a step of order 4.
 _OUTER = 1.0 / (2.0 - 2.0 ** (1.0 / 3.0))
 _JUMPS = (_OUTER, 1.0 - 2.0 * _OUTER, _OUTER)
-_ITERATIONS = 40  # largest number of Newton iterations of a second-order step
+_ITERATIONS = 40  # largest number of quasi-Newton iterations of a second-order step
 # [rad/s or m/s] changes below which the iteration may end. The rounding errors of a light wrist on a heavy
 # base have this size.
 _LARGEST = 1e-10
-# Largest relative change that is accepted without convergence. If a force jumps at the edge of a contact, the
-# equations have no solution.
+# Largest relative change that is accepted without convergence. If a force is discontinuous at the edge of a
+# contact, the equations may have no solution.
 _JUMP = 1e-5
 
 
@@ -39,21 +39,21 @@ def rk4_step(
 ) -> Step:
     """Make a commutator-free Runge-Kutta step of order 4 of the articulated-body dynamics.
 
-    This is the classical method on the configuration manifold. Stage velocities belong to rotated body axes,
-    so that their plain sum has only order 2 in attitude. Two successive moves, each along its own mean of the
-    stage velocities, keep order 4 without Lie brackets.
+    This is the classical method on the configuration manifold. The stage velocities are in body axes that
+    rotate from stage to stage, so a move along their mean has only order 2 in attitude. Two successive moves,
+    each along its own combination of the stage velocities, keep order 4 without Lie brackets.
 
     Parameters
     ----------
     model, data : pinocchio.Model, pinocchio.Data
-        The model's first joint is a free-flyer, every other joint has one degree of freedom.
+        The model's joints are free-flyers (the base and possibly a client) or have one degree of freedom.
     q : ndarray, shape (nq,)
         Configuration at the step's start.
     v : ndarray, shape (nv,)
         Velocity at the step's start.
     tau : ndarray, shape (nv,), or callable
         Generalised force, held over the step, or a function of time, configuration and velocity that returns
-        it; the first six entries are zero without an external force on the base.
+        the force. The first six entries are zero without an external force on the base.
     dt : float
         Step [s].
     t : float
@@ -71,8 +71,8 @@ def rk4_step(
     References
     ----------
     E. Celledoni, A. Marthinsen, B. Owren, "Commutator-free Lie group methods", Future Generation Computer
-    Systems 19 (2003), the method of order 4; the later move stands to the right, because velocities are in
-    body axes.
+    Systems 19 (2003), the method of order 4. Here the later move is the right factor, because velocities are
+    in body axes.
     """
     second, third, fourth, end = _weights(dt)
     aba, integrate, rows = pin.aba, pin.integrate, np.empty((5, v.size))
@@ -80,8 +80,8 @@ def rk4_step(
     force = tau if callable(tau) else None
 
     rows[0] = v
-    # The results of a force function, and the velocities passed to it, are copied, because the function may
-    # reuse its result and change its arguments.
+    # The results of a force function, and the stage velocities v2 to v4 passed to it, are copied, because the
+    # function may reuse its result and change its arguments.
     f1 = held if force is None else np.array(force(t, q, v))
     rows[1] = aba(model, data, q, v, f1)
 
@@ -149,8 +149,8 @@ def _by_solver(
     """Make a step of any length by a method of `scipy.integrate.solve_ivp`; arguments as for `rk4_step`.
 
     The unknowns are the coordinates xi of the chart q(t) = q exp(xi), the velocity and the work. In body axes
-    dxi/dt = dexp^-1(-xi) v. The error of each inner step is kept below 1e-12, relative and absolute; with
-    Radau below 1e-8.
+    dxi/dt = dexp^-1(-xi) v. The tolerance of each inner step, relative and absolute, is 1e-12, with Radau
+    1e-8. If the solver fails, the result is NaN.
     """
     from scipy.integrate import solve_ivp  # slow to load, and this integrator is not the default
 
@@ -203,13 +203,13 @@ def variational_step(
 ) -> Step:
     """Make a step of order 4 of a Lie group variational integrator; arguments as for `rk4_step`.
 
-    The action of a step h is evaluated at its middle, q exp(h v / 2), with a constant velocity v. With the
-    kinetic energy T, m = dT/dv at the middle, and the momenta p_0 and p_1 at the ends in body axes, the
-    action is stationary if p_0 = dexp^-T(h v) m - h/2 dT/dr and p_1 = dexp^-T(-h v) m + h/2 dT/dr. Here dT/dr
-    = C^T v is the derivative with respect to the joints, with the Coriolis matrix C. The total momentum about
-    the inertial origin is the same at both ends for every h. The step is symmetric, so three such steps make
-    a step of order 4. It is symplectic, so without forces the energy oscillates but does not drift. Forces
-    act at the middle of each step.
+    The action of a step h is evaluated at the middle of the step, q exp(h v / 2), with a constant velocity v.
+    With the kinetic energy T, m = dT/dv at the middle, and the momenta p_0 and p_1 at the ends in body axes,
+    the action is stationary if p_0 = dexp^-T(h v) m - h/2 dT/dr and p_1 = dexp^-T(-h v) m + h/2 dT/dr. Here
+    dT/dr = C^T v is the derivative with respect to the joints, with the Coriolis matrix C. Without external
+    forces, the total momentum about the inertial origin is the same at both ends for every h. The step is
+    symmetric, so three steps of Yoshida's lengths make a step of order 4. The step is symplectic, so without
+    forces the energy oscillates but does not drift. Forces act at the middle of each step.
 
     References
     ----------
@@ -239,7 +239,7 @@ def _second_order(
         M = pin.crba(model, data, middle).copy()
         m = M @ u
         half = 0.5 * h * ((pin.computeCoriolisMatrix(model, data, middle, u).T @ u) + force)
-        # The balance is in body axes at the start; the force acts at the middle, half a step later.
+        # The rows of a free-flyer are in body axes at the start; the force acts half a step later.
         residual = start - m + half
         for b in free:
             half[b] = 0.5 * h * force[b]
@@ -248,7 +248,7 @@ def _second_order(
         _, change, _ = dposv(M, residual)
         u = u + change
         size = float(np.abs(change).max())
-        # Iterate down to rounding. The first changes may grow, because base and wrist differ greatly in size.
+        # Iterate down to rounding. The first changes may grow, because base and wrist differ greatly in mass.
         if size < _LARGEST and not size < 0.5 * best:
             break
         best = size
@@ -256,7 +256,7 @@ def _second_order(
         if not best < _JUMP * (1.0 + float(np.abs(u).max())):
             u = u * np.nan  # the step is far too large, and the simulation raises an error for NaN
     end = m + half
-    for b in free:  # transport the initial momentum, so that the total momentum is kept to rounding
+    for b in free:  # transport the initial momentum, so that the total momentum is constant to rounding
         whole, there = pin.exp6(pin.Motion(h * u[b])), pin.exp6(pin.Motion(0.5 * h * u[b]))
         end[b] = whole.actInv(pin.Force(start[b])).vector
         end[b] += whole.actInv(there.act(pin.Force(2.0 * half[b]))).vector
@@ -278,12 +278,12 @@ def extrapolated_step(
     closed: bool = False,
     locked: tuple[int, ...] = (),
 ) -> Step:
-    """Make one step with steep friction: linearly implicit Euler steps, extrapolated to order 5.
+    """Make one step with steep friction by linearly implicit Euler steps, extrapolated to at most order 5.
 
     The friction of each velocity is linearised with its slope -d. With D = diag(d), the inertia matrix M and
-    the nonlinear effects b, a step h solves (M + h D) dv = h (tau - b), so no friction is too steep. A step
-    is halved, at most 14 times, if its two best extrapolations differ by more than 1e-6 rad/s or m/s. Steps
-    of 2 ms of `satellite_xarm7` take less than a fourth of the time of "stiff", with errors below 1e-5 rad/s.
+    the nonlinear effects b, a step h solves (M + h D) dv = h (tau - b), which is stable for any friction. A
+    step is halved if its two best extrapolations differ by more than 1e-6 rad/s or m/s. After 14 halvings the
+    best extrapolation is accepted.
 
     Parameters
     ----------
@@ -293,7 +293,7 @@ def extrapolated_step(
         A function that returns d (nv,) [N m s/rad or N s/m], each at least zero, at velocities v (nv,).
     closed : bool
         True if no external force acts on the robot. The base's velocity is then corrected so that the total
-        momentum is kept to rounding.
+        momentum is constant to rounding.
     locked : tuple of int
         Indices in v of locked joints, whose rates stay zero. `tau` does not include the locks' torques.
 
@@ -321,7 +321,7 @@ def extrapolated_step(
 
 
 _ROWS = (1, 2, 3, 4, 5)  # numbers of linearly implicit steps that are extrapolated
-_SMALL, _MOST_HALVED = 1e-6, 14  # [rad/s or m/s] tolerance; largest number of halvings of a step
+_SMALL, _MOST_HALVED = 1e-6, 14  # [rad/s or m/s] tolerance; largest number of halvings
 
 
 def _extrapolated(
@@ -352,7 +352,7 @@ def _extrapolated(
         if error <= _SMALL or (last and count_ == _ROWS[-1]):
             return pin.integrate(model, q, row[-1][:nv]), row[-1][nv : 2 * nv], float(row[-1][-1])
         if j >= 2 and error > 1e3 * _SMALL and not last:
-            return None  # two more rows would not suffice
+            return None  # the remaining rows would not suffice
         before = row
     return None
 
@@ -395,7 +395,7 @@ def _linearised(
     t: float,
     slopes: Callable[[FloatArray], FloatArray],
 ) -> tuple[FloatArray, ...]:
-    """Return inertia matrix, nonlinear effects, generalised force and the slopes of friction."""
+    """Return inertia matrix, nonlinear effects, generalised force and friction slopes."""
     force = tau(t, q, v) if callable(tau) else tau
     return pin.crba(model, data, q).copy(), pin.nonLinearEffects(model, data, q, v).copy(), force, slopes(v)
 
@@ -410,7 +410,7 @@ def _solver() -> Callable[..., Any]:
 def _with_momentum(
     model: Any, data: Any, q: FloatArray, v: FloatArray, q_end: FloatArray, v_end: FloatArray
 ) -> FloatArray:
-    """Return v_end with another base velocity, so that the total momentum equals the momentum of q and v."""
+    """Return v_end with a base velocity for which the total momentum equals that of q and v."""
     before = pin.crba(model, data, q)[:6] @ v
     H = pin.crba(model, data, q_end)[:6]
     start, end = (pin.XYZQUATToSE3(place[:7]) for place in (q, q_end))
@@ -426,19 +426,19 @@ def _free_flyers(model: Any) -> list[slice]:
 
 
 def _inverse(x: FloatArray, y: FloatArray) -> FloatArray:
-    """Return dexp^-1(-x) y of a velocity y, to 1e-14 for |x| < 0.5."""
+    """Return dexp^-1(-x) y of a velocity y."""
     motion = pin.Motion(x)
     return _bernoulli(lambda z: motion.cross(pin.Motion(z)).vector, y)
 
 
 def _dual(x: FloatArray, m: FloatArray) -> FloatArray:
-    """Return dexp^-T(x) m of a momentum m, to 1e-14 for |x| < 0.5."""
+    """Return dexp^-T(x) m of a momentum m."""
     motion = pin.Motion(x)
     return _bernoulli(lambda z: motion.cross(pin.Force(z)).vector, m)
 
 
 def _bernoulli(ad: Callable[[FloatArray], FloatArray], y: FloatArray) -> FloatArray:
-    """Apply ad / (1 - exp(-ad)) to y by its series."""
+    """Apply ad / (1 - exp(-ad)) to y by its series up to ad^8, with an error of about 2e-8 |ad|^10."""
     result, power = y, y
     for factor in (0.5, 1.0 / 12.0, 0.0, -1.0 / 720.0, 0.0, 1.0 / 30240.0, 0.0, -1.0 / 1209600.0):
         power = ad(power)
@@ -446,7 +446,7 @@ def _bernoulli(ad: Callable[[FloatArray], FloatArray], y: FloatArray) -> FloatAr
     return result
 
 
-# Dormand and Prince's method of order 8, and for steep friction the implicit Radau IIA of order 5.
+# The method of Dormand and Prince of order 8, and the implicit method Radau IIA of order 5.
 adaptive_step: Integrator = partial(_by_solver, method="DOP853")
 stiff_step: Integrator = partial(_by_solver, method="Radau")
 

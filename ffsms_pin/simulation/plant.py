@@ -19,8 +19,8 @@ from ffsms_pin.robot import SpaceManipulator
 class InertialError:
     """The differences of a plant's inertial parameters from the model's.
 
-    Without an inertia factor, a body's inertia about its centre of mass scales with its mass, as for another
-    density.
+    Without an inertia factor, a body's inertia about its centre of mass scales with its mass, as if its
+    density changed.
 
     Raises
     ------
@@ -34,9 +34,9 @@ class InertialError:
     """The factor on the mass of the base."""
     arm_inertia: Annotated[PerJointPositive | None, Unit("", "arm_mass")] = None
     """The factor on the inertias of the arm's bodies about their centres of mass; per joint. Default: the
-    factor on the mass, as for another density."""
+    factor on the mass."""
     base_inertia: Annotated[Positive | None, Unit("", "base_mass")] = None
-    """The factor on the base's inertia."""
+    """The factor on the base's inertia about its centre of mass. Default: the factor on the mass."""
     arm_com: Annotated[Shifts, Unit("m", "0")] = (0.0, 0.0, 0.0)
     """The shift of the arm's centres of mass in the axes of each body's joint: 3 numbers, or 3 per joint."""
     base_com: Annotated[Vector3, Unit("m", "0")] = (0.0, 0.0, 0.0)
@@ -51,7 +51,9 @@ def perturb(sms: SpaceManipulator, error: InertialError | None = None, **errors:
     sms : SpaceManipulator
         The nominal robot.
     error : InertialError, optional
-        The differences. Instead, its fields may be keywords: ``perturb(sms, arm_mass=1.2, base_mass=0.9)``.
+        The differences.
+    **errors
+        The fields of `InertialError` instead of `error`, such as ``perturb(sms, arm_mass=1.2)``.
 
     Returns
     -------
@@ -60,7 +62,9 @@ def perturb(sms: SpaceManipulator, error: InertialError | None = None, **errors:
     Raises
     ------
     InvalidValue
-        A factor is not above zero, an array has a wrong shape, or a keyword is no field of `InertialError`.
+        A factor is not above zero, an array has a wrong shape, or both `error` and keywords are given.
+    TypeError
+        A keyword is not a field of `InertialError`.
     """
     if error is None:
         error = InertialError(**errors)
@@ -92,19 +96,19 @@ def random_plants(
     base_mass: Annotated[Share, Unit()] = 0.1,
     base_inertia: Annotated[Share, Unit()] = 0.1,
 ) -> Iterator[SpaceManipulator]:
-    """Yield robots whose parameters deviate by up to the given relative errors, each drawn uniformly.
+    """Yield robots whose inertial parameters have relative errors, drawn uniformly up to the given bounds.
 
     Parameters
     ----------
     sms : SpaceManipulator
         The nominal robot.
     rng : numpy.random.Generator
-        The source of the errors.
+        The generator of random numbers.
     count : int
         The number of robots.
     arm_mass : float
-        The largest relative error of each arm body's mass and inertia. The default is typical of an arm with
-        its harness.
+        The largest relative error of each arm body's mass and inertia, which have the same error. The
+        default is typical of an arm with its harness.
     base_mass : float
         The largest relative error of the base's mass, which changes as fuel is burnt.
     base_inertia : float
@@ -113,6 +117,11 @@ def random_plants(
     Yields
     ------
     SpaceManipulator
+
+    Raises
+    ------
+    InvalidValue
+        A relative error is not in [0, 1); raised when the first robot is drawn.
     """
     for name, share in (("arm_mass", arm_mass), ("base_mass", base_mass), ("base_inertia", base_inertia)):
         if not 0.0 <= share < 1.0:

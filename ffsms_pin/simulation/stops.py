@@ -1,4 +1,4 @@
-"""The mechanical stops of limp joints, which no drive keeps within their position limits."""
+"""Mechanical stops, which keep limp joints within their position limits."""
 
 from __future__ import annotations
 
@@ -20,9 +20,10 @@ class Stops:
     """Springs and dampers at the position limits of limp joints, which push but do not pull.
 
     At a depth x beyond the limit the torque is I (w^2 x + 2 w dx/dt), critically damped, where I is the
-    joint's inertia with all other joints free. A joint that hits its stop at the rate r penetrates it by at
-    most r / (e w), and leaves it at the rate r / e^2. The frequency w makes this depth 0.5 mrad at the
-    joint's rate limit. The torque acts between two bodies of the robot, so the total momentum is constant.
+    joint's inertia with base and other joints free. A joint that hits its stop at the rate r penetrates the
+    stop by at most r / (e w), and leaves it at the rate r / e^2. The frequency w makes this depth 0.5 mrad or
+    0.5 mm at the joint's rate limit. The torque acts between two bodies of the robot, so the total momentum
+    is constant.
 
     Attributes
     ----------
@@ -43,7 +44,7 @@ class Stops:
     def begin(
         self, model: Any, data: Any, q: FloatArray, v: FloatArray, limp: NDArray[np.bool_], dt: float
     ) -> int:
-        """Prepare a control step of dt [s] from the full state; return the number of substeps needed."""
+        """Prepare a control step of dt [s] from the full state; return the required number of substeps."""
         n = len(limp)
         joints, reach = self._layout.positions(q), 2.0 * dt * np.abs(v[6 : 6 + n]) + 2.0 * _DEPTH
         close = limp & ((joints > self._upper - reach) | (joints < self._lower + reach))
@@ -64,7 +65,7 @@ class Stops:
         return pushing
 
     def reached(self, t: float, q: FloatArray, limp: NDArray[np.bool_]) -> None:
-        """Note the limp joints that are at a stop at t [s] for the first time."""
+        """Note the limp joints that are beyond a position limit for the first time at t [s]."""
         joints = self._layout.positions(q)
         new = limp & ((joints > self._upper) | (joints < self._lower)) & ~self._touched
         self._touched |= new
