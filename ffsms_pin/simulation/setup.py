@@ -42,13 +42,13 @@ from ffsms_pin.simulation.loads import Load, checked_load
 from ffsms_pin.simulation.world import World
 from ffsms_pin.system.dynamics import MODES
 
-_NOTABLE = 0.05  # share of a torque limit above which ignored friction raises a warning
-_EVENTS_ONLY = f"must hold {', '.join(kind.__name__ for kind in EVENTS[:-1])} or End objects"
+_NOTABLE = 0.05  # share of a torque limit; larger friction that is not compensated raises a warning
+_EVENTS_ONLY = f"must contain {', '.join(kind.__name__ for kind in EVENTS[:-1])} or End objects"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Conditions:
-    """The conditions of a closed loop; by default all devices are perfect and nothing disturbs the plant.
+    """The conditions of a closed loop; by default all devices are perfect and no disturbance acts.
 
     Raises
     ------
@@ -57,40 +57,42 @@ class Conditions:
     """
 
     friction: JointFriction | None = None
-    """The friction of the plant's joints. Default: that of the plant's file; `JointFriction()` for none."""
+    """The friction of the plant's joints; `JointFriction()` for none. Default: that of the plant's file."""
     actuator: Actuator | None = None
-    """The saturation, rate limit and delay of the torques."""
+    """The saturation, rate limits and delay of the joint torques."""
     sensors: Sensors | None = None
     """The sensors through which controller and reference measure the state."""
     wrist: WristSensor | None = None
     """A force and moment sensor that reference and controller observe (`Observer.observe_wrench`)."""
     estimator: Estimator | bool | None = None
     """The filter of the measurements, which also predicts the state over the sensors' latency with the model.
-    True: `Estimator()`; False: none. Default: True for a reference that re-plans in the loop
-    (`Observer.replans`), False for any other. With perfect sensors no filter is used."""
+    True stands for `Estimator()`, False for no filter. Default: True if the motion is re-planned
+    (`Observer.replans`), else False. With perfect sensors no filter is used."""
     disturbances: Wrench | Sequence[Wrench] = ()
     """External forces and moments on base and end effector."""
     events: Event | Sequence[Event] = ()
-    """Captures and joint faults; the recording's `note` lists them."""
+    """Events, such as captures and joint faults; the recording's `note` lists them."""
     guards: Guards | None = GUARDS
     """Limits of the flight. If a limit is exceeded, the joints are braked, and the recording's `stopped` has
     the reason. None: no guards."""
     v0: Annotated[Numbers | None, Unit("", "at rest, with the momentum")] = None
     """The velocity of the plant at the start (6 + n numbers) in Pinocchio's layout, in place of the
-    momentum. Default: the joint rates and the momentum of the reference, and zero velocity in the directions
-    in which the reference holds the base (`base_mode`, a plan's `mode`)."""
+    momentum. Default: the joint rates of the reference and the base velocity that follows from the momentum,
+    with zero velocity in the directions in which the reference holds the base (`base_mode`, a plan's
+    `mode`)."""
     momentum: Annotated[Vector6 | None, Unit("kg m/s, kg m²/s", "the reference's")] = None
-    """The total momentum at the start (6 numbers), inertial axes, about the centre of mass. If it is given,
-    the base starts as a floating base, even if the reference holds the base. Default: the momentum of the
-    reference, zero if it has none."""
+    """The total momentum at the start (6 numbers), inertial axes, about the centre of mass. If a momentum is
+    given, the base starts as a floating base, even if the reference holds the base. Default: the momentum of
+    the reference, or zero if it has none."""
     wheel_momentum: Annotated[Numbers | None, Unit("N m s", "0")] = None
     """The spin momentum of each wheel at the start, relative to the base; `momentum` does not include it."""
     integrator: Annotated[str, OneOf(tuple(INTEGRATORS)), Unit()] = "rk4"
-    """The integrator: "rk4"; "variational" for long runs; "adaptive" to check other integrators; "stiff"
+    """The integrator; "variational" is for long runs, "adaptive" for checks of other integrators, and "stiff"
     for steep friction."""
     substeps: Annotated[Substeps | None, Unit("", "1; in a capture 8")] = None
-    """The integration steps in a control step. In a run with a client, only control steps with contact are
-    divided, because a stiff contact oscillates faster than an arm moves."""
+    """The least number of integration steps in a control step; steep friction and stops of limp joints may
+    require more. In a run with a client, this number applies only to control steps with contact, because a
+    stiff contact oscillates faster than an arm moves."""
 
     def __post_init__(self) -> None:
         kinds: dict[str, Any] = {
@@ -149,28 +151,28 @@ def with_fields(conditions: Conditions, by_name: Mapping[str, Any]) -> Condition
 
 @runtime_checkable
 class _HasConfigurations(Protocol):
-    """A reference with configurations `q`, one in each row (nq,)."""
+    """A reference with configurations `q`, whose rows (nq,) are in order of time."""
 
     q: Any
 
 
 @runtime_checkable
 class _HasMomentum(Protocol):
-    """A reference with a `momentum`: the total momentum (6,), or None."""
+    """A reference with a `momentum`, which is the total momentum (6,) or None."""
 
     momentum: Any
 
 
 @runtime_checkable
 class HasBaseMode(Protocol):
-    """A reference with a `base_mode`: the components of the base's motion that are held, see `MODES`."""
+    """A reference with a `base_mode`, the name of one of the `MODES` of the base."""
 
     base_mode: Any
 
 
 @dataclass(eq=False)
 class Setup:
-    """A prepared run before its first control step; it can be used once.
+    """A prepared run before its first control step, for a single use.
 
     Attributes
     ----------
@@ -187,13 +189,13 @@ class Setup:
     events : list of Event
         The events in order of time.
     limit_torque : callable, optional
-        A function from commanded to actual torques (n,), if there is an actuator.
+        A function from commanded to actual torques (n,); None without an actuator.
     measure : callable, optional
-        A function from the true to the measured state, if there are sensors.
+        A function from the true to the measured state; None without sensors.
     estimator : RunningEstimator, optional
-        The state estimator, if the measurements are filtered.
+        The state estimator; None if the measurements are not filtered.
     measure_wrench : callable, optional
-        A function from the true to the measured wrench (6,), if there is a wrist sensor.
+        A function from the true to the measured wrench (6,); None without a wrist sensor.
     """
 
     dt: float
@@ -290,7 +292,7 @@ def check_robots(sms: Any, plant: Any) -> None:
 def check_kinds(
     reference: Any, controller: Any, progress: Any, supervisor: Any, base_controller: Any
 ) -> None:
-    """Raise `InvalidValue`, with the argument's name, for an object without the methods that a run calls."""
+    """Raise `InvalidValue`, with the argument's name, for a class or an object without required methods."""
     for name, value, example in (
         ("reference", reference, "an instance"),
         ("controller", controller, "an instance, such as ComputedTorque(sms)"),
@@ -315,7 +317,7 @@ def check_kinds(
 
 
 def warn_of_friction(plant: SpaceManipulator, controller: Any) -> None:
-    """Warn if friction in the plant's file exceeds 5 % of a torque limit and the joint law ignores it."""
+    """Warn if friction of the plant's file exceeds 5 % of a torque limit and is not compensated."""
     if not isinstance(controller, JointLaw) or controller.compensates_friction:
         return
     limits = plant.limits
@@ -326,12 +328,12 @@ def warn_of_friction(plant: SpaceManipulator, controller: Any) -> None:
         return
     unit, law = "N m" if plant.layout.turns[i] else "N", type(controller).__name__
     text = f"the file's friction acts in joint '{plant.joint_names[i]}', up to {friction[i]:.3g} {unit}, and"
-    remedy = "use ComputedTorque, or no friction: conditions=Conditions(friction=JointFriction())"
-    warnings.warn(f"{text} {law} does not compensate it: {remedy}", FfsmsWarning, stacklevel=5)
+    remedy = "use ComputedTorque, or no friction with conditions=Conditions(friction=JointFriction())"
+    warnings.warn(f"{text} {law} does not compensate it; {remedy}", FfsmsWarning, stacklevel=5)
 
 
 def warn_of_base(mode: str, law: BaseLaw | None, sms: SpaceManipulator, stacklevel: int) -> None:
-    """Warn if base law and plan hold different parts of the base's pose; the motion would miss its target."""
+    """Warn if base law and plan hold different parts of the base's pose, so that the target is missed."""
     if not (law is None or isinstance(law, HoldsBase)):
         return
     held, free = frozenset() if law is None else law.held_parts, MODES[one_of("mode", mode, MODES)]
@@ -358,7 +360,7 @@ def _holds(parts: frozenset[str]) -> str:
 def estimator_of(
     estimator: Estimator | bool | None, sms: SpaceManipulator, sensors: Sensors | None, dt: float
 ) -> RunningEstimator | None:
-    """Return the estimator of a run, None if measurements are used directly."""
+    """Return the estimator of a run, or None if measurements are used without a filter."""
     if not estimator or sensors is None or sensors.perfect:
         return None
     return RunningEstimator(Estimator() if estimator is True else estimator, sms, sensors, dt)
@@ -369,8 +371,9 @@ def start(
 ) -> tuple[FloatArray, FloatArray]:
     """Return the plant's configuration (nq,) and velocity (6 + n,) at the start.
 
-    The velocity has the joint rates and the momentum of the reference. It is zero in the directions in which
-    the reference holds the base. With a given total `momentum` the base moves as a floating base.
+    Without `v0` the velocity has the joint rates and the momentum of the reference, and is zero in the
+    directions in which the reference holds the base. With a given total `momentum` the base moves as a
+    floating base.
     """
     if q0 is not None:
         q = plant.checked_configuration("q0", q0)
@@ -406,7 +409,7 @@ def first_sample(reference: Reference, n: int) -> Sample:
 
 
 def target_function(target: Any) -> Callable[[float], FloatArray]:
-    """Return the position (3,) of a target, which is a position or a pose, as a function of time [s]."""
+    """Return a function from time [s] to the position (3,) of a target, which is a position or a pose."""
 
     def place(value: Any) -> FloatArray:
         pose = from_homogeneous("target", value)
@@ -419,7 +422,7 @@ def target_function(target: Any) -> Callable[[float], FloatArray]:
 
 
 def checked_events(events: Any, plant: SpaceManipulator, duration: float) -> list[Event]:
-    """Return the checked argument `events` of `simulate`, in order of time."""
+    """Check the argument `events` of `simulate`, and return the events in order of time."""
     try:
         several = [events] if isinstance(events, EVENTS) else list(events)
     except TypeError:
@@ -444,13 +447,14 @@ def wrench_listener(
 ) -> Callable[[float, FloatArray], None] | None:
     """Return a function of t [s] and a true wrench (6,) that passes the measured wrench to all observers.
 
-    Return None if there is no sensor or no observer.
+    The result is None if there is no sensor or no observer. Raise `InvalidValue` if an observer needs a
+    sensor and there is none.
     """
     if measure is None:
         for observer in observing:
             if observer.needs_wrist:
                 name = type(observer).__name__
-                raise InvalidValue("wrist", None, f"must be given: {name} needs a WristSensor")
+                raise InvalidValue("wrist", None, f"must be given, because {name} needs a WristSensor")
         return None
 
     def measured_wrench(t: float, wrench: FloatArray) -> None:
