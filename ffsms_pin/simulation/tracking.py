@@ -1,4 +1,4 @@
-"""The recording of a closed-loop simulation: its rows during the run, the result, and its verdict."""
+"""The recording of a closed-loop simulation, and the verdict on it."""
 
 from __future__ import annotations
 
@@ -40,8 +40,8 @@ def _of(*shape: str | int) -> dict[str, Any]:
     return {"shape": shape}
 
 
-# The default of arrays that are absent or have no columns if nothing acts on the base or there is no client.
-_LACKING: Any = None
+# The default of optional arrays, which `Tracking.__post_init__` replaces by zeros.
+_ABSENT: Any = None
 
 
 @dataclass(frozen=True, eq=False)  # comparing arrays gives arrays, not a truth value
@@ -57,9 +57,10 @@ class Tracking:
     v : ndarray, shape (N + 1, 6 + n)
         Velocity of the plant in Pinocchio's layout.
     tau : ndarray, shape (N, n)
-        Joint torques [N m], each held over its step.
+        Joint torques [N m], each held over its step. The torque of a limp joint is only commanded; it does
+        not act.
     joint_error : ndarray, shape (N + 1, n)
-        q - q_d [rad]; for continuous joints in the shorter direction.
+        q - q_d [rad], wrapped to [-pi, pi) for continuous joints.
     joint_rate_error : ndarray, shape (N + 1, n)
         qd - qd_d [rad/s].
     end_effector : ndarray, shape (N + 1, 3)
@@ -72,17 +73,18 @@ class Tracking:
     kinetic_energy : ndarray, shape (N + 1,)
         Total kinetic energy, spinning wheels and a client included [J].
     work : ndarray, shape (N + 1,)
-        Work done on the plant since the start [J] by torques, friction and external forces, minus the
-        energy lost in captures and in locking joints.
+        Work done since the start on plant, wheels and client [J] by torques, friction and other forces,
+        plus the jumps of the kinetic energy in events such as captures.
     arrived : bool
-        True if every goal and limit of the reference's problem is met (`opt.flown.judge`). For a reference
-        without a problem, true if its target is met.
+        True if every goal and limit of the reference's problem is met (`opt.flown.judge`); a violated
+        clearance counts only if bodies overlap. For a reference without a problem, true if its target is
+        met. Always false for a run with a supervisor.
     note : str
-        Events with their times, missed goals, violated clearances and joints at their torque limits, with
-        their values; never empty if the motion has not arrived.
+        Events with their times, missed goals, violated limits, joints and actuators at their limits, and
+        changes of the total momentum without an external force.
     stopped : str
-        The time at which a guard stopped the flight, with value and limit; empty if no guard tripped. A
-        stopped flight has not arrived.
+        The time and the reason of the stop by a guard or a `Freeze`; empty without a stop. A stopped flight
+        has not arrived.
     wheel_momentum : ndarray, shape (N + 1, w)
         Spin momenta of the base's wheels [N m s], inertia times speed relative to the base. w = 0 without
         wheels, or if the wheels stand still because the run has no base law.
@@ -93,15 +95,16 @@ class Tracking:
     propellant : ndarray, shape (N + 1,)
         Propellant used since the start [kg].
     impulse : ndarray, shape (N + 1, 6)
-        The change of `momentum` by thrusters and disturbances since the start, integrated from their forces.
+        The change of `momentum` by thrusters and disturbances since the start, integrated from their forces
+        [N s; N m s].
     client_pose, client_twist : ndarray, shape (N + 1, 7), (N + 1, 6)
         The pose of the client's body frame, as position and quaternion (x, y, z, w), and its twist, as
         velocity of its centre of mass [m/s] and angular velocity [rad/s]; inertial axes. No columns without a
         client.
     contact_wrench : ndarray, shape (N + 1, 6)
         The client's wrench on the end effector [N; N m], about the end-effector frame's origin, inertial
-        axes: the sum of the loads or, after a latch, the wrench that accelerates the client. No columns
-        without a client.
+        axes. The wrench is the sum of the loads or, after a latch, the wrench due to the client's inertia.
+        No columns without a client.
     orientation_error : ndarray, shape (N + 1,)
         Angle from the plant's end effector to the desired attitude [rad]; zero if the attitude is free.
     frames : tuple of str, length f
@@ -109,7 +112,7 @@ class Tracking:
     frame_error : ndarray, shape (N + 1, f, 2)
         Distance [m] and angle [rad] of each of these frames from its goal.
     misses : tuple of str
-        The missed goals, each with its error and tolerance.
+        Messages about missed goals, violated limits, overlaps and a stop; empty if the motion has arrived.
     least_clearance : LeastClearance or None
         The least distance within the robot and to obstacles; None if no clearance was required.
     """
@@ -128,17 +131,17 @@ class Tracking:
     arrived: bool = False
     note: str = ""
     stopped: str = ""
-    wheel_momentum: FloatArray = field(default=_LACKING, metadata=_of("N+1", "w"))
-    wheel_torque: FloatArray = field(default=_LACKING, metadata=_of("N", "w"))
-    thruster_force: FloatArray = field(default=_LACKING, metadata=_of("N", "k"))
-    propellant: FloatArray = field(default=_LACKING, metadata=_of("N+1"))
-    impulse: FloatArray = field(default=_LACKING, metadata=_of("N+1", 6))
-    client_pose: FloatArray = field(default=_LACKING, metadata=_of("N+1", "c"))
-    client_twist: FloatArray = field(default=_LACKING, metadata=_of("N+1", "d"))
-    contact_wrench: FloatArray = field(default=_LACKING, metadata=_of("N+1", "e"))
-    orientation_error: FloatArray = field(default=_LACKING, metadata=_of("N+1"))
+    wheel_momentum: FloatArray = field(default=_ABSENT, metadata=_of("N+1", "w"))
+    wheel_torque: FloatArray = field(default=_ABSENT, metadata=_of("N", "w"))
+    thruster_force: FloatArray = field(default=_ABSENT, metadata=_of("N", "k"))
+    propellant: FloatArray = field(default=_ABSENT, metadata=_of("N+1"))
+    impulse: FloatArray = field(default=_ABSENT, metadata=_of("N+1", 6))
+    client_pose: FloatArray = field(default=_ABSENT, metadata=_of("N+1", "c"))
+    client_twist: FloatArray = field(default=_ABSENT, metadata=_of("N+1", "d"))
+    contact_wrench: FloatArray = field(default=_ABSENT, metadata=_of("N+1", "e"))
+    orientation_error: FloatArray = field(default=_ABSENT, metadata=_of("N+1"))
     frames: tuple[str, ...] = ()
-    frame_error: FloatArray = field(default=_LACKING, metadata=_of("N+1", "f", 2))
+    frame_error: FloatArray = field(default=_ABSENT, metadata=_of("N+1", "f", 2))
     misses: tuple[str, ...] = ()
     least_clearance: LeastClearance | None = None
 
@@ -163,26 +166,26 @@ class Tracking:
     def reached(self) -> bool:
         """True if the end effector is within 20 mm of the target in the last 10 % of time (paper, const8).
 
-        `Trajectory.reached` of a plan has the `reach` of the goal instead of 20 mm. It also requires the
-        attitude, and that all limits are satisfied and a client is met.
+        `Trajectory.reached` of a plan has the `reach` of the goal instead of 20 mm. It also requires that the
+        goal's attitude and all limits are met.
         """
         late = self.t >= self.t[0] + ARRIVAL_SHARE * (self.t[-1] - self.t[0]) - 1e-9
         return bool((self.position_error[late] <= REACH).all())
 
     @property
     def stop_time(self) -> float:
-        """The time at which a guard stopped the flight [s], from `stopped`; infinite if no guard tripped."""
+        """The time of the stop [s], read from `stopped` with four digits; infinite without a stop."""
         match = re.match(r"stopped at (\S+) s:", self.stopped)
         return float(match[1]) if match else math.inf
 
     @property
     def base_rotation(self) -> FloatArray:
-        """The angle of the base from its attitude at the start (N + 1,) [rad]."""
+        """The angle between the base's attitude and its attitude at the start (N + 1,) [rad]."""
         return angles_from_start(self.q[:, 3:7])
 
     @property
     def base_translation(self) -> FloatArray:
-        """The displacement of the root frame's origin from its start (N + 1, 3), inertial axes [m]."""
+        """The displacement of the root frame's origin since the start (N + 1, 3), inertial axes [m]."""
         return self.q[:, :3] - self.q[0, :3]
 
     @property
@@ -203,12 +206,12 @@ class Tracking:
 
     @property
     def effort(self) -> float:
-        """The integral of the square of the torques [N^2 m^2 s]."""
+        """The integral of the sum of squared torques [N^2 m^2 s]."""
         return float((self.tau**2).sum()) * self._dt
 
     @property
     def chatter(self) -> float:
-        """The integral of the square of the torques' rate, by finite differences [N^2 m^2 / s]."""
+        """The integral of the sum of squared torque rates, by finite differences [N^2 m^2 / s]."""
         return float((np.diff(self.tau, axis=0) ** 2).sum()) / self._dt if len(self.tau) > 1 else 0.0
 
     @property
@@ -216,7 +219,10 @@ class Tracking:
         return float(self.t[-1] - self.t[0]) / max(len(self.t) - 1, 1)
 
     def between(self, start: float, end: float) -> Tracking:
-        """Return the rows from `start` to `end` [s], both included; `t` of the result begins at zero."""
+        """Return the rows from `start` to `end` [s], both included; `t` of the result begins at zero.
+
+        The verdict and the texts remain those of the whole recording.
+        """
         start, end = number("start", start), number("end", end)
         first, last = np.searchsorted(self.t, [start - 1e-9, end + 1e-9]).tolist()
         if last - first < 2:
@@ -260,13 +266,13 @@ _NAMES = [item.name for item in fields(Tracking)]
 _SHAPES = [
     (item.name, item.metadata["shape"], item.default is None) for item in fields(Tracking) if item.metadata
 ]
-SHAPES: dict[str, Shape] = {name: shape for name, shape, may_lack in _SHAPES if not may_lack}
-OPTIONAL: dict[str, Shape] = {name: shape for name, shape, may_lack in _SHAPES if may_lack}
+SHAPES: dict[str, Shape] = {name: shape for name, shape, optional in _SHAPES if not optional}
+OPTIONAL: dict[str, Shape] = {name: shape for name, shape, optional in _SHAPES if optional}
 JUDGED = ("orientation_error", "frame_error")  # arrays that are computed from the other arrays after the run
 
 
 class Record:
-    """The recorded rows of a run; `target` returns the target's position (3,) at a time [s]."""
+    """The recording during a run; `target` is a function from time [s] to the target's position (3,)."""
 
     def __init__(self, world: World, t: FloatArray, target: Callable[[float], FloatArray]) -> None:
         self._world, self._target, self.t = world, target, t
@@ -286,14 +292,14 @@ class Record:
                 self.arrays[name] = np.empty(shape)
 
     def happened(self, t: float, event: object) -> None:
-        """Add an event to the notes."""
+        """Add an event at t [s] to the notes."""
         self._since = self._done
         self._notes.append(f"t = {t:.6g} s: {event}")
 
     def add(
-        self, k: int, q: FloatArray, v: FloatArray, wanted: Sample, work: float, wrench: FloatArray
+        self, k: int, q: FloatArray, v: FloatArray, desired: Sample, work: float, wrench: FloatArray
     ) -> bool:
-        """Record row k with the client's wrench; return False if the state is not finite."""
+        """Record row k, where `wrench` (6,) is the client's; return False if the state is not finite."""
         if not q.dot(q) + v.dot(v) < np.inf:
             return False
         world = self._world
@@ -301,8 +307,8 @@ class Record:
         row: dict[str, Any] = {
             "q": q,
             "v": v,
-            "joint_error": self._error(q, wanted[0]),
-            "joint_rate_error": v[6:] - wanted[1],
+            "joint_error": self._error(q, desired[0]),
+            "joint_rate_error": v[6:] - desired[1],
             "end_effector": tip,
             "position_error": math.hypot(*(self._target(float(self.t[k])) - tip).tolist()),
             "momentum": momentum,
@@ -329,11 +335,11 @@ class Record:
             self.arrays["thruster_force"][k] = base.thruster_force
 
     def check_momentum(self, rows: int) -> None:
-        """Note changes of the total momentum without an external force from the last event to row `rows` - 1.
+        """Note a momentum change without an external force from the last event to row `rows` - 1.
 
-        A change is compared with sqrt(2 m E) and sqrt(2 I E), bounds of the linear and angular momentum of
-        any part of the plant. E is the largest kinetic energy since the event, without the wheels' spin; m
-        and I are the plant's mass and largest principal inertia.
+        The tolerances are relative to sqrt(2 m E) and sqrt(2 I E), the scales of linear and angular momentum.
+        E is the largest kinetic energy since the event, without the wheels' spin; m and I are the plant's
+        mass and largest principal inertia.
         """
         first, last, plant = self._since, rows - 1, self._world.plant
         if last <= first or self._world.pushed:
@@ -358,7 +364,7 @@ class Record:
             )
 
     def tracking(self, rows: int, notes: Sequence[str] = ()) -> Tracking:
-        """Return the first `rows` rows and the steps between them, with further notes."""
+        """Return the first `rows` rows and the steps between them as a recording, with further notes."""
         kept: dict[str, Any] = {
             name: array[: rows if len(array) == len(self.t) else max(rows - 1, 0)]
             for name, array in self.arrays.items()
@@ -369,17 +375,17 @@ class Record:
 
 @runtime_checkable
 class _HasProblem(Protocol):
-    """A reference with a `problem`: its planning problem, or None."""
+    """A reference with a `problem`, which is its planning problem or None."""
 
     problem: Problem | None
 
 
 def judged(tracking: Tracking, reference: Reference, plant: SpaceManipulator) -> Tracking:
-    """Return a recording with its verdict. A flight that a guard stopped has not arrived.
+    """Return a recording with its verdict. A stopped flight has not arrived.
 
-    A `Trajectory` or an `opt.Replanning` is judged by every goal and limit of its problem. Another reference
-    is judged by the final error to its target only: 20 mm (the paper's r_th) and, if the target is a pose,
-    0.02 rad.
+    A reference with a problem, such as a `Trajectory` or an `opt.Replanning`, is judged by every goal and
+    limit of its problem. Another reference is judged by the final error to its target only. The tolerances
+    are then 20 mm (the paper's r_th) and, if the target is a pose, 0.02 rad.
     """
     if not len(tracking.t):
         return replace(
@@ -395,8 +401,8 @@ def judged(tracking: Tracking, reference: Reference, plant: SpaceManipulator) ->
     if tracking.stopped:
         verdict = replace(verdict, misses=(tracking.stopped, *verdict.misses))
     missed = f"not arrived: {'; '.join(verdict.misses)}" if verdict.misses else ""
-    why = reference.note if verdict.misses and isinstance(reference, Replanning) else ""
-    note = "; ".join(filter(None, [missed, why, *verdict.breaches, tracking.note]))
+    reason = reference.note if verdict.misses and isinstance(reference, Replanning) else ""
+    note = "; ".join(filter(None, [missed, reason, *verdict.breaches, tracking.note]))
     rows = len(tracking.t)
     errors = [np.zeros((rows, 0, 2)), *(error[:, None] for error in verdict.frame_errors.values())]
     return replace(
@@ -417,12 +423,12 @@ def _by_target(tracking: Tracking, reference: Reference, plant: SpaceManipulator
     off, misses, target = float(tracking.position_error[-1]), [], reference.target
     angles: FloatArray = np.zeros(len(tracking.t))
 
-    def wanted(t: float) -> Any:
+    def desired(t: float) -> Any:
         return from_homogeneous("target", target(t) if callable(target) else target)
 
-    if isinstance(wanted(float(tracking.t[-1])), pin.SE3):
+    if isinstance(desired(float(tracking.t[-1])), pin.SE3):
         rows = zip(tracking.t.tolist(), tracking.q, strict=True)
-        angles = np.array([_angle(wanted(t).rotation.T @ frame_pose(plant, q).rotation) for t, q in rows])
+        angles = np.array([_angle(desired(t).rotation.T @ frame_pose(plant, q).rotation) for t, q in rows])
     if off > REACH:
         misses.append(
             f"the end effector ends {length_text(off)} from its target, {length_text(REACH)} are allowed"

@@ -1,4 +1,4 @@
-"""The plant of a run, with its dynamics under all forces and its events."""
+"""The plant and client of a run, with their dynamics under all forces and events."""
 
 from __future__ import annotations
 
@@ -41,8 +41,8 @@ from ffsms_pin.simulation.integrators import (
 from ffsms_pin.simulation.stops import Stops
 from ffsms_pin.system.dynamics import frame_pose
 
-_FINER = 8  # factor on the number of substeps if a load is too stiff for the step
-# Largest number of substeps for friction. An implicit integrator is faster than more substeps.
+_FINER = 8  # factor on the number of substeps if a load is too stiff for them
+# Largest number of substeps for friction; an implicit integrator is faster than more substeps.
 _MOST_PARTS = 40
 
 
@@ -51,7 +51,7 @@ class World:
 
     The integrated model has the wheels after the joints (see `gyrostat`), and a free client after the
     wheels. A capture changes `plant` and keeps the wheels' speeds relative to the base. `impulse` (6,) is
-    the external impulse so far, about the total centre of mass.
+    the impulse of thrusters and disturbances so far, about the total centre of mass, inertial axes.
     """
 
     def __init__(
@@ -67,7 +67,7 @@ class World:
         self._integrate, self._substeps = integrator, substeps
         self.client, self.impulse = client, np.zeros(6)
         self._friction = None if friction is None else friction.torque(plant.n)
-        self._steep = None  # square roots of the friction's slopes, if the integrator's steps are fixed
+        self._steep = None  # square roots of the largest friction slopes, if the integrator is not adaptive
         if friction is not None and integrator not in (adaptive_step, stiff_step):
             self._steep = np.sqrt(friction.steepest(plant.n))
             self._friction_slopes = friction.slopes(plant.n)
@@ -87,17 +87,17 @@ class World:
 
     @property
     def pushed(self) -> bool:
-        """True if an external force acts, so that the total momentum changes."""
+        """True if the run has disturbances or a thruster has fired, so that the total momentum may change."""
         return bool(self._disturbances) or self.base.propellant > 0.0
 
     @property
     def notes(self) -> list[str]:
-        """The sentences about limp joints that ran into their stops."""
+        """A sentence for each limp joint that ran into its stop."""
         return [] if self._stops is None else self._stops.notes
 
     @property
     def limp(self) -> NDArray[np.bool_]:
-        """The joints without torque (n,)."""
+        """The mask (n,) of limp joints, which have no motor torque."""
         return self._limp
 
     def _take(self, plant: SpaceManipulator) -> None:
@@ -118,9 +118,9 @@ class World:
         return None if self.client is None or self.client.joined is not None else self.client
 
     def step(self, t: float, q: FloatArray, v: FloatArray, tau: FloatArray, dt: float) -> Step:
-        """Return the state after a step under joint torques (n,), and the work done on the plant [J].
+        """Return the plant's state after a step under joint torques (n,), and the work of all forces [J].
 
-        The base's actuators follow their last `BaseActuators.command`.
+        The base's actuators follow their last `BaseActuators.command`. Wheels and client are advanced, too.
         """
         nq, nv, base, start = self._nq, self._nv, self.base, q
         force = self._tau
@@ -162,7 +162,7 @@ class World:
         q_end, v_end = q[:nq], v[:nv]
         if self._pushing is not None:
             self._pushing.reached(t + dt, q_end, self._limp)
-        for k in self._locked:  # the lock's torque holds the joint to rounding; this removes the drift
+        for k in self._locked:  # remove the drift, because the lock's torque holds the joint only to rounding
             v_end[k] = 0.0
         if self._locked:
             positions = self.plant.layout.positions(q_end)
@@ -174,7 +174,7 @@ class World:
     def _steep_step(self) -> tuple[Integrator, Force]:
         """Return the integrator and the force of a step with steep friction.
 
-        The integrator is `stiff_step` if other forces are stiff too.
+        The integrator is `stiff_step` if contact, stops or wheel friction act as well.
         """
         if self._contact or self._pushing is not None or self._rubs:
             return stiff_step, self._force
@@ -184,18 +184,18 @@ class World:
         return step, self._applied
 
     def _slopes(self, v: FloatArray) -> FloatArray:
-        """Return the slopes (nv,) of the joints' friction at velocities v (nv,), zero for all but joints."""
+        """Return the slopes (nv,) of joint friction at velocities v (nv,); zero in all other rows."""
         slopes = np.zeros(v.size)
         slopes[6 : self._nv] = self._friction_slopes(v[6 : self._nv])
         return slopes
 
     def _touches(self, q: FloatArray, v: FloatArray) -> bool:
-        """Return whether a load of the client acts in a full state (q, v)."""
+        """Return whether a load acts on the client in a full state (q, v)."""
         assert self._free is not None
         return bool(self._free.wrench(self._model, self._own, self.plant.frame_id, q, v)[0].any())
 
     def _for_friction(self, q: FloatArray, dt: float) -> int:
-        """Return the number of substeps of dt that resolves the friction slopes D, from dt |H_q^-1 D|."""
+        """Return the number of substeps of dt that resolve the friction slopes D, from dt |H_q^-1 D|."""
         if self._steep is None:
             return 1
         joints = slice(6, self._nv)
@@ -255,7 +255,7 @@ class World:
         return force
 
     def _force(self, t: float, q: FloatArray, v: FloatArray) -> FloatArray:
-        """Return the generalised force (6 + n,) on the plant, then on wheels (w,) and a free client (6,)."""
+        """Return the generalised force (6 + n + w [+ 6],) on plant, wheels and a free client, with locks."""
         force = self._applied(t, q, v)
         if self._locked:
             model, data = self._model, self._own
@@ -267,12 +267,15 @@ class World:
         return force
 
     def _from_outside(self, t: float, h: float, *ends: tuple[FloatArray, FloatArray]) -> FloatArray:
-        """Return the impulse (6,) of thrusters and disturbances in a step of h [s], by Simpson's rule."""
+        """Return the impulse (6,) of thrusters and disturbances in a step of h [s], by Simpson's rule.
+
+        The impulse is in inertial axes, about the total centre of mass. `ends` are q and v at start and end.
+        """
         (q0, v0), (q1, v1) = ends
         middle = pin.interpolate(self._model, q0, q1, 0.5), 0.5 * (v0 + v1)
         whole = np.zeros(6)
         for weight, at, (q, v) in ((1.0, t, (q0, v0)), (4.0, t + 0.5 * h, middle), (1.0, t + h, (q1, v1))):
-            on_base = self._tau[:6].copy()  # force of the thrusters, base axes
+            on_base = self._tau[:6].copy()  # wrench of the thrusters about the root, root axes
             for disturbance in self._forces:
                 on_base += disturbance(at, q[: self._nq], v[: self._nv])[:6]
             R = pin.Quaternion(q[3:7]).toRotationMatrix()
@@ -286,7 +289,7 @@ class World:
         """Return the wrench (6,) of the client on the end effector, inertial axes.
 
         The moment is about the end-effector frame's origin. The wrench is the sum of the loads or, after a
-        latch, the wrench that accelerates the client under the last torques.
+        latch, the wrench due to the client's inertia under the last torques.
         """
         if self.client is None or not (self.client.joined or self.client.acting):
             return np.zeros(6)
@@ -297,7 +300,10 @@ class World:
         return self.client.carrying(model, data, frame, q, v, acceleration)
 
     def wrist(self, t: float, q: FloatArray, wrench: FloatArray) -> FloatArray:
-        """Return the wrench (6,) of client and disturbances on the end effector, in end-effector axes."""
+        """Return the sum (6,) of `wrench` (6,) and disturbances on the end effector, in end-effector axes.
+
+        `wrench` is the client's wrench on the end effector in inertial axes.
+        """
         acting = sum(
             (disturbance.value(t) for disturbance in self._disturbances if disturbance.on != "base"), wrench
         )
@@ -334,7 +340,10 @@ class World:
         return plastic(M, M @ v, self._locked)
 
     def totals(self, q: FloatArray, v: FloatArray) -> tuple[FloatArray, float, FloatArray]:
-        """Return total momentum (6,), total kinetic energy [J] and the end effector's position (3,)."""
+        """Return total momentum (6,), total kinetic energy [J] and the end effector's position (3,) [m].
+
+        The momentum is about the total centre of mass, inertial axes.
+        """
         model, data = self._model, self._own
         momentum = pin.computeCentroidalMomentum(model, data, *self._whole(q, v)).vector
         energy = float(pin.computeKineticEnergy(model, data))  # uses q and v of the call above
