@@ -33,10 +33,9 @@ class InertialError:
     base_mass: Annotated[Positive, Unit()] = 1.0
     """The factor on the mass of the base."""
     arm_inertia: Annotated[PerJointPositive | None, Unit("", "arm_mass")] = None
-    """The factor on the inertias of the arm's bodies about their centres of mass; per joint. Default: the
-    factor on the mass."""
+    """The factor on the inertias of the arm's bodies about their centres of mass; per joint."""
     base_inertia: Annotated[Positive | None, Unit("", "base_mass")] = None
-    """The factor on the base's inertia about its centre of mass. Default: the factor on the mass."""
+    """The factor on the base's inertia about its centre of mass."""
     arm_com: Annotated[Shifts, Unit("m", "0")] = (0.0, 0.0, 0.0)
     """The shift of the arm's centres of mass in the axes of each body's joint: 3 numbers, or 3 per joint."""
     base_com: Annotated[Vector3, Unit("m", "0")] = (0.0, 0.0, 0.0)

@@ -78,7 +78,7 @@ class Tracking:
     arrived : bool
         True if every goal and limit of the reference's problem is met (`opt.flown.judge`); a violated
         clearance counts only if bodies overlap. For a reference without a problem, true if its target is
-        met. Always false for a run with a supervisor.
+        met. `simulate` does not judge a run with a supervisor, so this is then false.
     note : str
         Events with their times, missed goals, violated limits, joints and actuators at their limits, and
         changes of the total momentum without an external force.
