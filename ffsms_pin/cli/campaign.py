@@ -31,7 +31,7 @@ _WORST = 5  # number of worst runs printed per method
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Run the campaign, write its table, report and figures, and print the report."""
+    """Run the campaign, write its table, report and figure, and print the report."""
     chosen, folder = _campaign_of_folder(arguments) if _is_folder(arguments) else _campaign_of_file(arguments)
     with output.shown_progress() as progress:
         work = {"jobs": arguments.jobs, "scheduler": arguments.scheduler}
@@ -78,7 +78,7 @@ def _campaign_of_file(arguments: argparse.Namespace) -> tuple[campaigns.Campaign
 
 
 def _percentiles(title: str, numbers: dict[str, Any]) -> Table:
-    """Return a table with a column for each percentile, and with the outcomes as its caption."""
+    """Return a table with a column for each percentile; the caption has success rate and outcomes."""
     table = new_table(title, "quantity", *_PERCENTILES)
     columns = (
         {name: values[percentile] for name, values in numbers["percentiles"].items()}
@@ -98,7 +98,7 @@ def _side_by_side(title: str, methods: dict[str, dict[str, Any]]) -> Table:
     table, columns = new_table(title, "quantity", *methods), methods.values()
     for outcome in dict.fromkeys(outcome for numbers in columns for outcome in numbers["outcomes"]):
         table.add_row(outcome, *(str(numbers["outcomes"].get(outcome, 0)) for numbers in columns))
-    table.add_row("share that arrived, 95 % interval \\[%]", *map(_interval, columns))
+    table.add_row("success rate, 95 % interval \\[%]", *map(_interval, columns))
     for name, percentile in (("median", 50), ("95 %", 95)):
         values = [
             {key: row[percentile] for key, row in numbers["percentiles"].items()} for numbers in columns
@@ -116,7 +116,7 @@ def _interval(numbers: dict[str, Any]) -> str:
 
 
 def _worst(methods: dict[str, dict[str, Any]]) -> Iterator[str]:
-    """Yield a line for each of the worst runs: seed, method, outcome, error and reason."""
+    """Yield seed, method, outcome, error and reason of the `_WORST` worst runs of each method."""
     for method, numbers in methods.items():
         for row in numbers["worst"][:_WORST]:
             error, label = row["final_error_m"], "final error"

@@ -53,7 +53,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def comparison_numbers(comparison: scenarios.Comparison) -> dict[str, dict[str, Any]]:
-    """Return a row for each method: the numbers of `plan_numbers` and the planning time."""
+    """Return a row for each method: `plan_numbers`, planning time [s], and the note or reason of a miss."""
     return {
         method: {
             **plan_numbers(comparison.sms, made),
@@ -65,7 +65,7 @@ def comparison_numbers(comparison: scenarios.Comparison) -> dict[str, dict[str, 
 
 
 def _remarks(comparison: scenarios.Comparison, numbers: dict[str, dict[str, Any]]) -> Iterator[str]:
-    """Yield a line for each method that did not reach the target or was left out."""
+    """Yield lines about missed targets, omitted methods, and keys of [plan] that only one method uses."""
     for name, row in numbers.items():
         if not row["reached"]:
             yield f"{name} does not reach the target: {row['note']}"

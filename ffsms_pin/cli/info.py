@@ -77,7 +77,7 @@ def _client(path: str) -> list[str]:
     com = ", ".join(f"{x + 0.0:.4g}" for x in -client.link_placement.translation)
     return [
         f"No joint moves: one rigid body of {client.mass:g} kg, a client.",
-        f"Principal inertias {inertias} kg m²; centre of mass at ({com}) m in the axes of its root link.",
+        f"Principal inertias {inertias} kg m²; centre of mass at ({com}) m in the frame of its root link.",
     ]
 
 
@@ -157,16 +157,16 @@ def _coupling(sms: SpaceManipulator, posture: FloatArray) -> Table:
         ("condition number of H_b (mixes kg and kg m²) [-]", f"{np.linalg.cond(state.H_b):.4g}"),
         ("singular values of C_bm [m/rad, rad/rad]", sigma),
         ("entropy H_norm [-]", f"{entropy:.4f}"),
-        ("1 - H_norm, approximately the assistance of zero cost [-]", f"{1.0 - entropy:.4f}"),
+        ("1 - H_norm, approximately cos(theta_a) at zero cost [-]", f"{1.0 - entropy:.4f}"),
         ("condition number of H_q [-]", f"{np.linalg.cond(state.H_q):.4g}"),
     ):
-        table.add_row(escape(quantity), value)  # brackets in the text are not markup
+        table.add_row(escape(quantity), value)  # units in brackets are not markup
     return table
 
 
 def _links(report: Report) -> Table:
     heads = ("link", "mass [kg]", "principal inertias [kg m²]", "inertia")
-    table = new_table(f"Links of '{report.name}'", *heads, words=("inertia",))
+    table = new_table(f"Links of '{report.name}'", *heads, text_columns=("inertia",))
     for link in report.links:
         table.add_row(
             escape(link.name),
@@ -179,7 +179,7 @@ def _links(report: Report) -> Table:
 
 def _joints(report: Report) -> Table:
     heads = ("joint", "type", "lower", "upper", "velocity", "effort")
-    table = new_table("Joints, as written (rad, m, s, N)", *heads, words=("type",))
+    table = new_table("Joints, as in the file (rad, m, s, N)", *heads, text_columns=("type",))
     for joint in report.joints:
         limits = (joint.lower, joint.upper, joint.velocity, joint.effort)
         nothing = "" if joint.type == "fixed" else "none"
@@ -189,13 +189,13 @@ def _joints(report: Report) -> Table:
 
 
 def _number(text: str) -> str:
-    """Return a number with five significant digits; escape any other text, so that it is shown as it is."""
+    """Return a number with five significant digits, and any other text with its markup escaped."""
     return f"{float(text):.5g}" if is_number(text) else escape(text)
 
 
 def _faults(report: Report) -> Table:
     heads = ("place", "fault", "loads?", "repair")
-    table = new_table("Faults", *heads, words=heads)
+    table = new_table("Faults", *heads, text_columns=heads)
     for fault in sorted(report.faults, key=lambda fault: not fault.blocks):
         otherwise = "not possible: only the author has the value" if fault.blocks else "not needed to load"
         loads = "[red]no[/]" if fault.blocks else "yes"

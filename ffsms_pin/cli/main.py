@@ -82,7 +82,7 @@ _IN_COMMANDS = {
 def in_options(message: str, known: Container[str] = ()) -> str:
     """Return a message of the library with its Python arguments replaced by command-line options.
 
-    If an argument of `load` is not among the `known` options, the message names the repair of the file.
+    If an argument of `load` is not among the `known` options, advice on it becomes advice to repair the file.
     """
     for python, command in _IN_COMMANDS.items():
         message = message.replace(python, command)
@@ -94,12 +94,13 @@ def _add_run(commands: Commands) -> None:
     run = _command(
         commands,
         "run",
-        """Plan and track a scenario, write results.
+        """Plan and track a scenario, and write the results.
 
         Plan a scenario and follow it in closed loop under the conditions that it sets: a plant that differs
         from the model, re-planning in the loop, friction, sensors, disturbances, failures (all keys: page
         "Keys of scenario files" of the documentation, docs/scenario-keys.md). Print a summary table, and
-        write trajectory.npz, tracking.npz, scenario.json, summary.json and the figures (pdf and png).
+        write trajectory.npz, tracking.npz, scenario.json, summary.json and the figures (pdf and png). For a
+        capture, also write capture.npz and the animated scene capture.html.
 
         paper-case-1 and paper-case-2 use the paper's step-by-step method ("paper"); case-1 and case-2 plan
         the whole motion at once (method "horizon").
@@ -107,7 +108,8 @@ def _add_run(commands: Commands) -> None:
         example: ffsms-pin run case-2 --out results/case-2
         To repeat one run of a campaign by its seed: ffsms-pin run --replay results/mine-campaign 4711
         """,
-        "0 plan and closed loop reach the target, or the client is caught; 1 otherwise, results written; "
+        "0 plan and closed loop reach the target, or the client is caught within all limits; 1 otherwise, "
+        "results written; "
         "2 bad input, or a state that is not finite",
     )
     what = run.add_mutually_exclusive_group(required=True)
@@ -133,7 +135,7 @@ def _add_compare(commands: Commands) -> None:
         "compare",
         """Plan a scenario by every method, side by side.
 
-        Print one table, and write comparison.json and one figure.
+        Print a table, and write comparison.json and a figure (pdf and png).
 
         example: ffsms-pin compare case-2
         """,
@@ -156,9 +158,9 @@ def _add_campaign(commands: Commands) -> None:
         """Run a scenario many times with drawn plants, targets, noise and faults.
 
         Each run is a closed loop with values drawn from the distributions in the scenario's table
-        [campaign.draw] (docs/campaigns.md). Write one row per run to DIR/runs.csv, a report (report.json) and
-        figures. If the command was interrupted, run it again to continue. The table does not depend on
-        interruptions or on the number of processes.
+        [campaign.draw] (docs/campaigns.md). Write one row per run (two with --compare) to DIR/runs.csv, a
+        report (report.json) and a figure (pdf and png). If the command was interrupted, run it again to
+        continue. The table does not depend on interruptions or on the number of processes.
 
         For example:
           ffsms-pin campaign mine.toml --runs 10000 --out mine          one process per core
@@ -186,7 +188,10 @@ def _add_campaign(commands: Commands) -> None:
     )
     where = campaign.add_mutually_exclusive_group()
     where.add_argument(
-        "--jobs", metavar="N", type=int, help="number of processes; 1 needs no Dask (default: one per core)"
+        "--jobs",
+        metavar="N",
+        type=int,
+        help="number of processes; 1 needs no Dask (default: one per core; 1 without Dask)",
     )
     where.add_argument(
         "--scheduler", metavar="ADDRESS", help="a running Dask scheduler, such as tcp://host:8786"
@@ -222,10 +227,10 @@ def _add_info(commands: Commands) -> None:
         "info",
         """Show a robot and the faults of its file.
 
-        Print masses, joint limits, the condition of the base inertia and the dynamic coupling. Faults of a
-        URDF file come first, each with its repair. If the file does not load, its links and joints are listed
-        unchanged. With --repair, write a file that loads, list every change, and show that robot; if a fault
-        needs a value that only the author has, nothing is written.
+        Print masses, joint limits, joint friction, the condition of the base inertia and the dynamic
+        coupling. Faults of a URDF file come first, each with its repair. If the file does not load, its links
+        and joints are listed. With --repair, write a file that loads, list every change, and show that robot;
+        if a fault needs a value that only the author has, nothing is written.
 
         For example:
           ffsms-pin info planar_3r --joints-deg 1 1 1
@@ -401,7 +406,7 @@ DEFECT, BROKEN_PIPE, INTERRUPTED, TERMINATED = 70, 141, 130, 143
 
 
 class _Terminated(KeyboardInterrupt):
-    """The exception for SIGTERM, with the same clean-up as after Ctrl-C."""
+    """The exception raised on SIGTERM; the clean-up is the same as after Ctrl-C."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -433,7 +438,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         terminated = isinstance(stop, _Terminated)
         message, status = ("terminated", TERMINATED) if terminated else ("interrupted", INTERRUPTED)
         if arguments.command == "campaign":
-            message += "; finished runs are kept: run the same command again to continue"
+            message += "; finished chunks of runs are kept: run the same command again to continue"
         return _failed(message, status)
     except MemoryError:
         return _failed("error: out of memory; use shorter motions or fewer runs", BAD_INPUT)
@@ -462,7 +467,7 @@ def _plain_warnings() -> Iterator[None]:
 
 
 def _command_problem(typed: Sequence[str]) -> str:
-    """Return an error message if the first argument is no command; empty otherwise."""
+    """Return an error message if the command is missing or unknown; empty otherwise."""
     if not typed:
         return "name a command, for example: ffsms-pin run case-2"
     names = command_names()
@@ -479,7 +484,7 @@ def _failed(message: str, code: int) -> int:
 
 @contextmanager
 def _ended_by_sigterm() -> Iterator[None]:
-    """Make SIGTERM end the block like Ctrl-C, unless a handler for SIGTERM is installed."""
+    """Make SIGTERM end the block like Ctrl-C, in the main thread and if SIGTERM has its default action."""
 
     def terminate(*_: object) -> NoReturn:
         raise _Terminated

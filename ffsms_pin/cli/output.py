@@ -32,7 +32,7 @@ _Show: TypeAlias = Callable[..., None]  # called with the name of a stage, the c
 
 
 def output_console() -> Console:
-    """Return a console on stdout with the width of its terminal, or 100 columns in files and pipes."""
+    """Return a console on stdout; in files and pipes it has 100 columns, unless COLUMNS is set."""
     console = Console()
     if not console.is_terminal and "COLUMNS" not in os.environ:
         return Console(width=_WIDTH)
@@ -46,12 +46,12 @@ def say(*lines: str) -> None:
         output.print(line, markup=False, highlight=False, soft_wrap=True)
 
 
-def new_table(title: str, first: str, *others: str, words: Container[str] = ()) -> Table:
-    """Return a table with a first column of names; columns in `words` are for text, others for numbers."""
+def new_table(title: str, first: str, *others: str, text_columns: Container[str] = ()) -> Table:
+    """Return a table; the first column and `text_columns` are aligned left, other columns right."""
     table = Table(title=escape(title), title_justify="left")
     table.add_column(escape(first), overflow="fold")
     for name in others:
-        table.add_column(escape(name), justify="left" if name in words else "right", overflow="fold")
+        table.add_column(escape(name), justify="left" if name in text_columns else "right", overflow="fold")
     return table
 
 
@@ -111,7 +111,7 @@ class _Stage:
     name: str
     task: TaskID
     begin: float
-    first: float  # items completed before the first call, which the rate excludes
+    first: float  # `done` at the first call; the rate excludes these items
     total: float | None  # None if `done` is a share of the stage, not a number of items
     done: float = 0.0
 
@@ -180,7 +180,7 @@ def shown_progress(console: Console | None = None) -> Iterator[_Show]:
 
 
 def chosen_folder(out: str | None, name: str) -> Path:
-    """Return the folder that `--out` names; without it, results/<name>."""
+    """Return the folder in `--out`; the default is results/<name>."""
     if out is not None and (not out.strip() or "\0" in out):
         raise InvalidValue("--out", out, "must name a folder")
     return Path(out) if out is not None else Path("results") / name
@@ -195,9 +195,9 @@ def write_numbers(path: Path, numbers: Any) -> None:
 def results_folder(out: Path) -> Iterator[Path]:
     """Yield a hidden folder whose files are moved to `out` if the block ends without an error.
 
-    Files of the same name are replaced atomically. `out` and its parents are created if needed, and removed
-    after a failure if they are empty. If a file cannot be moved, the hidden folder is kept and the error
-    names it.
+    Files of the same name are replaced atomically. Missing folders of the path `out` are created; after a
+    failure they are removed if they are empty. If a file cannot be moved, the hidden folder is kept, and the
+    error names it.
     """
     target = Path(os.path.realpath(out))
     made: list[Path] = []
@@ -223,7 +223,7 @@ def results_folder(out: Path) -> Iterator[Path]:
 
 
 def _move_files(source: Path, target: Path) -> None:
-    """Move every file of a folder to the same relative path in another folder; remove the first folder."""
+    """Move every file to the same relative path in `target`, and remove the folder `source`."""
     files = sorted(path.relative_to(source) for path in source.rglob("*") if path.is_file())
     try:
         for file in files:

@@ -30,7 +30,7 @@ _UNITS = {"deg_per_s": "deg/s", "Nms": "N m s"}
 def run(arguments: argparse.Namespace) -> int:
     """Run the scenario and write its results; return 0 or 1.
 
-    The result is 0 if plan and closed loop arrive, or if the client is caught.
+    The result is 0 if plan and closed loop arrive, or if a client is caught within all limits.
     """
     if arguments.replay is None:
         chosen = scenario(arguments.scenario, allow_import=arguments.allow_import)
@@ -63,7 +63,7 @@ def run(arguments: argparse.Namespace) -> int:
 def missed(numbers: Mapping[str, Any]) -> str:
     """Return in one line why a run failed; empty if plan and closed loop arrive.
 
-    A capture may succeed although its first plan misses, so only the flight is checked.
+    For a capture only the flight is checked, because re-planning may succeed after a plan that misses.
     """
     tracking = numbers["tracking"]
     if not ("capture" in numbers or numbers["reached"]):
@@ -92,7 +92,7 @@ def _save(outcome: Outcome, staging: Path) -> None:
 
 
 def _derive(outcome: Outcome, staging: Path, figures: bool, progress: StageProgress) -> dict[str, Any]:
-    """Write the numbers of the summary, then scene and figures; return the numbers."""
+    """Write the summary, the scene of a capture and the figures; return the numbers of the summary."""
     numbers = summary(outcome)
     output.write_numbers(staging / "summary.json", numbers)
     if figures and outcome.capture is not None and installed("view"):
@@ -181,7 +181,7 @@ def _plan(numbers: Mapping[str, Any]) -> Iterator[tuple[str, ...]]:
         yield "largest error on the path", length_text(numbers["path_error_max_m"]), allowed
         if angle := numbers["path_angle_error_max_deg"]:
             allowed = f"{numbers['path_orientation_tolerance_deg']:.3g} deg"
-            yield "  of the attitude", f"{angle:.3g} deg", allowed
+            yield "  largest attitude error", f"{angle:.3g} deg", allowed
     else:
         yield "final error", length_text(numbers["final_error_m"]), reach
         yield "error over the last 10 %", length_text(numbers["error_over_last_10_percent_m"]), reach
@@ -225,11 +225,11 @@ def _tracking(numbers: Mapping[str, Any]) -> Iterator[tuple[str, ...]]:
     if "path_error_max_m" in tracking:
         yield "  largest error on the path", _error(tracking, "path_error_max_m"), reach
         if angle := tracking["path_angle_error_max_deg"]:
-            yield "    of the attitude", f"{angle:.3g} deg"
+            yield "    largest attitude error", f"{angle:.3g} deg"
     else:
         yield "  final error to target", _error(tracking, "final_error_m"), reach
         if tracking["final_error_deg"]:
-            yield "  final error of the attitude", f"{tracking['final_error_deg']:.3g} deg"
+            yield "  final attitude error", f"{tracking['final_error_deg']:.3g} deg"
     for frame, errors in tracking["frames"].items():
         yield escape(f"  final error of '{frame}'"), _pose_error(errors)
     yield from _clearance("  least clearance", tracking["clearance"])
@@ -275,7 +275,7 @@ def _pose_error(errors: Mapping[str, float]) -> str:
 
 
 def _clearance(label: str, clearance: Mapping[str, Any]) -> Iterator[tuple[str, ...]]:
-    """Yield the rows of a least clearance, in red below the required clearance; none if it is unknown."""
+    """Yield the rows of a least clearance, in red below the required clearance; none if unchecked."""
     if clearance["least_m"] is None:
         return
     text = length_text(clearance["least_m"])
@@ -366,7 +366,7 @@ def _flown(numbers: Mapping[str, Any]) -> Iterator[tuple[str, ...]]:
         once = tracking["open_loop"]
         off = once["stopped"] or f"{length_text(once['final_error_m'])} off"
         yield "  flown without re-planning", escape(off), ""
-    yield from _clearance("least clearance before contact", tracking["clearance"])
+    yield from _clearance("least clearance of the flight", tracking["clearance"])
     rates = [
         (joint, key) for joint in joints for key in joint if key.startswith("rate_limit_") and joint[key]
     ]
@@ -374,7 +374,7 @@ def _flown(numbers: Mapping[str, Any]) -> Iterator[tuple[str, ...]]:
     if shares:
         most, name = max(shares)
         yield "largest rate planned", f"{100.0 * most:.3g} % of its limit", escape(name)
-    yield "largest torque before contact", _of_limit(tracking["torque_max_relative"])
+    yield "largest torque of the approach", _of_limit(tracking["torque_max_relative"])
     if (wrist := tracking.get("wrist")) is not None:
         force, moment = wrist["force_max_N"], wrist["moment_max_Nm"]
         share = max(force / (wrist["force_limit_N"] or inf), moment / (wrist["moment_limit_Nm"] or inf))

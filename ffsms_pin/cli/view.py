@@ -52,9 +52,10 @@ def scene_of(
     """Return the scene of the results of `ffsms-pin run`.
 
     With `plan_only`, the scene shows the plan, not the simulated motion. `robot` names the robot or its
-    scenario; by default the robot is taken from the results. `end_effector` is the frame of a named robot.
-    `show` and `options` are arguments of `viewer.view`. `ResultError` is raised if the folder has no results,
-    or if the results are of another robot.
+    scenario; by default the robot is taken from the results. `end_effector` is the end-effector frame of a
+    robot in `robot`, unused for a scenario. `show` and `options` are arguments of `viewer.view`.
+    `ResultError` is raised if the folder has no results, if the robot of the results cannot be determined, or
+    if the results are of another robot.
     """
     if not folder.is_dir():
         raise ResultError(folder, "is not a folder of results; make one with `ffsms-pin run`")
@@ -88,7 +89,7 @@ def scene_of(
 def _robot_of(
     folder: Path, summary: dict[str, Any], robot: str | None, end_effector: str | None
 ) -> tuple[Scenario | None, SpaceManipulator]:
-    """Return the scenario or None, and the robot: from `robot`, saved scenario, or names in the summary."""
+    """Return scenario (or None) and robot from `robot`, the saved scenario, or the summary, in this order."""
     chosen, name = None, summary.get("scenario")
     if robot is not None:
         if not _is_scenario(robot):
@@ -115,7 +116,7 @@ def _is_scenario(robot: str) -> bool:
 
 
 def _check(sms: SpaceManipulator, plan: Trajectory, folder: Path) -> None:
-    """Raise `ResultError` unless the robot's end-effector positions agree with those in the plan."""
+    """Raise `ResultError` unless the robot has the plan's end-effector position at the start."""
     if plan.q.shape[1] == sms.nq:
         tip = sms.at(plan.q[0]).end_effector_pose.translation
         if abs(tip - plan.end_effector[0]).max() < 1e-6:

@@ -94,7 +94,7 @@ def test_a_parent_that_ends_leaves_no_process_and_goes_on_later(
             one.kill()
     if status > 0:
         last = (tmp_path / "err").read_text().splitlines()[-1]
-        assert last.endswith("finished runs are kept: run the same command again to continue")
+        assert last.endswith("finished chunks of runs are kept: run the same command again to continue")
     before = chunks_in(out)
     assert 4 <= len(before) < RUNS
     told: list[int] = []
