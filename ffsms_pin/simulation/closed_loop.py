@@ -75,12 +75,13 @@ def simulate(
 ) -> Tracking:
     """Simulate the plant, from the start of the reference to its end, under the controller's torques.
 
-    In each control step the controller receives the plant's state and the reference's joint motion at the
-    step's start, and its torque is held over the step. The generalised force [0 (6); tau] acts on the plant,
-    so no external force acts on the base. By default, one Runge-Kutta step of order 4 (`rk4_step`) integrates
-    the articulated-body dynamics. With a `base_controller` the plant's wheels and thrusters act on the base
-    as well, and the wheels' speeds are part of the state. The `conditions` add imperfections. The recording
-    has the plant's true motion and the torques after the actuators' limits and delays.
+    In each control step the controller receives the measured state and the reference's joint motion at the
+    step's start, and the controller's torque is held over the step. The generalised force [0 (6); tau] acts
+    on the plant, so no external force acts on the base. By default, one Runge-Kutta step of order 4
+    (`rk4_step`) integrates the articulated-body dynamics. With a `base_controller` the plant's wheels and
+    thrusters act on the base as well, and the wheels' speeds are part of the state. The `conditions` add
+    imperfections. The recording has the plant's true motion and the torques after the actuators' limits and
+    delays.
 
     Parameters
     ----------

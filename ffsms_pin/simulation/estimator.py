@@ -236,7 +236,7 @@ class PositionAndRate:
         self._rr = rr + S * dt
 
     def inflate(self, rate_error: float) -> None:
-        """Increase the covariance if the error of a predicted rate exceeds 5 standard deviations.
+        """Increase the covariance if a predicted rate and a noisy measurement differ by over 5 deviations.
 
         The model is then worse than assumed, for example because a body was captured. With the larger
         covariance the next gains weight the measurements more.

@@ -93,10 +93,10 @@ class Wrench:
 class Capture:
     """An event in which the end effector grasps a rigid body, such as a payload or a client.
 
-    If the body moves relative to the end effector, the capture is a plastic impact. The end effector then
-    changes its velocity as well, and the joint rates jump, because drives cannot transmit an impulse (locked
-    joints can). The total momentum of robot and body is conserved; energy is lost. Reference and controller
-    do not observe the event.
+    If the body moves relative to the end effector, the capture is a plastic impact, after which both have the
+    same velocity. The joint rates jump, because drives cannot transmit an impulse (locked joints can). The
+    total momentum of robot and body is conserved; energy is lost. Reference and controller do not observe the
+    event.
 
     Raises
     ------
