@@ -1,4 +1,4 @@
-"""The types of options, which are fields of frozen dataclasses with a unit and allowed values.
+"""The types of options: fields of classes, and parameters of functions, with a unit and allowed values.
 
 A field is written as ``delay: Annotated[NotNegative, Unit("s")] = 0.0`` with a docstring below it. The tables
 of scenario files, their JSON Schema and the tables of the documentation are made from these fields. Values in
@@ -38,7 +38,7 @@ class Angle(Unit):
 
 
 def unusable(requirement: str) -> Exception:
-    """Return the error of a value in a file; `requirement` is a text such as "must be above zero"."""
+    """Return the error about a value in a file; `requirement` is a text such as "must be above zero"."""
     from pydantic_core import PydanticCustomError  # imported here, because only files need it
 
     return PydanticCustomError("unusable", "{requirement}", {"requirement": requirement})
@@ -58,7 +58,7 @@ class Kind(ABC):
 
 @dataclass(frozen=True)
 class Real(Kind):
-    """A number of at least `least`; with `infinite` it may also be inf, which means no limit."""
+    """A number from `least` to `checks.LARGEST`; with `infinite` it may also be inf, which means no limit."""
 
     least: float = -LARGEST
     infinite: bool = False
@@ -96,7 +96,7 @@ class Integer(Kind):
 
 @dataclass(frozen=True)
 class Name(Kind):
-    """A text that is not empty and contains a match of the regular expression `pattern`, if it is given."""
+    """A text that is not blank and, if `pattern` is not None, matches this regular expression somewhere."""
 
     pattern: str | None = None
 
@@ -153,7 +153,7 @@ class List(Kind):
 
 @dataclass(frozen=True)
 class ByName(Kind):
-    """A table of values of the kind `of` by name; `what` is their description in messages."""
+    """A table with one or more values of the kind `of` by name; `what` describes the values in messages."""
 
     of: Kind
     what: str

@@ -12,7 +12,7 @@ from ffsms_pin.errors import meant, short
 from ffsms_pin.options.tables import DEGREES, Keys, about, models_in, table_at
 
 LOADING = errors.ModelNotFound, errors.FrameNotFound, errors.InvalidUrdf, errors.AmbiguousEndEffector
-"""The errors of `ffsms_pin.load` that do not name an argument."""
+"""Errors of `ffsms_pin.load` that name no argument."""
 
 _IN_A_FILE = "[robot] {key} = {listed}"  # replaces "load(..., key=VALUE)" in messages of the library
 _REQUIREMENTS = {"bool_type": "must be true or false", "dict_type": "must be a table"}
@@ -159,7 +159,7 @@ def message_of_value(
 
 
 def message_of_loading(error: Exception, tables: Mapping[str, Any], paths: tuple[str, ...]) -> str:
-    """Return the message of a `LOADING` error with the title of the first table and the wrong key."""
+    """Return the message of a `LOADING` error with the title of the first table and the key, if known."""
     title, table = table_at(tables, paths[0]) if paths else ("", {})
     keys = ("end_effector", "frame") if isinstance(error, errors.FrameNotFound) else ("model",)
     unclear = isinstance(error, errors.AmbiguousEndEffector | errors.InvalidUrdf)

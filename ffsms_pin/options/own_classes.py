@@ -18,8 +18,8 @@ _IMPORT_PATH = re.compile(r"[A-Za-z_]\w*(\.[A-Za-z_]\w*)*:[A-Za-z_]\w*")
 def own_class(title: str, path: str, folder: Path, allowed: bool) -> Any:
     """Import an object by its path, with `folder` first on sys.path; messages begin with `title`.
 
-    `FfsmsError` is raised if imports are not `allowed`, or if the module cannot be imported, has no such
-    object, or has the name of another loaded module.
+    `FfsmsError` is raised if the path is malformed, if imports are not `allowed`, or if the module cannot be
+    imported, has no such object, or has the name of another loaded module.
     """
     if not _IMPORT_PATH.fullmatch(path):
         raise FfsmsError(f"{title} must be written package.module:Class")

@@ -187,8 +187,8 @@ def table_of(*sources: Any, omit: Collection[str] = (), defaults: Mapping[str, s
     Parameters
     ----------
     *sources : class or function
-        The first source sets the table's name and docstring. Its options replace options of the same name
-        from the other sources.
+        The first source sets the table's name and description. If several sources have an option, the first
+        of these sources sets it.
     omit : collection of str
         Options of the other sources that are no keys of the table.
     defaults : mapping, optional
