@@ -225,7 +225,8 @@ class ClosedLoop:
     def plan_once(self, plan: opt.Trajectory) -> Reference:
         """Return the plan, followed by rest for as long as the scenario holds the target.
 
-        In a rendezvous the reference ends at the contact, without rest.
+        In a rendezvous the reference ends at the contact, without rest. Along a path on a measured client the
+        plan gets the true client, by which the simulated motion is judged.
         """
         scenario = self.scenario
         if scenario.meet is not None:
@@ -307,10 +308,11 @@ class Outcome:
     trajectory : Trajectory
         The plan.
     tracking : Tracking
-        The recording of the closed loop, with the plan or the re-planned motion as reference.
+        The recording of the closed loop, with the plan or the re-planned motion as reference; for a capture
+        of a client, up to the deadline of the plan.
     timing : Timing
     note : str
-        The predicted reason for a miss if the motion was re-planned; empty if there is none.
+        The notes of re-planning, such as the predicted reason for a miss; empty if there are none.
     open_loop : Attempt, optional
         The run that follows the first plan under the same conditions, if the motion was re-planned.
     capture : Captured, optional

@@ -99,12 +99,12 @@ class Scenario:
 
     @property
     def duration(self) -> float:
-        """The duration of the simulation [s]: the time of arrival plus the time of holding the target."""
+        """The time of arrival plus the time of holding the target [s]; a capture may last longer."""
         return self.arrival + float(self.reference.get("hold", 0.0))
 
     @property
     def clearance(self) -> tuple[float, str]:
-        """The required clearance of the plan [m], and the pairs of bodies that must keep it."""
+        """The required clearance of the plan [m], and the collision mode, see `opt.Clearance`."""
         (source,) = [part for part in self.limit if part["use"] == "clearance"][:1] or [self.plan]
         return float(source.get("clearance", opt.Clearance.clearance)), str(
             source.get("collision", opt.Clearance.collision)
@@ -118,7 +118,7 @@ class Scenario:
         InvalidScenario
             A value does not fit the robot.
         FfsmsError
-            `ffsms_pin.load` cannot load the robot; the message names the file and the key.
+            `ffsms_pin.load` cannot load the robot.
         """
         with self.named("robot"):
             sms = self._robot()
@@ -158,7 +158,7 @@ class Scenario:
             raise
 
     def made(self, kind: type[T], path: str, /, **values: Any) -> T:
-        """Make an object of the dataclass `kind` from a table's matching keys and from `values`."""
+        """Make an object of the dataclass `kind` from a table's keys and `values`, which have priority."""
         with self.named(path):
             return kind(**{**self.options(kind, path), **values})
 

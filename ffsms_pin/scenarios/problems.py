@@ -91,7 +91,7 @@ def planning_problem(
 def parts(
     scenario: Scenario, sms: SpaceManipulator, q0: FloatArray, goal: opt.Goal, client: Any
 ) -> dict[str, Any]:
-    """Return the arguments of `opt.Problem` from other tables than [plan], for a start q0 (nq,)."""
+    """Return terms, limits, joint rates and wheel momenta of the problem, for a start q0 (nq,)."""
     holds = scenario.plan.get("mode") == "rotation-floating"
     others = [*_other_goals(scenario, sms, q0), *_waypoints(scenario, sms, q0)]
     return {

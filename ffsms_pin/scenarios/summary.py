@@ -17,15 +17,16 @@ from ffsms_pin.scenarios.tables import NONE_IF_ABSENT
 from ffsms_pin.simulation import Wrench, WristSensor
 from ffsms_pin.version import __version__
 
-# Tables that are no conditions of the closed loop.
+# Tables that the conditions in a summary leave out.
 _PLANNING = ("robot", "start", "target", "path", "plan", "obstacle", "limits", "campaign")
 
 
 def summary(outcome: Outcome) -> dict[str, Any]:
     """Return all results of a run as numbers, texts, lists and dictionaries for JSON.
 
-    Keys of quantities with a unit end in the unit. Infinite limits are None. Extreme values of the plan
-    include the motion between the nodes, where clearances are sampled.
+    Keys of quantities with a unit end in the unit. Infinite limits are None. Extremes of the plan's joint
+    motion, path errors and clearances include the motion between the nodes; extremes of the base's motion are
+    those at the nodes.
     """
     instance("outcome", outcome, Outcome)
     plan = outcome.trajectory
@@ -99,7 +100,7 @@ def _timing(outcome: Outcome) -> dict[str, float]:
 
 
 def _described(scenario: Scenario) -> dict[str, str]:
-    """Return the file's keys for the closed loop as text, by table, always with law and reference."""
+    """Return the tables outside `_PLANNING` as text, with law and reference, and some keys of [plan]."""
     defaults = {"control": {"law": scenario.law}, "reference": {"kind": "plan"}}
     lines = {}
     for name, table in scenario.tables.items():

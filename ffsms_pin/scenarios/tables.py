@@ -82,7 +82,7 @@ class PlaceTable(FileKeys):
     """A desired pose of a frame of the robot."""
 
     position: Annotated[Vector3, Unit("m")]
-    """desired position of the frame, at rest"""
+    """desired position of the frame"""
     rpy: Annotated[Vector3, Angle("rad", "any attitude")] = None
     """desired attitude of the frame: roll, pitch and yaw about the axes of `relative_to`"""
     relative_to: Annotated[Literal["inertial", "base", "start"], Unit()] = "inertial"
@@ -109,6 +109,8 @@ class TargetTable(PlaceTable):
 class AlsoTable(PlaceTable):
     """The table [[also]]: the goal of another frame."""
 
+    position: Annotated[Vector3, Unit("m")]
+    """desired position of the frame, at rest"""
     frame: Annotated[Text, Unit()]
     """name of a frame of the robot: a link or a joint"""
 
@@ -208,8 +210,8 @@ class PlanTable(FileKeys):
     method: Annotated[str, OneOf(opt.METHODS), Unit()] = "horizon"
     """one of `opt.METHODS`; methods other than "horizon" are for comparison"""
     reach: Annotated[Positive, Unit("m")] = opt.Pose.reach
-    """the paper's r_th: a plan reaches its target if the end effector stays within this distance in the last
-    tenth of the duration; a closed loop arrives if the end effector ends within this distance"""
+    """the paper's r_th, the position tolerance: in a plan the end effector must stay within this distance of
+    the target in the last tenth of the duration; in a closed loop it must end within this distance"""
     base_limits: Annotated[Any, table_of(opt.BaseLimits)] = None
 
 
