@@ -1,4 +1,4 @@
-"""Robot descriptions that ship with the library."""
+"""The packaged robot descriptions."""
 
 from __future__ import annotations
 

@@ -55,10 +55,11 @@ class ExportedLink(NamedTuple):
 
 
 class Links(list[ExportedLink]):
-    """The links of a robot, one for each body frame, parents before their children.
+    """The links of a robot, at least one for each joint, parents before their children.
 
-    `moving` maps each joint to the index of the joint's first link. If a name is already used or in `taken`,
-    a `_` is appended.
+    Each body frame and each operational frame is a link. A joint without a body frame at its origin has a
+    first link with the joint's name. `moving` maps each joint to the index of the joint's first link. If a
+    name is already used or in `taken`, `_` is appended.
     """
 
     def __init__(self, sms: SpaceManipulator, taken: Collection[str] = ()) -> None:
@@ -94,8 +95,8 @@ class Links(list[ExportedLink]):
     def shapes(self, sms: SpaceManipulator, kind: ShapeKind) -> Iterator[tuple[int, Any, Any]]:
         """Yield each shape: the index of its link, its pose (pinocchio.SE3) in the link, and the shape.
 
-        Shapes are of the class pinocchio.GeometryObject. A robot without visual shapes yields placeholder
-        shapes. `GeometryError` is raised if a collision mesh is missing or cannot be read.
+        Shapes are of the class pinocchio.GeometryObject. For a robot without visual shapes, the visual shapes
+        are a box and capsules. `GeometryError` is raised if a collision mesh is missing or cannot be read.
         """
         if kind == "visual":
             shapes = visual_shapes(sms)
@@ -127,7 +128,7 @@ def joint_axes(sms: SpaceManipulator) -> list[FloatArray]:
 
 
 def triangles(item: Any) -> tuple[FloatArray, Any]:
-    """Return corners (k, 3) and triangles (m, 3) of a mesh, or of another shape's convex hull."""
+    """Return the corners (k, 3) and triangles (m, 3), as indices, of a mesh or of another shape's hull."""
     shape = item.geometry
     if isinstance(shape, coal.BVHModelBase):
         return mesh_triangles(shape)

@@ -28,8 +28,8 @@ def to_mjcf(
 ) -> str:
     """Return the robot as MJCF text, with a free base, without gravity, and with the integrator RK4.
 
-    Joints and bodies keep their names. Joints have damping, friction and position limits, and motors have
-    torque limits; MuJoCo has no rate limits. The end effector is the site `end_effector`.
+    Joints and bodies keep their names. Joints have position limits, armature, damping and friction. Motors
+    have torque limits; MuJoCo has no rate limits. The end effector is the site `end_effector`.
 
     Parameters
     ----------
@@ -124,7 +124,7 @@ def _place(pose: Any) -> dict[str, str]:
 
 
 def _shape(item: Any, assets: Element, meshes: dict[Any, str]) -> dict[str, str]:
-    """Return type and size of a shape; a mesh becomes an asset, shared by all shapes with the same file."""
+    """Return type and size of a shape; shapes with the same mesh file and scale share an asset."""
     shape = item.geometry
     if isinstance(shape, coal.Box):
         return {"type": "box", "size": spelt(shape.halfSide)}

@@ -200,7 +200,7 @@ def _checked_joints(
 
     The error of the trapezoidal rule is a twelfth of the second difference of the rates, times the step. An
     eighth is allowed; a single wrong rate causes a larger error. `InvalidValue` names the first row with such
-    an error.
+    an error. The returned errors are sums over the joints [rad or m].
     """
     dt = float(table[TIME][-1]) / (len(rates) - 1)
     bends = np.abs(np.diff(rates, n=2, axis=0, prepend=rates[:1], append=rates[-1:]))

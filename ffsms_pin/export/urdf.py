@@ -26,7 +26,7 @@ def to_urdf(sms: SpaceManipulator, path: str | os.PathLike[str]) -> None:
     Links, joints and end effector keep their names, and shapes keep their poses and colours. The inertia of a
     moving link includes the links that are fixed to it. Limits are those of `sms.limits`; an infinite limit
     is written as 1e13. Meshes are copied into a folder NAME_meshes beside the file, but their textures are
-    not. An SRDF is copied, too.
+    not. An SRDF is copied to NAME.srdf.
 
     A URDF cannot have acceleration limits, a base box other than the first box of the base link, wheels or
     thrusters. Set acceleration limits and base box by arguments of `load`, and wheels and thrusters by
@@ -126,7 +126,7 @@ class _Meshes:
 
 
 def _geometries(item: Any, meshes: _Meshes) -> list[tuple[Any, str, dict[str, str]]]:
-    """Return pose in the shape's axes, URDF tag and attributes of each part; a capsule has three parts."""
+    """Return pose in the shape's axes, URDF tag and attributes of each part; only a capsule has several."""
     shape, here = item.geometry, pin.SE3.Identity()
     if isinstance(shape, coal.Box):
         return [(here, "box", {"size": spelt(2.0 * shape.halfSide)})]
