@@ -25,7 +25,7 @@ def run(arguments: argparse.Namespace) -> int:
     tool = sms.end_effector
     if arguments.mjcf is not None:
         write_content(arguments.mjcf, to_mjcf(sms))
-        say(f"MuJoCo model: {arguments.mjcf}; its site 'end_effector' is '{tool}'")
+        say(f"MuJoCo model: {arguments.mjcf}; its site 'end_effector' is at the frame '{tool}'")
     else:
         to_urdf(sms, arguments.urdf)
         say(f"URDF: {arguments.urdf}; its end effector is '{tool}'")

@@ -54,8 +54,9 @@ def read_csv(sms: SpaceManipulator, path: str | os.PathLike[str]) -> Trajectory:
     """Read a trajectory from a CSV file with the columns that `to_csv` writes; other columns are ignored.
 
     The start configuration is that of the first row, and the joint motion is the integral of the joint rates.
-    The base's motion follows from the momentum equation with the momentum and the mode in the file. Without
-    these columns the momentum is zero and the base floats. The target is the last end-effector position.
+    The base's motion follows from the momentum equation with the mode and the first row's momenta of system
+    and wheels. Without these columns the momenta are zero and the base floats. The target is the last
+    end-effector position.
 
     Raises
     ------

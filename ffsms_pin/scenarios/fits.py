@@ -48,7 +48,7 @@ _NEEDS: tuple[tuple[str, str, str], ...] = (
     ("plan.effort", "plan.method = horizon | reference.kind = re-planning", _OTHERS),
     ("plan.base", "plan.method = horizon | reference.kind = re-planning", _OTHERS),
     ("plan.time_limit", "plan.method = horizon", _OTHERS),
-    ("learn", "reference.kind = re-planning", "{}, because a plan made once uses no estimate"),
+    ("learn", "reference.kind = re-planning", "{}, because a motion planned once uses no estimate"),
     *((f"control.law = {law}", "wrist", _SENSOR) for law, made in LAWS.items() if made.needs_wrist),
     ("meet", "client", "a table {}"),
     ("contact", "meet", "a table {}"),
@@ -136,15 +136,15 @@ def _parts(tables: _Tables) -> Iterator[str]:
 def _conditions(tables: _Tables) -> Iterator[str]:
     """Yield messages about tables, keys and values that need or exclude others."""
     for condition, other, message in _EXCLUDES:
-        if _given(tables, condition) and _given(tables, other):
+        if _holds(tables, condition) and _holds(tables, other):
             yield message
     for condition, others, requirement in _NEEDS:
         needed = others.split(" | ")
-        if _given(tables, condition) and not any(_given(tables, other) for other in needed):
+        if _holds(tables, condition) and not any(_holds(tables, other) for other in needed):
             yield f"{_title(condition)} needs {requirement.format(_title(needed[0]))}"
 
 
-def _given(tables: _Tables, condition: str) -> bool:
+def _holds(tables: _Tables, condition: str) -> bool:
     """Return whether a condition holds; a missing key has its default."""
     path, _, value = condition.partition(" = ")
     table, _, key = path.partition(".")
