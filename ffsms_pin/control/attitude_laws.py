@@ -52,7 +52,8 @@ class QuaternionFeedback:
     Raises
     ------
     InvalidValue
-        A number out of range, or neither wheels nor thrusters; a `dump` without both.
+        An argument is out of range, the robot has neither wheels nor thrusters, or `dump` is given and the
+        robot does not have both.
     """
 
     held_parts = frozenset({"attitude"})
@@ -77,7 +78,7 @@ class QuaternionFeedback:
         self._thrusters = None if sms.thrusters is None else ThrusterAllocation(sms.thrusters, sms.base_com)
 
     def reset(self, dt: float) -> None:
-        """Clear the state of the last run; called before each run."""
+        """Clear the state of the last run; `simulate` calls this method before each run."""
         self.hold.reset()
         if self.dump is not None:
             self.dump.reset()
@@ -88,7 +89,10 @@ class QuaternionFeedback:
         return self.shared(view, turn, self._torque(view, turn))
 
     def shared(self, view: BaseView, turn: FloatArray, torque: FloatArray) -> BaseCommand:
-        """Return the command for a torque (3,) and a desired angular acceleration `turn` (3,) of the base."""
+        """Return the command for a torque (3,) [N m] on the base and its angular acceleration `turn` (3,).
+
+        Both are in root axes. If thrusters unload the wheels, the command compensates their moment.
+        """
         if self._wheels is None:
             assert self._thrusters is not None  # checked by `__init__`
             return BaseCommand(thruster_force=self._thrusters.forces(np.zeros(3), torque))
@@ -161,12 +165,12 @@ class Coordinated(ComputedTorque):
     """A computed torque law of the joints and the base's attitude together; the base's position is free.
 
     The joint torques and the torque on the base follow from the inverse dynamics of the whole system, without
-    an external force. The accelerations are qdd_d - K_d qd_e - K_p q_e for the joints, and w' of
+    a force on the base. The accelerations are qdd_d - K_d qd_e - K_p q_e for the joints, and w' of
     `AttitudeHold` for the base. A law for a floating arm assumes that the base reacts freely, and ignores the
-    wheel torques; this law includes them. Pass the same object to `simulate` as `controller` and as
+    torque on the base; this law includes it. Pass the same object to `simulate` as `controller` and as
     `base_controller`.
 
-    Proof: with an exact model and wheels within their limits, the joint errors follow the equation of
+    Proof: with an exact model and all actuators within their limits, the joint errors follow the equation of
     `ComputedTorque`, and the attitude error that of `AttitudeHold`, independently of each other.
 
     Sources: R. W. Longman, R. E. Lindberg, M. F. Zedd (1987), for the compensation of the arm's reaction
@@ -195,7 +199,8 @@ class Coordinated(ComputedTorque):
     Raises
     ------
     InvalidValue
-        A wrong shape, a gain that is not symmetric positive definite, or neither wheels nor thrusters.
+        An argument has a wrong shape or is out of range, a gain is not symmetric positive definite, or the
+        robot has neither wheels nor thrusters.
     """
 
     held_parts = QuaternionFeedback.held_parts
@@ -219,7 +224,7 @@ class Coordinated(ComputedTorque):
         self.base = QuaternionFeedback(sms, bandwidth, damping, attitude, dump=dump)
 
     def reset(self, dt: float | None = None) -> None:
-        """Clear the state of the last run; called before each run, with its control step [s]."""
+        """Clear the state of the last run; if `dt` [s] is None, the attitude law keeps its state."""
         super().reset(dt)
         if dt is not None:
             self.base.reset(dt)
@@ -228,9 +233,9 @@ class Coordinated(ComputedTorque):
         """Return the command for wheels and thrusters in this control step."""
         motion = Motion(self.sms, view.q, view.v, *view.wanted)
         turn = self.base.hold.acceleration(view.q, view.v)
-        torque, _ = held_dynamics(self.robot, view.q, view.v, turn, self._wanted(motion))
+        torque, _ = held_dynamics(self.robot, view.q, view.v, turn, self._acceleration(motion))
         return self.base.shared(view, turn, torque)
 
     def _inverse_dynamics(self, motion: Motion) -> FloatArray:
         turn = self.base.hold.acceleration(motion.q, motion.v)
-        return held_dynamics(self.robot, motion.q, motion.v, turn, self._wanted(motion))[1]
+        return held_dynamics(self.robot, motion.q, motion.v, turn, self._acceleration(motion))[1]

@@ -189,7 +189,7 @@ class StationKeeping:
     Raises
     ------
     InvalidValue
-        A number out of range, or no thrusters.
+        An argument is out of range, or the robot has no thrusters.
     """
 
     def __init__(
@@ -213,7 +213,7 @@ class StationKeeping:
         self._wheels = None if sms.wheels is None else WheelAllocation(sms.wheels)
 
     def reset(self, dt: float) -> None:
-        """Clear the state of the last run; called before each run."""
+        """Clear the state of the last run; `simulate` calls this method before each run."""
         self.hold.reset()
         self._held = self.place
 
@@ -260,10 +260,11 @@ class StationKeeping:
 class PulseWidth:
     """A modulator that turns desired thruster forces into pulses.
 
-    A period has at most one pulse, which begins with the period. A pulse lasts a whole number of control
-    steps, and no less than the least on-time. An impulse that is too small for a pulse is carried over to the
-    next periods, so that the mean force equals the desired force. If the missing impulse exceeds that of a
-    pulse over a whole period, the excess is dropped, because the thruster is too weak.
+    The period is rounded to a whole number of control steps. It has at most one pulse, which begins with the
+    period. A pulse lasts a whole number of control steps, at least the least on-time. An impulse that is too
+    small for a pulse is carried over to the next periods, so that the mean force equals the desired force. If
+    the missing impulse exceeds that of a pulse over a whole period, the excess is dropped, because the
+    thruster is too weak.
 
     Source: the pulse-width modulation of W. E. Vander Velde and J. He, "Design of space structure control
     systems using on-off thrusters", Journal of Guidance, Control, and Dynamics 6 (1983). The remainder is

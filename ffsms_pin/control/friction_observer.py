@@ -14,7 +14,7 @@ from ffsms_pin.control.step_observer import StepObserver
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.system import dynamics
 
-# Upper bound of the estimate as a share of a joint's torque limit; usually friction is some per cent of it.
+# Upper bound of the estimate, as a share of a joint's torque limit; friction is usually a few per cent.
 _SHARE = 0.25
 _SMOOTHING, _WINDOW = 0.05, 1.0  # [s] time constants of the smoothed measurements and of their averages
 # Squared partial correlations: below the first the estimate is not used, above the second it is used in full.
@@ -30,11 +30,12 @@ class FrictionObserver(StepObserver):
     change is tau_m = H_q qdd + C_q, at the middle of the step. For a robot with wheels or thrusters, tau_m is
     the joint torque for qdd and the measured acceleration of the base, for any force on the base. Let tau be
     the applied torque, and tau_k the known friction (negative for positive rates). The missing torque of each
-    joint is w = tau + tau_k - tau_m. It is fitted by F s + I qdd over the last second, with s = tanh(qd /
-    0.01 rad/s) and F at least zero. I absorbs the effect of a wrong inertia, such as that of an unknown
-    payload; a law that compensated this effect as friction would make the arm oscillate. The weight of F
-    rises from 0 to 1 with the squared partial correlation. This is the share of the variance of w that F s
-    explains after the regression on qdd.
+    joint is w = tau + tau_k - tau_m. It is fitted by F s + I qdd with a forgetting time of 1 s, where s =
+    tanh(qd / 0.01 rad/s), and F is between zero and a quarter of the joint's torque limit. I absorbs the
+    effect of a wrong inertia, such as that of an unknown payload; a law that compensated this effect as
+    friction would make the arm oscillate. The weight of F rises from 0 to 1 as the squared partial
+    correlation rises from 0.5 to 0.8. It is the share of the variance of w that F s explains after the
+    regression on qdd.
 
     Parameters
     ----------

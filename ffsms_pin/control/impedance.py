@@ -47,7 +47,7 @@ class _Compliant(JointLaw):
         return friction
 
     def _with_friction(self, torque: FloatArray, rates: FloatArray) -> FloatArray:
-        """Return a torque (n,) plus the compensation of the file's friction at desired rates (n,)."""
+        """Return a torque (n,) plus the compensation of the friction at desired rates (n,)."""
         self._kept.friction = -friction_torque(rates, self.sms.joint_damping, self.sms.joint_friction)
         total: FloatArray = torque + self._kept.friction
         return total
@@ -68,7 +68,7 @@ class Impedance(_Compliant):
     springs, and P the power of all external forces. V = T + U has dV/dt = P - qd^T D qd, for any momentum and
     any masses of the plant. The proof requires true joint angles and rates, the robot's true lengths, and
     torques below their limits. So the arm is stable in contact with any passive environment, such as a wall
-    or a client. Without momentum and disturbances T = qd^T H_q qd / 2, and the joints come to rest at q_d. A
+    or a client. Without momentum and disturbances T = qd^T H_q qd / 2, and a small error decays to zero. A
     constant force F displaces the end effector by F / stiffness from its place in a rigid system that drifts
     under F. With an exact model and without momentum, the arm follows a moving q_d without error.
 
@@ -106,7 +106,7 @@ class Impedance(_Compliant):
     Raises
     ------
     InvalidValue
-        A wrong shape, or a number that is not above zero.
+        An argument has a wrong shape or is out of range.
     """
 
     def __init__(
@@ -138,8 +138,8 @@ class Impedance(_Compliant):
         if _lost(motion):
             return np.full(self.sms.n, np.nan)
         now = advance(self.sms, motion.q, motion.q_d, self._kept.motions)
-        wanted = None if self._pose is None else pin.XYZQUATToSE3(motion.q[:7]).inverse() * self._pose
-        pull = self.spring.pull(self.sms, now, wanted)
+        set_point = None if self._pose is None else pin.XYZQUATToSE3(motion.q[:7]).inverse() * self._pose
+        pull = self.spring.pull(self.sms, now, set_point)
         self._kept.motions = now._replace(nullspace=pull.nullspace)
         H_q = now.first.H_q
         D = modal_damping(H_q, pull.stiffness, self.damping_ratio)
@@ -184,8 +184,8 @@ class Admittance(_Compliant):
     inertia : float
         Virtual inertia about any axis [kg m^2]. The default gives 7 rad/s with the default stiffness.
     K_p : array_like
-        Stiffness of the inner law [1/s^2], as for `ComputedTorque`. With the defaults, this law is critically
-        damped with a time constant of 0.05 s, stiff compared with the spring.
+        Stiffness of the inner law [1/s^2], as for `ComputedTorque`. With the defaults, the inner law is
+        critically damped with a time constant of 0.05 s, stiff compared with the spring.
     K_d : array_like
         Damping of the inner law [1/s].
     torque_limit : array_like, optional
@@ -194,7 +194,7 @@ class Admittance(_Compliant):
     Raises
     ------
     InvalidValue
-        A wrong shape, or a number that is not above zero.
+        An argument has a wrong shape or is out of range.
     """
 
     _gains = (*_Compliant._gains, "mass", "inertia", "K_p", "K_d")
@@ -222,11 +222,7 @@ class Admittance(_Compliant):
         self._kept = Kept(self._start(1e-3))
 
     def _start(self, dt: float) -> dict[str, Any]:
-        """Return the initial state of the law for a control step of dt [s].
-
-        The state has the commanded and the desired motion, the joint displacement x and its rate (n,), and
-        the last and the filtered wrench at the wrist (6,).
-        """
+        """Return the state of the law at the start of a run with control steps of dt [s]."""
         still, nothing = np.zeros(self.sms.n), np.zeros(6)
         wrenches = {"wrench": nothing, "smooth": nothing}
         return {
@@ -239,19 +235,19 @@ class Admittance(_Compliant):
         }
 
     def reset(self, dt: float | None = None) -> None:
-        """Clear the state of the last run, before a run with control steps of dt [s]."""
+        """Clear the state of the last run, before a run with control steps of dt [s]; None keeps dt."""
         dt = self._kept.dt if dt is None else checks.positive("dt", dt, "s")
         vars(self._kept).update(self._start(dt))
 
     def observe_wrench(self, t: float, wrench: FloatArray) -> None:
-        """Store the measured wrench at t [s] on the end effector (6,), in its axes [N; N m]."""
+        """Store and filter the wrench (6,) on the end effector at t [s], in end-effector axes [N; N m]."""
         kept = self._kept
-        lag = 0.5 * np.trace(self.K_d) / np.trace(self.K_p)  # the time constant of critically damped gains
+        lag = 0.5 * np.trace(self.K_d) / np.trace(self.K_p)  # [s] time constant of the inner law
         kept.smooth = kept.smooth + kept.dt / (kept.dt + lag) * (wrench - kept.smooth)
         kept.wrench = wrench
 
     def time_constants(self, q: ArrayLike) -> FloatArray:
-        """Return the time constants (4 n,) [s], ascending, of displacement and joint error at rest."""
+        """Return the time constants (4 n,) [s], ascending, of x and of the inner law's error at rest."""
         now = _at_rest(self.sms, q)
         pull = self.spring.pull(self.sms, now)
         M, eye = self._inertia(now, pull), np.eye(self.sms.n)
@@ -278,20 +274,20 @@ class Admittance(_Compliant):
             (pull.axes @ F[:3]) @ J[:3] + (pull.axes @ F[3:]) @ J[3:] for F in (kept.wrench, kept.smooth)
         )
         acceleration = np.linalg.solve(M, pull.torque + load - D @ kept.rate)
-        wanted = motion.qdd_d + acceleration - self.K_d @ (motion.qd_e - kept.rate)
-        wanted -= self.K_p @ (motion.q_e - kept.displacement)
+        qdd = motion.qdd_d + acceleration - self.K_d @ (motion.qd_e - kept.rate)
+        qdd -= self.K_p @ (motion.q_e - kept.displacement)
         kept.motions, kept.rate = now._replace(nullspace=pull.nullspace), kept.rate + kept.dt * acceleration
         kept.displacement = kept.displacement + kept.dt * kept.rate
-        torque = dynamics.floating_torque(sms, motion.q, motion.v, wanted) - compensated
+        torque = dynamics.floating_torque(sms, motion.q, motion.v, qdd) - compensated
         return self._with_friction(torque, motion.qd_d + kept.rate)
 
 
 def _lost(motion: Motion) -> bool:
-    """Return whether an error is not finite, or above 1e9 rad or rad/s."""
+    """Return whether a position error is not finite, or an error is at least 1e9 rad or rad/s."""
     return not max(np.abs(motion.q_e).max(), np.abs(motion.qd_e).max()) < checks.LARGEST
 
 
 def _at_rest(sms: SpaceManipulator, q: ArrayLike) -> MotionPair:
-    """Return two motions in the same configuration q (nq,)."""
+    """Return a pair of motions with the same configuration q (nq,)."""
     here = posture(sms, sms.checked_configuration("q", q))
     return MotionPair(here, here, np.eye(3), np.zeros(sms.n))

@@ -1,4 +1,4 @@
-"""Joint laws: their common part, the paper's sliding mode, PD and computed torque."""
+"""The base class of joint laws, and the paper's sliding mode, PD and computed torque laws."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from ffsms_pin.system.dynamics import floating_motion
 class Motion:
     """A measured state `q`, `v` and a desired joint motion, as arrays.
 
-    Errors are q_e = q - q_d [rad] and qd_e = qd - qd_d [rad/s].
+    The errors are q_e = q - q_d [rad] and qd_e = qd - qd_d [rad/s].
     """
 
     def __init__(self, sms: SpaceManipulator, q: Any, v: Any, q_d: Any, qd_d: Any, qdd_d: Any) -> None:
@@ -36,7 +36,7 @@ class Motion:
 
 
 class Kept(threading.local):
-    """The state of a law during a run, one per thread; a new thread begins with the initial values."""
+    """The state of a law during a run, one per thread; each thread begins with the initial values."""
 
     def __init__(self, values: dict[str, Any]) -> None:
         vars(self).update(values)
@@ -114,8 +114,8 @@ class JointLaw(Observer, ABC):
         Returns
         -------
         ndarray, shape (n,)
-            Joint torques [N m] within `torque_limit`. They are NaN if the state has NaN or overflows;
-            `simulate` then ends the run.
+            Joint torques [N m] within `torque_limit`. Some are NaN if the state is not finite or the law
+            overflows; `simulate` then ends the run.
         """
         with np.errstate(over="ignore", invalid="ignore"):
             tau = self._law(Motion(self.sms, q, v, q_d, qd_d, qdd_d))
@@ -197,9 +197,9 @@ class SlidingModeController(JointLaw):
 
     tau = H_q (qdd_d - Gamma qd_e) + C_q - K_s sat(s / boundary),  s = qd_e + Gamma q_e,
 
-    with q_e = q - q_d and qd_e = qd - qd_d. sat limits every entry to -1 and 1 (paper, Eq. sliding_surface
-    and control_torque). The torque is then limited to `torque_limit`. H_q and C_q are those of the measured q
-    and v.
+    with q_e = q - q_d and qd_e = qd - qd_d. sat limits every entry to the range -1 to 1 (paper, Eq.
+    sliding_surface and control_torque). The torque is then limited to `torque_limit`. H_q and C_q are those
+    of the measured q and v.
 
     With an exact model and torques within their limits, H_q ds/dt = -K_s sat(s / boundary), and on s = 0 the
     error decays as exp(-Gamma t). K_s determines how fast s = 0 is reached:
@@ -207,10 +207,10 @@ class SlidingModeController(JointLaw):
     - Outside the boundary layer ds/dt = -H_q^-1 K_s sign(s), so the rate does not depend on the size of s.
     - Inside, s decays exponentially, with time constants of about H_q boundary / K_s (`time_constants`).
 
-    The defaults are the paper's gains for its planar system. With these gains the arm follows a plan from its
-    own configuration, but an initial error of 20 mrad remains for longer than 12 s. Ten times the paper's
-    K_s removes this error. In a sampled loop, the shortest time constant should be longer than the control
-    step; below half of the control step, the torque chatters.
+    The defaults are the paper's gains for its planar system. With these gains the arm follows a plan that
+    starts at its configuration, but an initial error of 20 mrad remains for longer than 12 s. Ten times the
+    paper's K_s removes this error. In a sampled loop, the shortest time constant should be longer than the
+    control step; below half of the control step, the torque chatters.
 
     Proof (paper, appendix): V = s^T H_q s / 2 has dV/dt = -s^T K_s sat(s / boundary) + s^T (dH_q/dt) s / 2.
     The paper neglects the last term. V therefore decreases for certain only if the first term dominates, as
@@ -293,7 +293,7 @@ class PD(JointLaw):
     K_p : array_like
         Stiffness [N m/rad]: one number, a diagonal (n,), or a symmetric positive definite matrix.
     K_d : array_like
-        Damping [N m s/rad], in the same forms as K_p. K_d times the control step must be smaller than the
+        Damping [N m s/rad], in the same forms as K_p. K_d times the control step should be smaller than the
         smallest eigenvalue of H_q. The default suits the paper's planar system, whose smallest eigenvalue is
         0.002 kg m^2, at a control step of 1 ms.
     torque_limit : array_like, optional
@@ -333,10 +333,10 @@ class ComputedTorque(JointLaw):
           + F tanh(u / 0.01 rad/s),  u = qd_d - K_d^-1 K_p q_e
 
     F is the estimated Coulomb friction in addition to `coulomb` (`FrictionObserver`). Without F, a friction
-    of 0.05 N m leaves an error of 1 rad at a wrist of 0.001 kg m^2. H_q and C_q include the estimated payload
-    (`PayloadObserver`, the law's `robot`). Without this estimate, a wrist with an unknown payload diverges
-    from its reference. Both estimates begin with `reset`, which `simulate` calls before a run; a single call
-    of `torque` includes neither. For a robot with thrusters, no payload is estimated.
+    of 0.05 N m leaves an error of up to 2 rad at a wrist of 0.001 kg m^2. H_q and C_q include the estimated
+    payload (`PayloadObserver`, the law's `robot`). Without this estimate, a wrist with an unknown payload can
+    diverge from its reference. Both estimates begin with `reset`, which `simulate` calls before a run; a
+    single call of `torque` includes neither. For a robot with thrusters, no payload is estimated.
 
     After `joint_failed` for a limp joint, the torques of the other joints take into account that the limp
     joint moves passively.
@@ -374,7 +374,7 @@ class ComputedTorque(JointLaw):
     Raises
     ------
     InvalidValue
-        A wrong shape, or a gain that is not symmetric positive definite.
+        An argument has a wrong shape or is out of range, or a gain is not symmetric positive definite.
     """
 
     compensates_friction = True
@@ -404,7 +404,10 @@ class ComputedTorque(JointLaw):
         self._kept = Kept({"observer": None, "payload": None, "friction": np.zeros(sms.n), "limp": none})
 
     def reset(self, dt: float | None = None) -> None:
-        """Begin a run with control steps of dt [s]; if dt is None, friction and payload are not estimated."""
+        """Clear the state of the last run, before a run with control steps of dt [s].
+
+        If dt is None, friction and payload are not estimated.
+        """
         observer = payload = None
         if dt is not None and self.adaptive:
             known = self.viscous, self.coulomb
@@ -437,17 +440,17 @@ class ComputedTorque(JointLaw):
         self.sms.checked_configuration("q", q)
         return time_constants(np.eye(self.sms.n), self.K_d, self.K_p)
 
-    def _wanted(self, motion: Motion) -> FloatArray:
+    def _acceleration(self, motion: Motion) -> FloatArray:
         """Return the joint accelerations (n,) [rad/s^2] at which the error decays."""
-        wanted: FloatArray = motion.qdd_d - self.K_d.dot(motion.qd_e) - self.K_p.dot(motion.q_e)
-        return wanted
+        qdd: FloatArray = motion.qdd_d - self.K_d.dot(motion.qd_e) - self.K_p.dot(motion.q_e)
+        return qdd
 
     def _inverse_dynamics(self, motion: Motion) -> FloatArray:
-        """Return the torques (n,) for the joint accelerations of `_wanted`, without friction.
+        """Return the torques (n,) for the joint accelerations of `_acceleration`, without friction.
 
         The accelerations of limp joints result from those of the other joints.
         """
-        torque = dynamics.floating_torque(self.robot, motion.q, motion.v, self._wanted(motion))
+        torque = dynamics.floating_torque(self.robot, motion.q, motion.v, self._acceleration(motion))
         limp: NDArray[np.bool_] = self._kept.limp
         if not limp.any():
             return torque

@@ -17,10 +17,10 @@ from ffsms_pin.system.regressors import PER_BODY, parameters_of, pseudo_inertia,
 _SMOOTHING, _WINDOW = 0.05, 2.0  # [s] time constants of the smoothed measurements and of the sums
 _PERIOD = 0.02  # [s] between two least squares solutions
 _SHARE = 0.1  # prior deviation from no payload, as a share of the robot's mass and of the arm's length
-_NOISE = 2e-3  # [m/s^2, rad/s^2] standard deviation of the averaged rows
+_NOISE = 2e-3  # [m/s^2, rad/s^2] assumed standard deviation of the noise in the averaged rows
 _LEAST = 1e-5  # [m/s^2, rad/s^2] least size of the base's rows; smaller rows may be rounding errors
 _EXPLAINED = 0.9  # adjusted coefficient of determination above which a payload is accepted
-_WORSE = 2.0  # an accepted payload that increases the variance of the base's rows by this factor is rejected
+_WORSE = 2.0  # an accepted payload is dropped if it increases the variance of the base's rows by this factor
 _ROUNDS = 10  # iterations of a solution, warm-started from the last solution
 _CONVERGED = 1e-4  # relative change in an iteration at convergence
 _CHANGE = 0.02  # relative change of the payload above which the robot model is updated
@@ -33,13 +33,14 @@ class PayloadObserver(StepObserver):
     nonlinear effects at the middle of the step, and tau the joint torques less the expected friction. Without
     a force on the base, the missing force is w = [0; tau] - M a - b. For a payload with the parameters phi,
     w = Y phi, where Y(q, v, a) is the regressor of the end effector's link. The rows of w and Y are divided
-    by the diagonal of M and averaged over 0.05 s. phi is the least squares solution over the last 2 s, with a
-    prior around zero, among the physically consistent parameters.
+    by the diagonal of M and averaged over 0.05 s. phi is the least squares solution among the physically
+    consistent parameters, with a forgetting time of 2 s. The prior is around the last solution, at first
+    zero.
 
-    phi is accepted if it explains 90 % of the variance of the base's rows. Joint torques do not enter these
-    rows, so friction, weak drives and failed joints cannot be mistaken for a payload, but external forces
-    can. For a robot with wheels the moments on the base are left out, because the wheel torques are not
-    measured.
+    phi is accepted if it explains 90 % of the variance of the base's rows (adjusted coefficient of
+    determination). Joint torques do not enter these rows, so friction, weak drives and failed joints cannot
+    be mistaken for a payload, but external forces can. For a robot with wheels the moments on the base are
+    left out, because the wheel torques are not measured.
 
     Parameters
     ----------
@@ -98,9 +99,8 @@ class PayloadObserver(StepObserver):
             self._solve()
 
     def _solve(self) -> None:
-        """Update the robot if a payload explains the missing force."""
-        # The number of independent rows.
-        count = (self._base.stop / _SMOOTHING) * min(self._steps * self._dt, _WINDOW)
+        """Update the robot if a payload explains the missing force, or if the last payload no longer does."""
+        count = (self._base.stop / _SMOOTHING) * min(self._steps * self._dt, _WINDOW)  # independent rows
         left = count - PER_BODY - 1.0
         if left <= 0.0 or self._of_base[-1, -1] < _LEAST**2:
             return
@@ -130,7 +130,7 @@ class PayloadObserver(StepObserver):
         """Return the physically consistent parameters (10,) that fit best, in prior standard deviations.
 
         Least squares solutions alternate with projections on the consistent parameters. Each solution uses
-        the `inverse` (10, 10) of the normal matrix and a prior around the last estimate. So mainly
+        the `inverse` (10, 10) of the normal matrix and a prior around the last projection, so mainly
         unobservable parameters change.
         """
         units, share = np.outer(self._length, self._length), self._near

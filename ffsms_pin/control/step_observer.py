@@ -1,4 +1,4 @@
-"""The measured control steps for the observers of friction and payload."""
+"""The measured control steps, and the base class of the observers of friction and payload."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class MeasuredStep(NamedTuple):
     q, v : ndarray, shape (nq,), (6 + n,)
         The state at the middle of the step, with the mean velocity.
     acceleration : ndarray, shape (6 + n,)
-        The change of the velocity over the step, divided by the control step.
+        The change of the velocity over the step, divided by the control step [m/s^2; rad/s^2].
     tau : ndarray, shape (n,)
         The applied joint torques less the expected friction [N m].
     """
@@ -33,7 +33,7 @@ class MeasuredStep(NamedTuple):
 
 
 class StepObserver:
-    """The common part of observers that compare measured accelerations with those of a model.
+    """The base class of observers that compare measured accelerations with those of a model.
 
     Parameters
     ----------
@@ -50,7 +50,7 @@ class StepObserver:
         self._last: tuple[FloatArray, FloatArray, FloatArray] | None = None
 
     def acted(self, q: FloatArray, v: FloatArray, tau: FloatArray) -> None:
-        """Store the measured state and the torques (n,) at the beginning of a control step."""
+        """Store the measured state and the torques (n,) [N m] at the beginning of a control step."""
         self._last = q.copy(), v.copy(), tau
 
     def _measured(self, q: FloatArray, v: FloatArray) -> MeasuredStep | None:

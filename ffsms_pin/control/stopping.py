@@ -23,21 +23,22 @@ STEPS = 4.0  # control steps in the shortest time constant of braking
 class StoppingLaw:
     """A joint torque law that brakes all joints within their torque limits; each braking needs a new law.
 
-    Without limits the torque is tau* = -k H_q qd, with the reduced inertia matrix H_q, so all joints
-    decelerate alike: qdd = -k qd. With limits the torque is the nearest to tau* within the limits, in the
-    metric of H_q^-1. The rate k is 1 / `time`, or larger if a joint would otherwise reach its stop, but at
-    most 1 / (4 dt).
+    Without limits the torque is tau* = -k H_q qd, with the reduced inertia matrix H_q. Apart from Coriolis
+    and centrifugal effects, all joints then decelerate at the same rate, qdd = -k qd. With limits the torque
+    is the nearest to tau* within the limits, in the metric of H_q^-1. The rate k is 1 / `time`, or larger if
+    a joint would otherwise reach its stop, but at most 1 / (4 dt).
 
-    Limp joints have no torque. The other joints are braked with the inertia matrix of an arm whose limp
-    joints move passively, the Schur complement of H_q.
+    Limp joints have no torque. For the other joints, the Schur complement of H_q replaces H_q, because limp
+    joints move passively.
 
     With wrong masses, such as an unknown payload, this torque alone would accelerate light joints while the
-    others slow down. So a correction is added: the integral of H_q (-k qd - qdd) / 0.02 s with the measured
-    rates qd and accelerations qdd.
+    others slow down. So the integral of H_q (-k qd - qdd) / 0.02 s is added to tau*, with the measured rates
+    qd and accelerations qdd.
 
     The torque dissipates energy for any masses, because of a constraint on its power. Let tau_s be tau*
-    scaled down into the limits. Its power qd^T tau_s is negative, because H_q is positive definite. The power
-    qd^T tau must be at most half of it. tau_s satisfies all constraints, so the problem is feasible.
+    without the correction, scaled down into the limits. The power qd^T tau_s is negative, because H_q is
+    positive definite. The power qd^T tau must be at most half of qd^T tau_s. tau_s satisfies all constraints,
+    so the problem is feasible.
 
     Parameters
     ----------
@@ -45,7 +46,7 @@ class StoppingLaw:
     dt : float
         Control step [s].
     torque_limit : array_like
-        Largest size of each torque [N m], one number or (n,), infinite for no limit.
+        Largest magnitude of each torque [N m], one number or (n,), infinite for no limit.
     time : float
         Time constant of braking [s].
     """
@@ -64,7 +65,7 @@ class StoppingLaw:
         self._last: tuple[FloatArray, FloatArray] | None = None  # rates and correction of the last step
 
     def torque(self, q: FloatArray, v: FloatArray, limp: NDArray[np.bool_] | None = None) -> FloatArray:
-        """Return the joint torques (n,) [N m] at a measured state; those of `limp` joints (n,) are zero."""
+        """Return the joint torques (n,) [N m] at a measured state, zero for the joints of the mask `limp`."""
         driven = np.ones(self.sms.n, dtype=bool) if limp is None else ~limp
         M = dynamics.inertia_matrix(self.sms, q)
         H, rates, most = M[6:] @ floating_motion(M), v[6:][driven], self.torque_limit[driven]
@@ -94,7 +95,7 @@ class StoppingLaw:
         return correction + self._gain * (H @ missing)
 
     def _rate(self, q: FloatArray, rates: FloatArray) -> float:
-        """Return the rate k [1/s]: 1 / `time`, or more if a joint would reach its stop."""
+        """Return the rate k [1/s], larger than 1 / `time` if a joint would otherwise reach its stop."""
         limits, joints = self.sms.limits, self.sms.layout.positions(q)
         slack = np.where(rates > 0.0, limits.upper - joints, joints - limits.lower)
         needed = np.abs(rates) / np.maximum(slack - _RESERVE, 1e-6)

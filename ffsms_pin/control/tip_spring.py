@@ -4,8 +4,8 @@ Except for the drift by momentum, the joint motion alone determines the motion o
 effector. So both motions are rolled out from one base, in a frame C that drifts with the system. The origin
 of C is the centre of mass, and C rotates with the part of the base's rotation that the joints do not cause.
 Relative to C the first end effector moves with J_star qd, for any external forces and any true masses,
-because J_star and C belong to the same model. The joint torques J_star^T f of a force f = -dU/dx are hence
-the negative gradient of U with respect to the joints, so the spring is passive.
+because J_star and C belong to the same model. So the joint torques J_star^T f of a force f = -dU/dx are the
+negative gradient of U with respect to the joints, and the spring is passive.
 """
 
 from __future__ import annotations
@@ -91,10 +91,11 @@ def _displacement(sms: SpaceManipulator, start: Posture, end: Posture) -> tuple[
 
 
 class Pull(NamedTuple):
-    """The result of a `TipSpring`: `torque` (n,), joint `stiffness` (n, n) and `energy` [J].
+    """The result of a `TipSpring`: `torque` (n,) [N m], joint `stiffness` (n, n) and `energy` [J].
 
-    `J_star` (6, n) and the attitude `axes` (3, 3) are those of the first end effector, in its root's axes.
-    `nullspace` (n,) is the displacement of `MotionPair`, projected on the end effector's nullspace.
+    The force limit does not reduce the stiffness. `J_star` (6, n) and the attitude `axes` (3, 3) are those of
+    the first end effector, in its root's axes. `nullspace` (n,) is the displacement of `MotionPair`,
+    projected on the end effector's nullspace.
     """
 
     torque: FloatArray
@@ -132,7 +133,8 @@ class TipSpring:
     def pull(self, sms: SpaceManipulator, now: MotionPair, desired: Any = None) -> Pull:
         """Return the effect of the spring on the joints of `now.first`.
 
-        `desired` (pinocchio.SE3) replaces the end effector's pose of `now.second`.
+        `desired` (pinocchio.SE3), in the axes of the first root, replaces the end effector's pose of
+        `now.second`.
         """
         first, second = now.first, now.second
         if desired is None:
