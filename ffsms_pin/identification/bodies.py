@@ -29,12 +29,12 @@ class UnknownBody:
     name : str
         "base", "payload", or the name of a link or joint.
     index : int
-        The index of the body; for a payload, the index of the link that carries the payload. The base has the
-        index 0, and the body that joint i moves (i from 0) has the index i + 1.
+        The index of the body: 0 for the base, i + 1 for the body that joint i moves (i from 0). A payload has
+        the index of the link that carries it.
     added : bool
         True for a payload, whose parameters add to those of the body `index`.
     believed : ndarray, shape (10,)
-        The prior parameters in the frame of body `index`.
+        The prior parameters in the frame of body `index`, in Pinocchio's order.
     deviation : ndarray, shape (10,)
         The standard deviations of the prior parameters.
     free : ndarray of bool, shape (10,)
@@ -81,8 +81,10 @@ def known_bodies(sms: SpaceManipulator, known: Mapping[str, Any]) -> Known:
 def unknown_bodies(known: Known, unknown: Sequence[str], spread: float) -> list[UnknownBody]:
     """Return the bodies named in `unknown`, with their priors.
 
-    The prior deviations are `spread` times the body's mass, first moments and inertia. The deviations of a
-    payload without a prior are those of a body with the mass of the robot and the base's radius of gyration.
+    The prior deviations of mass, first moments and inertias are `spread` times m, m r and m r^2, with the
+    body's mass m and its radius of gyration r about the origin of its frame. For a payload without a prior,
+    `spread` is not used; m is the mass of the robot, and r is the base's radius of gyration about its centre
+    of mass.
     """
     if isinstance(unknown, str) or not isinstance(unknown, Sequence) or not unknown:
         example = "a list of names such as ['base'], ['base', 'payload'] or link names"

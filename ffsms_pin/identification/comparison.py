@@ -19,10 +19,10 @@ _NOTHING = 1e-6  # share of the robot's mass below which a body is treated as ma
 def compared(identifier: Identifier, plant: SpaceManipulator) -> dict[str, Any]:
     """Return prior ("believed"), estimated ("learnt") and true mass properties of the unknown bodies.
 
-    The properties are the mass [kg], the centre of mass in the link's frame (3,) [m], and the inertia about
-    the centre of mass (3, 3) [kg m^2]; the last two are None for a massless body. A true payload is the
-    difference between the plant's link and the model's link. If an external force made the estimate
-    inconsistent, the estimate is None and the note has the reason.
+    `plant` is the true robot. The properties are the mass [kg], the centre of mass in the link's frame (3,)
+    [m], and the inertia about the centre of mass (3, 3) [kg m^2]; the last two are None for a massless body.
+    A true payload is the difference between the plant's link and the model's link. If the estimate is
+    inconsistent, as after an external force, it is None and the note has the reason.
     """
     note, estimate = "", None
     try:

@@ -43,7 +43,7 @@ def nearest_consistent(
 
     A consistent estimate is returned unchanged. `free` (b, 10) is True for the k unknown parameters; known
     parameters keep their values. `information` (k, k) is the information matrix of the unknown parameters.
-    `scales` (b, 10) are typical magnitudes. If `near` (b, 10) is given, the search begins there.
+    `scales` (b, 10) are typical magnitudes. If `near` (b, 10) is given, a short search begins there.
     """
     if all(map(consistent, estimate, scales)):
         return estimate
@@ -104,6 +104,6 @@ def _lower(numbers: FloatArray) -> FloatArray:
 
 
 def _unit(scale: FloatArray) -> FloatArray:
-    """Return the factors (4,) of rows and columns of a pseudo-inertia of the magnitude `scale` (10,)."""
+    """Return factors (4,) of the rows and columns of a pseudo-inertia, from magnitudes `scale` (10,)."""
     length = np.sqrt(scale[4] / scale[0])
     return np.asarray(np.sqrt(scale[0]) * np.array([length, length, length, 1.0]))

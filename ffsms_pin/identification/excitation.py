@@ -42,14 +42,15 @@ class Excitation(Term):
     Parameters
     ----------
     identifier : Identifier
-        The identifier of the unknown bodies, with prior deviations and sensors; its samples are not used.
+        The identifier of the unknown bodies, with prior deviations and sensors. The information of its
+        samples is not used.
     plan : Trajectory
         The plan about which the term is linearised; the arm must move.
     weight : float
         The weight of the term [1/s]. The momenta in the term are divided by their root mean square in the
         plan.
     directions : int
-        The number of parameter combinations in the term; the most uncertain combinations are used.
+        The number of parameter combinations in the term, beginning with the most uncertain observable one.
 
     Raises
     ------
@@ -141,7 +142,10 @@ class Excitation(Term):
         return bodies
 
     def _momentum(self, parameters: FloatArray, body: tuple[FrameVariable, Any, Any]) -> tuple[Any, Any]:
-        """Return the linear and angular momentum that a body would have with `parameters` (10,)."""
+        """Return the momentum that a body would have with `parameters` (10,): linear and angular.
+
+        The angular momentum is about the start position of the plan's root.
+        """
         frame, velocity, angular_velocity = body
         m, cx, cy, cz, xx, xy, yy, xz, yz, zz = parameters
         moment, inertia = frame.axis([cx, cy, cz]), np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])

@@ -2,7 +2,7 @@
 
 A joint's motion is a window function times a sum of harmonics, so it begins and ends at the start position
 at rest. The coefficients of the harmonics minimise the expected standard deviations of the parameters, mostly
-the largest ones. Each joint's motion is scaled to keep the limits of position, rate and acceleration. Then
+the largest ones. Each joint's motion is scaled to 95 % of its limits of position, rate and acceleration. Then
 the whole motion is scaled down until it keeps all other limits.
 
 References
@@ -81,7 +81,7 @@ def exciting_motion(
     harmonics : int
         The number of harmonics of 1 / `duration` in a joint's motion.
     starts, iterations : int
-        The number of random candidates, and the number of descent steps from the best candidate.
+        The number of random candidates, and the largest number of descent steps from the best candidate.
     seed : int
         The seed of the candidates.
 
@@ -141,7 +141,7 @@ class _Search:
         return window * waves, rate * (slope * waves + window * slopes)
 
     def rates(self, coefficients: FloatArray, nodes: int) -> FloatArray:
-        """Return joint rates (nodes, n), scaled to the limits of position, rate and acceleration."""
+        """Return joint rates (nodes, n), scaled to 95 % of the limits of position, rate and acceleration."""
         basis, slope = self._basis(nodes)
         c = coefficients.reshape(self.shape)
         travel, rates = basis.T @ c, slope.T @ c
@@ -172,7 +172,7 @@ class _Search:
         return float(np.mean(left**_WORST) ** (1.0 / _WORST))
 
     def first(self, coefficients: FloatArray) -> float:
-        """Return the sum of the deviations' logarithms, and store which parameters are observable."""
+        """Return the sum of the deviations' logarithms, and add observable parameters to the stored mask."""
         left = self.deviations(self.rates(coefficients, _NODES), self._coarse)
         shown = left < 0.9
         self._shown = shown if self._shown is None else self._shown | shown

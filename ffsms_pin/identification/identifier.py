@@ -28,9 +28,9 @@ _NOISE = 4.0  # largest mean square of weighted residuals that noise explains
 # Least share of the prior variances in the weights. Without it, samples without motion would get such large
 # weights that their noise outweighs the samples with motion.
 _DOUBT = 0.05**2
-_LEAST_SCALE = 0.5  # lower bound of the noise's variance scale, for exact data
+_LEAST_SCALE = 0.5  # lower bound of the factor on the noise's variance, reached with exact data
 _ROUNDING = 1e-14  # rounding error of the information, relative to its largest eigenvalue
-_CERTAIN = 0.3  # largest remaining share of the uncertainty at which plans begin to use an estimate
+_CERTAIN = 0.3  # largest remaining share of the uncertainty at which plans use an estimate
 _CHANGED = 3e-3  # least change of the unknown bodies' momentum, as a share, for which plans use an estimate
 _FEWEST = 10  # number of samples before an estimate is used
 _SIGNIFICANT = 4.0  # standard deviations of noise that the information of a direction must exceed
@@ -42,8 +42,8 @@ class Identifier(Learner):
 
     Without external forces the total momentum about a fixed point is constant, and it is linear in the
     inertial parameters. Each sample adds six equations to sums of fixed size (`MomentumFilter`), in which the
-    constant momentum is unknown, too. Wheels may turn if their momentum is given. The property
-    `found` has the estimate.
+    constant momentum is unknown, too. Wheels may turn if their momentum is given. The property `found` is the
+    estimate.
 
     Parameters
     ----------
@@ -57,11 +57,13 @@ class Identifier(Learner):
         default suits nearly exact measurements: the same deviation for all velocities, scaled by the
         residuals, and no bias. `identify` estimates the noise from the recording.
     known : mapping, optional
-        Values by the name of a body. A mass [kg] is not estimated. A `pinocchio.Inertia` replaces the model's
-        inertia as prior; for "payload" it is in the frame of the link that carries the end effector. In a
-        scenario file a body is a table of `mass`, `inertia` (about the centre of mass) and `com`.
+        Known values by the name of a body. If only a mass [kg] is given, this mass is not estimated. A
+        `pinocchio.Inertia` replaces the model's inertia as prior; for "payload" it is in the frame of the
+        link that carries the end effector. In a scenario file a body is a table of `mass`, `inertia` (about
+        the centre of mass) and `com`.
     spread : float
-        The prior standard deviation as a share of a body's mass, first moments and inertia.
+        The prior standard deviation, as a share of m, m r and m r^2 for mass, first moments and inertias. m
+        is the body's mass, and r its radius of gyration about the origin of its link's frame.
     at_rest : bool
         True if the total momentum is zero. Default: the momentum is constant and unknown.
 
@@ -201,7 +203,7 @@ class Identifier(Learner):
         self._filter.add(Z, self._weight)
 
     def weigh_by(self, other: Identifier) -> None:
-        """Compute the weights of all samples from the estimate of another identifier of the same bodies.
+        """Compute the weights of later samples from the estimate of another identifier of the same bodies.
 
         The noise of the momentum is the noise of the velocities times the parameters, so weights depend on
         the estimate. By default the identifier uses its own estimate.
@@ -222,7 +224,7 @@ class Identifier(Learner):
         """Compute the weight of a sample, and the expected contribution of its noise to the information.
 
         Velocities multiply the unknown parameters, so their noise adds to the squares of the regression and
-        would make estimates too small. `A` (6, 6 + n) maps velocities to momentum at the prior parameters.
+        would bias estimates towards the prior. `A` (6, 6 + n) maps velocities to the momentum of `robot`.
         """
         rows = self._filter.slopes(q, A)
         if unseen:
@@ -281,7 +283,8 @@ class Identifier(Learner):
     def pushed(self) -> None:
         """Treat the total momentum as a new unknown constant from the next sample on.
 
-        Call this method after an external force, such as that of thrusters; the information so far is kept.
+        Call this method after an external force, such as that of thrusters. The information about the
+        parameters is kept.
         """
         self._filter.pushed(self.at_rest)
         self.at_rest = False
@@ -290,7 +293,8 @@ class Identifier(Learner):
     def add_equations(self, rows: FloatArray, sides: FloatArray) -> None:
         """Add weighted linear equations: rows (R, 10 b) times the parameter change equal `sides` (R,).
 
-        The residuals of these equations scale their noise, separately from the noise of the momentum.
+        The change is relative to the prior. The residuals of these equations scale their noise, separately
+        from the noise of the momentum.
         """
         Z = np.column_stack([rows @ self._filter.basis, -sides])
         self._other += Z.T @ Z
@@ -372,7 +376,7 @@ class Identifier(Learner):
 
     @property
     def found(self) -> Identification:
-        """The physically consistent estimate from all samples so far."""
+        """The physically consistent estimate from all samples so far, computed at each access."""
         return identification_of(self)
 
 

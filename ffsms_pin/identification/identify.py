@@ -20,7 +20,7 @@ from ffsms_pin.simulation import Sensors, Tracking
 from ffsms_pin.system.regressors import PER_BODY, torque_regressor
 
 _BLOCK = 0.1  # [s] averaging time of torques, because accelerations are differences of noisy velocities
-_TORQUE_SHARE = 1e-3  # default noise of torques as a share of the largest torque
+_TORQUE_SHARE = 1e-3  # least standard deviation of torques, as a share of the largest torque
 
 
 def identify(
@@ -42,8 +42,8 @@ def identify(
     """Estimate masses, centres of mass and inertias from a motion of the floating robot.
 
     An `Identifier` processes the whole recording. It uses the constant total momentum; torques add the
-    joints' equations of motion, which determine the scale of all parameters. The recording is checked first:
-    a gap in time, a frozen sensor, or values in degrees raise an error.
+    joints' equations of motion, which determine the scale of all parameters. The recording is checked first.
+    For example, a gap in time, a frozen sensor, or values in degrees raise an error.
 
     Parameters
     ----------
@@ -53,28 +53,29 @@ def identify(
         A simulated motion; the plant's true motion is used, without the noise of sensors.
     recording : tuple of array_like, optional
         A measured motion in place of `tracking`: t (N,) [s], q (N, nq), v (N, 6 + n), and optionally joint
-        torques [N m], one row per sample or per step. q and v are in Pinocchio's layout: quaternions (x, y,
-        z, w), the root's velocity in the root's axes. If the position or the linear velocity of the base is
-        not measured, its columns q[:, :3] or v[:, :3] are NaN. Without the linear velocity the angular
-        momentum alone is used, and two passes are added.
+        torques [N m], one row per sample or per step between samples. q and v are in Pinocchio's layout:
+        quaternions (x, y, z, w), the root's velocity in the root's axes. If the position or the linear
+        velocity of the base is not measured, its columns q[:, :3] or v[:, :3] are NaN. Without the linear
+        velocity the angular momentum alone is used, and two passes are added.
     unknown : sequence of str
         The unknown bodies, as in `Identifier`: "base", "payload", links.
     known : mapping, optional
         The known values by name, as in `Identifier`: masses [kg] or a pinocchio.Inertia.
     sensors : Sensors, optional
-        Noise of the recording. Default: estimated from the velocities.
+        Noise of the recording. Default: estimated from the velocities, also for sensors without noise.
     wheel_momentum : array_like, shape (N, w), optional
         The spin momenta of the robot's wheels [N m s] for `recording`; a `Tracking` has its own.
     use_torques : bool, optional
         True to use torques. Default: True if `recording` has torques; False for a Tracking. The damping and
         friction of the robot's file are included; any other friction would be mistaken for inertia.
     torque_noise : float
-        Standard deviation of measured torques [N m].
+        Standard deviation of measured torques [N m]; at least 0.1 % of the largest torque is used.
     spread, at_rest : float, bool
         Arguments of `Identifier`.
     passes : int
         The number of passes over the recording. From the second pass on, the weights follow the previous
-        estimate. One pass gives the result of an `Identifier` with the same `sensors`.
+        estimate. If `sensors` with noise are given, one pass without torques gives the result of an
+        `Identifier`.
     base_velocity : {"local", "mixed", "inertial"}
         The axes of the root's velocity in `recording`: "local", the root's own; "mixed", inertial axes for
         the linear and the root's axes for the angular velocity, as in MuJoCo's `qvel`; "inertial", inertial

@@ -12,7 +12,7 @@ from ffsms_pin.checks import FloatArray
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.simulation import Sensors
 
-# [m/s, rad/s] default deviation if the sensors are unknown; it is scaled up if the residuals are larger.
+# [m/s, rad/s] default deviation if the sensors are unknown; the residuals scale it.
 NOMINAL = 1e-6
 _ORDERS = (3, 5, 7)  # orders of the differences that estimate noise
 _LEAST = 1e-9  # [m/s, rad/s] least deviation in the weights, so that they stay finite
@@ -34,7 +34,7 @@ class NoiseModel:
     latency : float
         The latency of the base's pose and velocity [s].
     stated : bool
-        True if the sensors are known.
+        True if the noise is that of given sensors.
     """
 
     rates: FloatArray
@@ -46,7 +46,7 @@ class NoiseModel:
 
     @classmethod
     def of(cls, sms: SpaceManipulator, sensors: Sensors | None) -> NoiseModel:
-        """Return the noise of `sensors`; for None the same small deviation for all velocities."""
+        """Return the noise of `sensors`; all velocities have one small deviation if it is None or perfect."""
         if sensors is None or sensors.perfect:
             return cls(np.full(sms.nv, NOMINAL**2), np.zeros(sms.nv), 0.0, 0.0, 0.0, False)
         limits = sms.limits.velocity
@@ -82,7 +82,7 @@ def noise_of(t: FloatArray, values: FloatArray) -> FloatArray:
     """Return the standard deviations (k,) of the noise in series (N, k), from divided differences.
 
     The least of the estimates by several orders is returned, because differences of low order also contain
-    the motion if the sampling rate is low.
+    the motion if the sampling rate is low. Series of fewer than 14 samples give zero.
     """
     if len(values) < 2 * max(_ORDERS):
         return np.zeros(values.shape[1])

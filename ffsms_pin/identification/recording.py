@@ -178,7 +178,7 @@ def _of_arrays(sms: SpaceManipulator, recording: Any, wheel_momentum: Any) -> Re
 
 
 def _check_times(t: FloatArray) -> None:
-    """Check that times increase without a gap."""
+    """Check that there are at least three samples, at times that increase without a gap."""
     if len(t) < 3:
         raise InvalidValue("recording t", t, "must have at least three samples")
     steps = np.diff(t)
@@ -238,7 +238,7 @@ def _check_axes(sms: SpaceManipulator, recording: Recording, base_velocity: str)
 
 
 def _disagreement(sms: SpaceManipulator, recording: Recording) -> float:
-    """Return the RMS difference of base positions and integrated velocities, in multiples of the noise."""
+    """Return the RMS difference of base positions and integrated velocities, 1 for the allowed difference."""
     moved, integrated, noise = (x[..., :6] for x in _windows(sms, recording))
     expected = _NOISE * noise + 1e-3 * np.abs(moved).max(axis=0) + 1e-9
     return float(np.sqrt(np.nanmean(((moved - integrated) / expected) ** 2)))

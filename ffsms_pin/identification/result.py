@@ -38,7 +38,8 @@ class Solution(NamedTuple):
     covariance : ndarray, shape (k, k)
         The covariance of `x`.
     residual : float
-        The mean square of the weighted residuals, between 0.5 and 1 if the noise is as stated.
+        The mean square of the weighted residuals, about 1 or less if the noise is as stated. It is at least
+        0.5, and 1 if there are few equations.
     equations : int
         The number of equations from the measurements.
     unexplained : float
@@ -142,7 +143,8 @@ class Identification(Mapping[str, BodyEstimate]):
     directions : tuple of Direction
         All directions, the best-observed first.
     residual : float
-        The mean square of the weighted residuals, between 0.5 and 1 if the noise is as stated.
+        The mean square of the weighted residuals, about 1 or less if the noise is as stated. It is at least
+        0.5, and 1 if there are few equations.
     equations : int
         The number of equations from the measurements.
     projected : bool
@@ -186,7 +188,7 @@ class Identification(Mapping[str, BodyEstimate]):
 
     @cached_property
     def unobservable(self) -> tuple[Direction, ...]:
-        """The directions that are not `observable`; they nearly keep their prior values."""
+        """The other directions, which keep at least half of the prior deviation."""
         return tuple(direction for direction in self.directions if direction.left >= SHOWN)
 
     def __str__(self) -> str:
