@@ -187,7 +187,7 @@ def test_a_miss_is_an_outcome_with_status_one(tmp_path: Path, capsys: pytest.Cap
     assert main(["run", str(path), "--out", str(tmp_path / "out"), "--no-figures"]) == 1
     printed = capsys.readouterr().out
     assert "not caught" in printed
-    assert printed.count("approach") == 2  # phases are listed once, here of two attempts
+    assert printed.count("s: approach") == 2  # phases are listed once, here of two attempts
     assert len(printed.splitlines()) < 45  # and all is on one screen
     assert (tmp_path / "out" / "capture.npz").exists()
 
