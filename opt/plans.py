@@ -18,7 +18,7 @@ from ffsms_pin.errors import InvalidValue, UnknownOption, numerical_errors
 from ffsms_pin.geometry.obstacle import Obstacle
 from ffsms_pin.opt.costs import Coupling
 from ffsms_pin.opt.evaluation import Violation
-from ffsms_pin.opt.goals.goal import as_goal
+from ffsms_pin.opt.goals.goal import Goal, as_goal
 from ffsms_pin.opt.goals.path import Path
 from ffsms_pin.opt.goals.pose_constraints import FrameGoal, Waypoint, inertial_place, standing_goal
 from ffsms_pin.opt.limits.alpha_box import AlphaBox
@@ -265,8 +265,8 @@ def plan_many(
     ----------
     q0 : array_like, shape (nq,) or (N, nq)
         The configurations at the start.
-    target : array_like, shape (3,) or (N, 3), or pinocchio.SE3, or sequence of these
-        The targets.
+    target : array_like, shape (3,) or (N, 3), or a target of `plan`, or sequence of these
+        The targets. With several processes, functions of time must be picklable.
     duration : float or array_like, shape (N,)
         The durations [s].
     jobs : int, optional
@@ -310,11 +310,15 @@ def _plan(sms: SpaceManipulator, settings: dict[str, Any], task: tuple[Any, Any,
 
 def _rows(name: str, value: Any) -> list[Any] | None:
     """Return the values for all motions as a list; None if all motions have the same value."""
-    if isinstance(value, pin.SE3):
+
+    def is_target(item: Any) -> bool:
+        return isinstance(item, (pin.SE3, Goal)) or callable(item)
+
+    if is_target(value):
         return None
     if name == "target" and isinstance(value, np.ndarray) and value.shape[-2:] == (4, 4):
         return None if value.ndim == 2 else list(value)
-    if isinstance(value, Sequence) and any(isinstance(item, pin.SE3) for item in value):
+    if isinstance(value, Sequence) and any(is_target(item) for item in value):
         return list(value)
     single = 0 if name == "duration" else 1
     try:

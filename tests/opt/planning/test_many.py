@@ -94,6 +94,23 @@ def test_seven_joints_and_poses(panda_like: ffsms.SpaceManipulator) -> None:
     assert np.isnan(mixed[1].target_rotation).all()
 
 
+def test_goals_are_targets(planar: ffsms.SpaceManipulator, start: Array) -> None:
+    """All motions may have one goal; a list may mix goals and positions; a function of time is one goal."""
+    goals = [opt.Position(TARGETS[0]), TARGETS[1]]
+    many = opt.plan_many(planar, start, goals, 6.0, jobs=2, method="step")
+    for goal, found in zip(goals, many, strict=True):
+        assert same(found, opt.plan(planar, start, goal, 6.0, method="step"))
+    one = opt.plan_many(planar, [start, start], goals[0], 6.0, jobs=1, method="step")
+    assert same(one[0], many[0])
+    assert same(one[1], many[0])
+    (moving,) = opt.plan_many(planar, [start], _drifting, 6.0, dt=0.05, jobs=1)
+    assert same(moving, opt.plan(planar, start, _drifting, 6.0, dt=0.05))
+
+
+def _drifting(t: float) -> Array:
+    return np.array([0.8 + 0.01 * t, 0.5, 0.0])
+
+
 @pytest.fixture(scope="module")
 def panda_like() -> ffsms.SpaceManipulator:
     return ffsms.load("space_arm_7")
