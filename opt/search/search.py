@@ -360,7 +360,13 @@ def step_rollouts(search: Search) -> None:
     problem = search.problem
     # C~ exceeds max(0, cos(theta_a)) by up to log(2) / kappa. If this error is 0.2 or more, rollouts spiral.
     wide = math.log(2.0) / problem.kappa >= 0.2
-    if wide or not problem.cost_terms or problem.mode != "floating" or not _supports_rollouts(problem):
+    if (
+        search.settled
+        or wide
+        or not problem.cost_terms
+        or problem.mode != "floating"
+        or not _supports_rollouts(problem)
+    ):
         return
     cost, tolerance, cheap = np.inf, search.options.cost_tolerance, cheap_cost(search)
     if search.arrived():
@@ -634,8 +640,9 @@ def shortest(problem: Problem, tolerance: float = 0.05, options: SearchOptions |
             failed = trial
     displacement = best.joint_positions[-1] - best.joint_positions[0]
     bound = least_time(problem.sms.limits, displacement, best.joint_rates[0], best.joint_rates[-1])
+    shorter = f"none was found in {failed:.3g} s" if failed else "the search ended before a duration failed"
     note = (
-        f"the shortest motion found; none was found in {failed:.3g} s; the limits of joint rates and "
+        f"the shortest motion found; {shorter}; the limits of joint rates and "
         f"accelerations alone take {bound:.3g} s for the move to its last posture"
     )
     return noted(best, best.note, note, shortest_duration=best.duration)

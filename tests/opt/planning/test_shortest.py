@@ -52,6 +52,16 @@ def test_least_time_of_one_joint(
     assert least_time(limits, np.array([way]), np.array([u0]), np.array([u1])) == pytest.approx(expected)
 
 
+def test_a_bisection_without_a_failure_names_no_duration_that_failed() -> None:
+    sms = ffsms.load("planar_3r")
+    q0 = sms.configuration([0.1, 0.2, 0.3])
+    here = sms.at(q0).end_effector_pose.translation
+    plan = opt.shortest(opt.Problem(sms, q0, here, 1.0, 0.05))
+    assert plan.reached
+    assert "the search ended before a duration failed" in plan.note
+    assert "none was found" not in plan.note
+
+
 def test_a_tolerance_of_one_is_none() -> None:
     sms = ffsms.load("planar_3r")
     problem = opt.Problem(sms, sms.configuration([0.1, 0.2, 0.3]), [0.9, 0.9, 0.0])
