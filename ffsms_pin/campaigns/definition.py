@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib.metadata import version
@@ -15,6 +16,7 @@ from ffsms_pin.campaigns.draws import drawn_content, flat_draws
 from ffsms_pin.checks import whole
 from ffsms_pin.errors import ResultError
 from ffsms_pin.files import LARGEST_DATA, read_content, read_json
+from ffsms_pin.geometry.shapes import find_mesh
 from ffsms_pin.scenarios import Scenario, scenario
 from ffsms_pin.scenarios.definition import read, scenario_of
 from ffsms_pin.version import __version__
@@ -79,15 +81,29 @@ class Campaign:
         """Return the SHA-256 of the inputs: tables, distributions, files in tables, and package versions.
 
         Modules beside the scenario file with a user's own terms and limits are included, but not the modules
-        that they import. Meshes of a URDF are not included.
+        that they import. The meshes of robots are included.
         """
-        names = [self.content.get(table, {}).get("model") for table in ("robot", "plant")]
+        robots = [self.content[table] for table in ("robot", "plant") if table in self.content]
+        names = [robot.get("model") for robot in robots]
         names += [row.get("file") for row in self.content.get("obstacle", [])]
         names.append(self.content.get("path", {}).get("file"))
         rows = [*self.content.get("term", []), *self.content.get("limit", [])]
         names += [f"{row['use'].partition(':')[0].replace('.', '/')}.py" for row in rows if ":" in row["use"]]
         paths = [Path(self.source).parent / str(name) for name in names]
+        for robot in robots:
+            paths += _meshes(Path(self.source).parent, robot)
         parts: list[Any] = [read_content(path, LARGEST_DATA).hex() for path in paths if path.is_file()]
         parts += [__version__, *map(version, ("pin", "proxsuite", "daqp", "numpy", "scipy"))]
         parts += [self.content, self.draws, self.compare]
         return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()
+
+
+def _meshes(folder: Path, robot: Mapping[str, Any]) -> list[Path]:
+    """Return the mesh files that the robot file of a table names; `folder` has the scenario file."""
+    path = folder / str(robot.get("model"))
+    if not path.is_file():
+        return []
+    places = tuple(folder / name for name in robot.get("package_dirs", []))
+    names = re.findall(rb'\b(?:filename|file)\s*=\s*"([^"]+)"', read_content(path))
+    meshes = [find_mesh(name.decode(errors="replace"), path, places) for name in dict.fromkeys(names)]
+    return [mesh for mesh in meshes if mesh is not None]

@@ -27,6 +27,7 @@ from ffsms_pin.errors import ClusterError, FfsmsError, InvalidScenario, InvalidV
 from ffsms_pin.plotting.comparisons import plot_campaign
 from ffsms_pin.scenarios import run as run_alone, scenario
 from ffsms_pin.simulation import perturb, simulate
+from ffsms_pin.urdf import model_path
 
 RUNS = 12
 Refused = Callable[..., FfsmsError]
@@ -446,3 +447,17 @@ def test_each_run_sees_the_client_with_noise_of_its_own(tmp_path: Path) -> None:
     found = Campaign.read(path, 3)
     seeds = {dict(found.scenario(seed).client or {})["sensor"]["seed"] for seed in (1, 2, 3)}
     assert len(seeds) == 3
+
+
+def test_results_depend_on_the_meshes_of_the_robot(tmp_path: Path) -> None:
+    """A stored chunk is made again if a mesh file changes, because distances to bodies use the meshes."""
+    urdf = model_path("planar_3r").read_text(encoding="utf-8")
+    shape = '<collision><geometry><mesh filename="hull.stl"/></geometry></collision></link>'
+    (tmp_path / "arm.urdf").write_text(urdf.replace("</link>", shape, 1), encoding="utf-8")
+    (tmp_path / "hull.stl").write_bytes(bytes(84))
+    file = tmp_path / "small.toml"
+    file.write_text(CAMPAIGN.replace('"planar_3r"', '"arm.urdf"', 1), encoding="utf-8")
+    chosen = Campaign.read(file, 1)
+    before = chosen.digest()
+    (tmp_path / "hull.stl").write_bytes(bytes(85))
+    assert chosen.digest() != before
