@@ -56,8 +56,8 @@ class Captured:
         The last planned braking. None: no braking was planned.
     arrival : float
         The deadline of the plan [s].
-    limits : ndarray, shape (n,)
-        Torque limits of the model [N m].
+    sms : SpaceManipulator
+        The model of the servicer.
     held : bool
         True if the base is under a base law.
     spinning : ndarray, shape (3,), optional
@@ -80,7 +80,7 @@ class Captured:
     after: AfterCapture | None
     braking: Braking | None
     arrival: float
-    limits: FloatArray
+    sms: SpaceManipulator
     held: bool = False
     spinning: FloatArray | None = None
     departure: Departure | None = None
@@ -157,6 +157,7 @@ class Captured:
     def numbers(self) -> dict[str, Any]:
         """Return the numbers for the summary of a run; keys of values with a unit end in that unit."""
         degrees = 180.0 / np.pi
+        rates = self.sms.layout.largest(self.whole.v[-1, 6:])
         touched = self.whole.contact_wrench
         before = self.whole.t < self.latched_at - 1e-9
         forces, torques = (np.linalg.norm(touched[before, k : k + 3], axis=1) for k in (0, 3))
@@ -178,7 +179,7 @@ class Captured:
             "predicted_braking_note": self.planned.note,
             "flown_torque_share": self._share(self.whole.tau[self.whole.t[:-1] >= self.latched_at - 1e-9]),
             "final_base_rate_deg_per_s": (self.found_rate * degrees).tolist(),
-            "final_joint_rate_max_deg_per_s": float(np.abs(self.whole.v[-1, 6:]).max() * degrees),
+            **{f"final_joint_rate_max_{unit}_per_s": rate for unit, rate in rates.items()},
         }
         for closing in self.closings[-1:]:
             relative = closing.relative
@@ -228,7 +229,7 @@ class Captured:
 
     def _share(self, torque: FloatArray) -> float:
         """Return the largest ratio of the joint torques (N, n) to their limits."""
-        return float((np.abs(torque) / self.limits).max(initial=0.0))
+        return float((np.abs(torque) / self.sms.limits.torque).max(initial=0.0))
 
 
 def captured(
@@ -260,7 +261,7 @@ def captured(
     held, wheels = mission.base_law is not None, sms.wheels
     spinning = wheels.total(whole.wheel_momentum[-1]) if held and wheels is not None else None
     parts = client, whole, tuple(mission.phases), tuple(mission.closings), planned, mission.expected
-    ends = mission.after, mission.braking, plan.duration, sms.limits.torque, held, spinning
+    ends = mission.after, mission.braking, plan.duration, sms, held, spinning
     measured = None if mission.after is None else mission.identification
     record = Captured(*parts, *ends, mission.departure, measured, conditions.sensors)
     return replace(record, whole=_judged(record, mission, options["plant"]))

@@ -543,7 +543,10 @@ class StateMachine(Observer, Supervisor):
         if now.t < self._begin + float(self.braking.t[-1]) - 1e-9:
             return None
         q, v = self._seen
-        reason = f"the fastest joint turns with {np.degrees(np.abs(v[6:]).max()):.2g} deg/s"
+        verbs = {"deg": "turns", "m": "slides"}
+        rates = self._sms.layout.largest(v[6:])
+        texts = [f"the fastest joint {verbs[unit]} with {rate:.2g} {unit}/s" for unit, rate in rates.items()]
+        reason = "; ".join(texts)
         if self.departure is not None and self._away is not None:
             rest = self._at_rest(q, v)
             approach = closest_approach(self._away, rest, self._meet.client, now.t, self.handling.keep_clear)

@@ -107,6 +107,19 @@ class JointLayout:
         """The unit of each joint's position."""
         return [JointUnit("deg", math.degrees(1.0)) if turns else JointUnit("m", 1.0) for turns in self.turns]
 
+    def largest(self, values: FloatArray) -> dict[str, float]:
+        """Return the largest magnitude of positions or rates (n,), by unit.
+
+        The units are "deg" for revolute joints and "m" for prismatic joints, if the robot has such joints.
+        """
+        chosen = {"deg": self.turns, "m": ~self.turns}
+        scales = {"deg": math.degrees(1.0), "m": 1.0}
+        return {
+            unit: float(np.abs(values[joints]).max() * scales[unit])
+            for unit, joints in chosen.items()
+            if joints.any()
+        }
+
     def positions(self, q: FloatArray) -> FloatArray:
         """Return the joint positions (n,) of a configuration (nq,)."""
         if self.plain:
