@@ -35,7 +35,7 @@ _MOST_RADII = 1e5
 _FLOAT64 = np.dtype(np.float64)
 # Errors of NumPy for values that are not arrays, such as rows of different lengths.
 _NO_ARRAY = (TypeError, ValueError, OverflowError, RuntimeError)
-MOST_STEPS = 10_000_000  # largest number of steps of a run, which take some 3 GB of memory for seven joints
+MOST_STEPS = 10_000_000  # largest number of steps of a run, which take over 5 GB of memory for seven joints
 
 
 def _floats(name: str, value: Any) -> FloatArray:
@@ -58,7 +58,7 @@ def reals(name: str, value: Any, kinds: str = "fiu") -> FloatArray:
 
 
 def _within(name: str, value: Any, array: FloatArray, largest: float = LARGEST) -> FloatArray:
-    """Check that no number of an array is larger than `largest`, and return the array."""
+    """Check that no number of an array is larger than `largest` in magnitude, and return the array."""
     # For short arrays Python's max is several times faster than NumPy's.
     if largest < math.inf and max(map(abs, array.ravel().tolist()), default=0.0) > largest:
         raise InvalidValue(name, value, f"must lie between {-largest:g} and {largest:g}")
@@ -216,7 +216,7 @@ _IN_WORDS: Mapping[type, str] = {
 
 
 def instance(name: str, value: Any, kind: type | tuple[type, ...], optional: bool = False) -> None:
-    """Raise `InvalidValue` unless `value` is an instance of `kind`, or None if `optional`."""
+    """Raise `InvalidValue` unless `value` is an instance of `kind`, or None with `optional`."""
     single = isinstance(value, np.ndarray) and not value.ndim  # a 0-d array is an instance of Iterable
     if single or not (isinstance(value, kind) or (optional and value is None)):
         kinds = kind if isinstance(kind, tuple) else (kind,)
@@ -326,7 +326,7 @@ def one_each(
 
 
 def rotation(name: str, value: Any) -> FloatArray:
-    """Return a copy of a rotation matrix (3, 3); raise `InvalidValue` for reflections and scaled matrices."""
+    """Check a rotation matrix (3, 3) and return a copy; a reflection or a scaled matrix is rejected."""
     turn = matrix(name, value, 3, 3)
     if np.abs(turn.T @ turn - np.eye(3)).max() > 1e-6 or np.linalg.det(turn) < 0.0:
         raise InvalidValue(name, value, "must have a rotation matrix, without scaling or reflection")

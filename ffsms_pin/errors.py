@@ -66,13 +66,14 @@ def meant(name: str | Path, known: Iterable[str], before: str = "") -> str:
 
 
 def advised(message: str, advice: str, known: Container[str] | None = None) -> str:
-    """Replace advice on Python calls in an error's text, such as `load(..., key=VALUE)`, by other advice.
+    """Replace advice on Python calls in an error's text, such as `load(..., key=VALUE)`, by `advice`.
 
     `advice` is a format with {key}, {option} (the key as an option of the command line), {value}, and
-    {listed} (the value in TOML). Advice on keys that are not in `known` is not replaced.
+    {listed} (the value in TOML). Advice on keys that are not in `known` is not replaced. Alternative advice
+    on methods of the robot is deleted.
     """
 
-    def written(match: re.Match[str]) -> str:
+    def replacement(match: re.Match[str]) -> str:
         if known is not None and match[1] not in known:
             return match[0]
         listed = match[2].translate(str.maketrans("()", "[]"))
@@ -80,7 +81,7 @@ def advised(message: str, advice: str, known: Container[str] | None = None) -> s
 
     message = re.sub(r" or sms\.\w+\([^)]*\)", "", message)
     message = re.sub(r"ffsms_pin\.mount(\('[^']*'\))?", "[robot.mount] of a scenario file", message)
-    return re.sub(r"load\(\.\.\., (\w+)=(\([^)]*\)|[^)]*)\)", written, message)
+    return re.sub(r"load\(\.\.\., (\w+)=(\([^)]*\)|[^)]*)\)", replacement, message)
 
 
 class PartError(FfsmsError, ValueError):
@@ -148,7 +149,7 @@ class InvalidInertia(InvalidUrdf):
 
 
 class UnsupportedJoint(InvalidUrdf):
-    """The robot has no joint, or a joint that cannot be used, such as one with several degrees of freedom."""
+    """The robot has no movable joint, or an unsupported one, such as one with several degrees of freedom."""
 
 
 class FrameNotFound(FfsmsError, KeyError):
@@ -201,7 +202,7 @@ EXTRAS = {
 
 
 def installed(extra: str) -> bool:
-    """Return whether every module of an extra can be imported."""
+    """Return whether every module of an extra is installed."""
     return all(find_spec(module) is not None for module in EXTRAS[extra])
 
 
@@ -244,7 +245,7 @@ class NumericalError(FfsmsError, ArithmeticError):
 
 
 class SimulationDiverged(FfsmsError, ArithmeticError):
-    """A simulated state, or a torque of the controller, is no longer finite.
+    """A simulated state, or a command of a controller, is no longer finite.
 
     Attributes
     ----------
@@ -282,7 +283,7 @@ class ResultError(FfsmsError, OSError):
 
 
 class TaskError(FfsmsError, RuntimeError):
-    """A task failed in another process, and its error could not be returned."""
+    """A task could not be sent to another process, or its process died."""
 
 
 class TasksFailed(FfsmsError, RuntimeError):

@@ -64,7 +64,7 @@ def path_like(name: str, value: Any) -> Path:
 
 @contextmanager
 def wrap_os_error(path: str | os.PathLike[str], action: str = "written") -> Iterator[None]:
-    """Convert an OSError in the block into a `ResultError` with `path` and the failed action."""
+    """Convert an OSError in the block into a `ResultError` with `path` and the failed `action`."""
     try:
         yield
     except FfsmsError:  # a `ResultError` is an OSError, too
@@ -241,9 +241,9 @@ def _number(value: Any) -> float:
 def write_atomically(path: str | os.PathLike[str], write: Callable[[IO[bytes]], object]) -> None:
     """Write a file completely or not at all, also if the power fails.
 
-    `write` is called with a hidden binary file in the same folder, which is open for writing and is renamed
-    to `path` at the end. If `path` is a link, its target is replaced. A replaced file keeps its mode. If the
-    file cannot be written, `ResultError` is raised and the old file is unchanged.
+    `write` writes to a hidden binary file in the same folder, which is renamed to `path` at the end. If
+    `path` is a link, its target is replaced. A replaced file keeps its mode. If the file cannot be written,
+    `ResultError` is raised and the old file is unchanged.
     """
     target = regular_target(path)
     with wrap_os_error(path):
@@ -269,7 +269,7 @@ def write_content(path: str | os.PathLike[str], content: str | bytes) -> None:
 def save_arrays(path: str | os.PathLike[str], kind: str, values: Mapping[str, Any]) -> None:
     """Write arrays, numbers and texts, and the `kind` of result, to a compressed npz file atomically.
 
-    Raises `InvalidValue` if the file name has the ending of another format.
+    `InvalidValue` is raised if the file name has the ending of another format.
     """
     if (suffix := path_like("path", path).suffix.lower()) in _OTHER_FORMATS:
         message = "must end in .npz, because the format is NumPy's archive, read by load"
@@ -291,7 +291,7 @@ def regular_target(path: str | os.PathLike[str]) -> Path:
 
 
 def check_writable(path: str | os.PathLike[str]) -> Path:
-    """Check before a long run that a file can be written, and return its path with all links resolved."""
+    """Check that a file can be written, before a long run, and return its path with all links resolved."""
     target = regular_target(path)
     with wrap_os_error(path):
         temporary = hidden_path(target.parent, target.name)

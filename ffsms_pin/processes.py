@@ -94,8 +94,8 @@ def _in_pool(
                 yield future.result()
         except BrokenProcessPool:
             raise TaskError(
-                "a worker process died: out of memory, or the script calls this function without "
-                "`if __name__ == '__main__':` (not needed with jobs=1)"
+                "a worker process died, because memory ran out, or because the script calls this function "
+                "without `if __name__ == '__main__':` (not needed with jobs=1)"
             ) from None
         except (pickle.PicklingError, AttributeError, TypeError) as error:
             raise TaskError(f"a task cannot be sent to another process ({error}); use jobs=1") from None

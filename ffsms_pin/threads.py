@@ -41,13 +41,14 @@ def _controller(with_scipy: bool) -> Any:
 
 
 class InUse(FfsmsError, RuntimeError):
-    """A second thread uses a single-threaded object."""
+    """A single-threaded object is already in use, or reserved for another thread."""
 
 
 class OneThread:
-    """A context manager that only one thread at a time can enter; a second thread raises `InUse`.
+    """A context manager that can be entered only once at a time; a second entry raises `InUse`.
 
-    Copies and unpickled objects are not reserved for a thread.
+    This also holds for a nested entry by the same thread. Copies and unpickled objects are not reserved for a
+    thread.
 
     Parameters
     ----------
@@ -75,7 +76,10 @@ class OneThread:
 
 
 class Unchanging:
-    """The base class of objects with constant attributes, set by `checks.set_frozen` during construction."""
+    """The base class of objects whose attributes cannot be changed after construction.
+
+    During construction, subclasses set attributes by `checks.set_frozen` or while `_complete` is False.
+    """
 
     _complete = True
     _refused = "this cannot be changed (tried to {} '{}')"  # text of the error
