@@ -82,7 +82,9 @@ def scene_of(
     title = str(summary.get("scenario", folder.name))
     scene: dict[str, Any] = {"obstacles": obstacles, "client": client, "grasp": grasp, "events": events}
     if chosen is not None and chosen.path is not None:
-        scene["path"] = replace(chosen.problem(sms).goal, duration=plan.duration)
+        # The curve does not depend on terms and limits, which may need code of the user.
+        tables = {name: table for name, table in chosen.tables.items() if name not in ("term", "limit")}
+        scene["path"] = replace(replace(chosen, tables=tables).problem(sms).goal, duration=plan.duration)
     return view(sms, result, plan, show=show, title=title, **scene, **options)
 
 

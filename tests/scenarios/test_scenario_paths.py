@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -345,3 +346,18 @@ def test_the_packaged_inspection(tmp_path: Path) -> None:
     assert np.degrees(np.arccos((views * inwards).sum(axis=1))).max() < 0.5
     around = np.unwrap(np.arctan2(places[:, 1], places[:, 0]))
     assert abs(around[-1] - around[0]) == pytest.approx(2.0 * np.pi, rel=0.02)
+
+
+def test_results_with_a_term_of_a_users_own_are_viewed(tmp_path: Path) -> None:
+    """The view needs the curve only, so it imports no code of the user."""
+    from ffsms_pin.cli import main
+
+    module = 'from ffsms_pin import opt\nclass Still(opt.Term):\n    name = "still"\n'
+    module += "    def residual(self, m):\n        return 1e-3 * m.rates[0]\n"
+    (tmp_path / "still_parts.py").write_text(module, encoding="utf-8")
+    file = write(tmp_path, PLANAR + '[[term]]\nuse = "still_parts:Still"\n')
+    out = tmp_path / "out"
+    assert main(["run", str(file), "--allow-import", "--out", str(out), "--no-figures"]) == 0
+    sys.modules.pop("still_parts")
+    assert main(["view", str(out), "--html", str(tmp_path / "view.html")]) == 0
+    assert "still_parts" not in sys.modules
