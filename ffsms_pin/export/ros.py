@@ -6,6 +6,8 @@ import json
 
 import numpy as np
 
+from ffsms_pin.checks import whole
+from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt import Trajectory
 from ffsms_pin.robot import SpaceManipulator
 
@@ -24,7 +26,15 @@ def to_joint_trajectory(sms: SpaceManipulator, plan: Trajectory, every: int = 1,
         The message has every `every`-th node of the plan, and the last node.
     frame : str
         The message's `header.frame_id`.
+
+    Raises
+    ------
+    InvalidValue
+        `every` is not a whole number of at least one, or the plan has another number of joints.
     """
+    whole("every", every, 1)
+    if (n := plan.joint_accelerations.shape[1]) != sms.n:
+        raise InvalidValue("plan", plan, f"has {n} joints, but the robot has {sms.n}")
     nodes = sorted({*range(0, len(plan.t), every), len(plan.t) - 1})
     acceleration = np.vstack([plan.joint_accelerations, np.zeros((1, sms.n))])
     lines = [

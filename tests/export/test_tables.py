@@ -219,4 +219,10 @@ def test_the_message_of_ros_holds_the_nodes(robot: ffsms.SpaceManipulator, plan:
     last = message["points"][-1]
     assert last["time_from_start"] == {"sec": 4, "nanosec": 0}
     np.testing.assert_array_equal(last["positions"], plan.joint_positions[-1])
+    for every in (0, -1, 2.5):
+        with pytest.raises(InvalidValue, match="every must be a whole number of at least 1"):
+            export.to_joint_trajectory(robot, plan, every=every)  # type: ignore[arg-type]
+    other = ffsms.load("planar_3r" if robot.n != 3 else "space_arm_7")
+    with pytest.raises(InvalidValue, match=f"plan has {robot.n} joints, but the robot has {other.n}"):
+        export.to_joint_trajectory(other, plan)
     np.testing.assert_array_equal(message["points"][1]["velocities"], plan.v[10, 6:])
