@@ -258,7 +258,9 @@ class PositionAndRate:
         a, c = pp + R_p, rr + R_r
         determinant = a * c - pr * pr
         if determinant <= 0.0:  # position or rate are predicted and measured without error
-            return 0.0, 0.0, 0.0, 0.0
+            K_pp, K_rr = pp / a if a > 0.0 else 1.0, rr / c if c > 0.0 else 1.0
+            self._pp, self._pr, self._rr = K_pp * R_p, 0.0, K_rr * R_r
+            return K_pp, 0.0, 0.0, K_rr
         K_pp = (pp * c - pr * pr) / determinant
         K_pr = pr * R_p / determinant
         K_rp = pr * R_r / determinant

@@ -78,6 +78,16 @@ def test_gains_settle_at_those_of_the_riccati_equation() -> None:
     assert perfect.gains() == (1.0, 0.0, 0.0, 1.0)
 
 
+def test_positions_are_averaged_if_rates_are_exact() -> None:
+    """Without noise of rates and accelerations, the gains of positions are those of a mean: 1/2, 1/3, ..."""
+    filter_ = PositionAndRate(1e-3, 0.0, 0.0)
+    gains = []
+    for _ in range(5):
+        filter_.predict(1e-3)
+        gains.append(filter_.gains())
+    np.testing.assert_allclose(gains, [(1.0 / k, 0.0, 0.0, 1.0) for k in range(2, 7)], rtol=1e-12)
+
+
 def test_the_estimate_is_far_better_than_the_measurement(planar: ffsms.SpaceManipulator) -> None:
     raw = seen_errors(planar, SENSORS, False, planar)
     right = seen_errors(planar, SENSORS, True, planar)
