@@ -83,8 +83,8 @@ def scene_of(
     scene: dict[str, Any] = {"obstacles": obstacles, "client": client, "grasp": grasp, "events": events}
     if chosen is not None and chosen.path is not None:
         # The curve does not depend on terms and limits, which may need code of the user.
-        tables = {name: table for name, table in chosen.tables.items() if name not in ("term", "limit")}
-        scene["path"] = replace(replace(chosen, tables=tables).problem(sms).goal, duration=plan.duration)
+        plain = replace(chosen, tables={**chosen.tables, "term": (), "limit": ()})
+        scene["path"] = replace(plain.problem(sms).goal, duration=plan.duration)
     return view(sms, result, plan, show=show, title=title, **scene, **options)
 
 
