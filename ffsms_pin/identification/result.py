@@ -294,8 +294,8 @@ def _notes(
     hidden = V[:, left >= SHOWN]
     if solved.residual > _SUSPICIOUS and identifier.noise.stated:
         yield (
-            f"the residuals are {math.sqrt(solved.residual):.2g} times the sensors' noise:"
-            " other bodies differ from the model, or an external force acts"
+            f"the residuals are {math.sqrt(solved.residual):.2g} times the sensors' noise,"
+            " so other bodies differ from the model, or an external force acts"
         )
     if solved.unexplained > _UNEXPLAINED:
         more = ", and whether the total momentum is zero (at_rest)" if identifier.at_rest else ""
