@@ -1,4 +1,4 @@
-"""Captures: a servicer meets a free client, grasps it and brakes both, in one closed loop."""
+"""The simulation of captures, in which a servicer grasps a free client and brakes its joints."""
 
 from ffsms_pin.capture.braking import Braking, brake
 from ffsms_pin.capture.camera import Camera, measured

@@ -1,4 +1,4 @@
-"""Motions in which the joints brake to rest after a capture, with a reacting base."""
+"""Motions in which the joints come to rest after a capture or an abort, with a reacting base."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.robot.base_motion import roll_out
 from ffsms_pin.system.dynamics import floating_torque
 
-_STEP = 0.02  # [s] time step of a braking
-_SLOWER = 1.25  # factor on the duration if a torque is too large
-_LONGEST = 60.0  # [s] longest duration of a braking
-_BACK = 0.0, 0.05, 0.15  # [m] additional clearances of final postures, because a motion may overshoot its end
+_STEP = 0.02  # [s] nominal time step of a braking
+_SLOWER = 1.25  # factor on the duration of the next motion that is tried
+_LONGEST = 60.0  # [s] longest duration of a braking, without `coast`
+_BACK = 0.0, 0.05, 0.15  # [m] additional clearances of final postures, because a motion may pass its end
 _LEAST = 0.5  # [s] shortest duration; it avoids a jump of the torque when slow joints stop
 
 
@@ -26,15 +26,14 @@ _LEAST = 0.5  # [s] shortest duration; it avoids a jump of the torque when slow 
 class Braking:
     """A motion in which all joints come to rest; the base follows from the momentum equation.
 
-    The joint rates fall as 1 - 3 s^2 + 2 s^3, where s goes from 0 to 1, so the acceleration does not jump at
-    either end. For a motion to a required posture, a quintic displacement is added. Joints that would pass a
+    The joint rates decrease as 1 - 3 s^2 + 2 s^3, where s goes from 0 to 1, so the acceleration is zero at
+    both ends. For a motion to a given posture, a quintic displacement is added. Joints that would pass a
     position limit stop early; all others come to rest together. The motion is a reference for `simulate`.
-    The joints rest after the end of the motion.
 
     Attributes
     ----------
     robot : SpaceManipulator
-        The robot that brakes, with a grasped client as part of its last link.
+        The robot that brakes. A grasped client is part of the link that carries the end effector.
     t : ndarray, shape (N + 1,)
         Times since the start of the motion [s].
     q : ndarray, shape (N + 1, nq)
@@ -44,13 +43,13 @@ class Braking:
     momentum : ndarray, shape (6,)
         Total momentum [linear; angular] [kg m/s; kg m^2/s], inertial axes, about the common centre of mass.
     torque_share : float
-        The largest ratio of a required joint torque to its limit.
+        The largest ratio of a required joint torque to the joint's torque limit.
     note : str
         The violated limits, with values; empty if all are satisfied.
     clearance : float
-        The least distance [m] from the grasped client to the servicer's other bodies and to obstacles,
-        infinite if no clearance is required. If two bodies of the servicer come nearer to each other than
-        this distance and than required, their distance replaces it.
+        The least distance [m] between the grasped client, the servicer's bodies and obstacles, minus the
+        margin of the obstacle; infinite if no clearance is required. The distance between two bodies of the
+        servicer counts only if it is below the required clearance.
     nearest : str
         The names of the two bodies at the distance `clearance`.
     """
@@ -72,15 +71,15 @@ class Braking:
 
     @property
     def target(self) -> FloatArray:
-        """The end effector's position (3,) [m] when the joints come to rest; the base may drift on."""
+        """The end effector's position (3,) [m] when the joints come to rest; the base may still drift."""
         return np.array(self.robot.at(self.q[-1]).end_effector_pose.translation)
 
     def sample(self, t: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return joint positions, rates and accelerations, each (n,), at t [s]; the rates end at zero."""
+        """Return joint positions, rates and accelerations, each (n,), at t [s]; at rest after the end."""
         layout, times = self.robot.layout, self.t
-        nothing = np.zeros(self.robot.n)
+        zero = np.zeros(self.robot.n)
         if t >= times[-1]:
-            return layout.positions(self.q[-1]), nothing, nothing
+            return layout.positions(self.q[-1]), zero, zero
         k = int(np.searchsorted(times, t, side="right")) - 1
         h = t - times[k]
         slope = (self.joint_rates[k + 1] - self.joint_rates[k]) / (times[k + 1] - times[k])
@@ -95,34 +94,35 @@ def brake(
     coast: float = 0.0,
     room: HeldClient | None = None,
 ) -> Braking:
-    """Return the fastest `Braking` within the limits of joint accelerations and torques.
+    """Return a `Braking` of short duration within the limits of joint accelerations and torques.
 
-    If the grasped client would come too near to another body, motions to other final postures are tried. The
-    first posture is near the end of the fastest braking. The next postures are near the posture at the
-    capture, with increasing clearance. The first motion that keeps the required clearance is returned. If no
-    motion keeps it with `share` of the torque limits, all motions are tried with the full torques.
+    The shortest duration at the acceleration limits is tried first; each next duration is 25 % longer. If the
+    clearance is not kept, motions to other final postures are tried. The first posture is near the end of
+    the fastest braking. The next postures are near the posture at the start, with increasing clearance. The
+    first motion that keeps the required clearance is returned. If no motion keeps it with `share` of the
+    torque limits, all motions are tried with the full torques.
 
     Parameters
     ----------
     after : AfterCapture
         The robot, with its state and momentum at the start of the motion.
     torque_limit : array_like, optional
-        The torque limits [N m], one number or (n,). Default: the robot's.
+        The torque limits [N m or N], one number or (n,). Default: those of the robot.
     share : float
         The share of the torque limits that the motion may use; the remainder is for the controller's
         corrections.
     coast : float
         The time for which the joints keep their rates before they brake [s].
     room : HeldClient, optional
-        The grasped client, which keeps a clearance to the servicer. Default: no clearance is required.
+        The grasped client, its required clearance and the obstacles. Default: no clearance is required.
 
     Returns
     -------
     Braking
         A motion of at least 0.5 s. If no motion within 60 s satisfies the torque limits, because a fast
         rotation also loads joints at rest, the motion with the smallest torque share is returned. If no
-        motion keeps the clearance, the motion with the largest clearance is returned. In both cases the
-        `note` of the motion names the violated limit.
+        motion keeps the clearance, the motion with the largest clearance within the full torques is
+        returned. In both cases the `note` of the motion names the violated limit.
     """
     robot = after.robot
     limits = robot.limits
@@ -161,10 +161,10 @@ def brake(
 def move_and_rest(
     after: AfterCapture, end: FloatArray, torque_limit: FloatArray, share: float = 0.5
 ) -> Braking | None:
-    """Return a motion of the joints to rest at the positions `end` (n,), within the joint limits.
+    """Return a motion of the joints to rest at `end` (n,), within the limits of rates and accelerations.
 
-    The travel to `end` may use half of the rate and acceleration limits; the whole motion may use `share` of
-    `torque_limit` (n,) [N m]. Return None if the motion would take more than two minutes.
+    The displacement to `end` may use half of these limits; the whole motion may use `share` of
+    `torque_limit` (n,) [N m or N]. Return None if the motion would take more than two minutes.
     """
     limits, start = after.robot.limits, after.robot.layout.positions(after.q)
     travel = np.abs(end - start) + 1e-9

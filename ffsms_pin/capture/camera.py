@@ -18,12 +18,12 @@ from ffsms_pin.options import Angle, NotNegative, Positive, Share, Spans, Unit, 
 
 @dataclass(frozen=True, eq=False)
 class Camera:
-    """A camera or a lidar that tracks markers on the client.
+    """A camera or a lidar that measures the pose and twist of the client.
 
     Raises
     ------
     InvalidValue
-        A value out of range or of a wrong shape.
+        If a value is out of range or has a wrong shape.
     """
 
     position_noise: Annotated[Positive, Unit("m")] = 0.002
@@ -43,8 +43,8 @@ class Camera:
     outliers: Annotated[Share, Unit()] = 0.0
     """The share of measurements that are outliers, for example because markers are confused."""
     outlier_size: Annotated[Positive, Unit()] = 100.0
-    """The factor on the noise of an outlier. The default values give an outlier standard deviations of 0.2 m
-    and 0.5 rad."""
+    """The factor on the standard deviations of an outlier. With the defaults, the standard deviations of an
+    outlier are 0.2 m and 0.5 rad."""
     dropouts: Annotated[Share, Unit()] = 0.0
     """The share of the measurements that never arrive."""
     hidden: Annotated[Spans, Unit("s", "never")] = ()
@@ -79,10 +79,10 @@ class Camera:
 def measured(
     client: Client, t: float, sensor: Camera, rng: np.random.Generator, believed: Client | None = None
 ) -> Client:
-    """Return a client with the pose and twist that a camera measures at t [s], noise included.
+    """Return a client with the pose and twist that a camera measures at t [s], with noise.
 
-    The returned client has its time zero at t. A camera does not measure mass and inertia, so they are copied
-    from `believed`, by default from the true client.
+    The returned client has its time zero at t. Mass and inertia are not measured; they are those of
+    `believed`, by default those of the true client.
     """
     noise = sensor.deviations * rng.normal(size=12)
     if sensor.outliers and rng.random() < sensor.outliers:

@@ -1,4 +1,4 @@
-"""Distances between the bodies of a servicer and those of a client."""
+"""Distances between a servicer's bodies and the obstacles on a client."""
 
 from __future__ import annotations
 
@@ -31,23 +31,30 @@ class LeastDistance(NamedTuple):
 
 
 class ClientDistances:
-    """Distances between a servicer's bodies and those of a client.
+    """The distances between a servicer's bodies and the obstacles on a client.
 
     The gripper may touch the convex pieces of a nozzle or ring, so distances to these pieces are included
-    only if `guides` is true. If the client is grasped, the distances of the gripper are left out.
+    only if `guides` is true.
 
     Parameters
     ----------
     sms : SpaceManipulator
         The servicer.
     obstacles : sequence of Obstacle
-        Obstacles, of which only those on the client are used. Their poses are in the client's axes.
+        Obstacles, of which only those on the client are used. Their poses are in the client's body frame.
     clearance : float
         The required distance [m].
     collision : str
         The collision geometry, see `opt.Clearance`.
     guides : bool
-        True to include distances to the convex pieces of a nozzle or ring at the grasp.
+        True to include the distances to the convex pieces of a nozzle or ring.
+
+    Attributes
+    ----------
+    names : sequence of str
+        The names of the m pairs of bodies.
+    radius : float
+        The radius [m] of the client's bounding ball about the origin of its body frame.
     """
 
     def __init__(
@@ -77,12 +84,12 @@ class ClientDistances:
     ) -> FloatArray:
         """Return the distances (m, K) [m] of m pairs of bodies at K configurations `q` (K, nq).
 
-        The client's poses are `positions` (K, 3) [m] and `attitudes` (K, 3, 3). Distances beyond `near` [m]
-        are lower bounds. If plans permit an overlap of two bodies in the grasp, this overlap is added.
+        The client's poses are `positions` (K, 3) [m] and `attitudes` (K, 3, 3). Distances of `near` [m] or
+        more may be lower bounds. An overlap of two bodies that plans permit in the grasp is added.
         """
         values = [
-            self._stack.values(self._poses(*some), near)
-            for some in _chunks(q, np.asarray(positions), np.asarray(attitudes))
+            self._stack.values(self._poses(*chunk), near)
+            for chunk in _chunks(q, np.asarray(positions), np.asarray(attitudes))
         ]
         return np.concatenate(values, axis=1) + self._shift[:, None]
 
@@ -96,7 +103,8 @@ class ClientDistances:
     ) -> LeastDistance:
         """Return the least distances at K configurations and client poses.
 
-        `held` is true if the client is grasped. For the other arguments see `distances`.
+        If `held` is true, the client is grasped, and the distances of the link that carries the end effector
+        are left out. For the other arguments see `distances`.
         """
         values = self.distances(q, positions, attitudes, near)
         if held:
@@ -105,17 +113,21 @@ class ClientDistances:
         return LeastDistance(values[pair, np.arange(len(pair))], pair)
 
     def around(self) -> ClientDistances:
-        """Return a `ClientDistances` for the bounding ball about the client's centre of mass."""
+        """Return the distances from the bounding ball about the client's centre of mass."""
         ball = Obstacle(coal.Sphere(self.radius), on=self._client, name="client")
         return ClientDistances(self._sms, [ball], self.clearance, self._stack.mode)
 
     def at(self, q: FloatArray, pose: Any, held: bool = False) -> tuple[float, str]:
-        """Return the least distance [m] and its pair of bodies, at q (nq,) and a pose (pinocchio.SE3)."""
+        """Return the least distance [m] and its pair of bodies at q (nq,) and a client pose."""
         nearest = self.nearest(q[None], pose.translation[None], pose.rotation[None], held)
         return float(nearest.distance[0]), self.names[int(nearest.pair[0])]
 
     def closing_speed(self, v: FloatArray, client_twist: FloatArray) -> float:
-        """Return an upper bound of the closing speeds of all pairs [m/s], for v (6 + n,) and a twist (6,)."""
+        """Return an upper bound of the closing speeds [m/s] of all pairs.
+
+        `v` (6 + n,) is the servicer's velocity and `client_twist` (6,) the client's twist. The bound assumes
+        revolute joints.
+        """
         length = self._stack.arm.length + float(self._stack.sizes[:, 0].max())
         turning = float(np.linalg.norm(v[3:6]) + np.abs(v[6:]).sum())
         linear = float(np.linalg.norm(v[:3]) + np.linalg.norm(client_twist[:3]))
@@ -126,7 +138,9 @@ class ClientDistances:
     ) -> LeastClearance | None:
         """Return the least distance in a recording with rows at the times `t` (N,) [s].
 
-        The client is grasped from the time `latched` [s] on. Return None if there is no pair of bodies.
+        `q` (N, nq) are the servicer's configurations, `client_pose` (N, 7) the client's positions and
+        quaternions (x, y, z, w). The client is grasped from the time `latched` [s] on. Return None if there
+        is no pair of bodies, or only pairs with the gripper after the grasp.
         """
         if not self.names:
             return None
@@ -163,16 +177,16 @@ class ClientDistances:
 
 
 class _Rows:
-    """A substitute for the client; its pose at "time" k is row k of `positions` and `attitudes`."""
+    """A client whose pose at time k is row k of `positions` and `attitudes`."""
 
     positions, attitudes = np.zeros((1, 3)), np.eye(3)[None]
 
     def pose(self, t: float) -> Any:
-        """Return the pose (pinocchio.SE3) in row t."""
+        """Return the pose (pinocchio.SE3) of row t."""
         return pin.SE3(self.attitudes[int(t)], self.positions[int(t)])
 
     def poses(self, times: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the positions (K, 3) [m] and attitudes (K, 3, 3) in the rows `times` (K,)."""
+        """Return the positions (K, 3) [m] and attitudes (K, 3, 3) of the rows `times` (K,)."""
         rows = np.asarray(times).astype(np.intp)
         return self.positions[rows], self.attitudes[rows]
 

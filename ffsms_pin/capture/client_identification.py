@@ -32,8 +32,8 @@ class IdentifiedClient:
     mass, mass_deviation : float
         The mass and its standard deviation [kg].
     com, com_deviation : ndarray, shape (3,)
-        The displacement of the centre of mass from the assumed centre of mass, and the standard deviation of
-        the displacement, in the client's axes [m].
+        The displacement of the centre of mass from the assumed centre of mass, and its standard deviation,
+        in the client's axes [m].
     inertia, inertia_deviation : ndarray, shape (3, 3)
         The inertia about the centre of mass, and its standard deviation, in the client's axes [kg m^2].
     believed : Client
@@ -42,7 +42,7 @@ class IdentifiedClient:
         The time span of the measurements [s].
     note : str
         The unobservable parameters, and signs of a wrong model. If the identification failed, `note` has the
-        reason, and all numbers are NaN.
+        reason, and mass, centre of mass, inertia and their deviations are NaN.
     """
 
     mass: float
@@ -60,7 +60,10 @@ class IdentifiedClient:
         return f"IdentifiedClient({'; '.join(filter(None, [mass, self.note]))})"
 
     def numbers(self, true: Client) -> dict[str, Any]:
-        """Return the assumed, identified and true mass, centre of mass and inertia for a summary."""
+        """Return the assumed, identified and true mass, centre of mass and inertia for a summary.
+
+        If the identification failed, the identified values and their deviations are None.
+        """
         identified = np.isfinite(self.mass)
         return {
             "believed": _numbers(self.believed.mass, np.zeros(3), self.believed.inertia),
@@ -79,7 +82,7 @@ def _numbers(mass: float, com: FloatArray, inertia: FloatArray) -> dict[str, Any
 
 
 class ClientIdentification:
-    """An identification of a latched client from measurements of the servicer's motion.
+    """The identification of a latched client from measurements of the servicer's motion.
 
     Parameters
     ----------
@@ -109,14 +112,17 @@ class ClientIdentification:
         return self._link_pose(q) * self._placement
 
     def add(self, t: float, q: FloatArray, v: FloatArray, wheels: FloatArray | None) -> None:
-        """Store a measured state at t [s], if it is at least 0.01 s later than the last stored state."""
+        """Store a measured state at t [s] if it is at least 0.01 s later than the last stored state.
+
+        `wheels` (w,) are the measured spin momenta of the wheels [N m s], None without wheels.
+        """
         if not self._rows or t > self._rows[-1][0] + _PERIOD - 1e-9:
             self._rows.append((t, q.copy(), v.copy(), wheels))
 
     def identified(self, sensors: Sensors | None, pushed: bool) -> IdentifiedClient:
-        """Return the client as identified from the measurements so far.
+        """Return the client as identified from the stored measurements.
 
-        `pushed` is true if an external force changed the momentum; the client is then not identified.
+        If `pushed` is true, an external force changed the momentum, and the client is not identified.
         """
         believed = self._placement.act(pin.Inertia(self._client.mass, np.zeros(3), self._client.inertia))
         duration = self._rows[-1][0] - self._rows[0][0] if self._rows else 0.0
@@ -146,9 +152,9 @@ class ClientIdentification:
         return self._of(values, deviations, duration, result.note)
 
     def _values(self, parameters: FloatArray) -> FloatArray:
-        """Return mass, centre of mass and inertia about the centre of mass (10,), client's axes.
+        """Return the mass, centre of mass and six entries of the inertia (10,) in the client's axes.
 
-        `parameters` (10,) are the dynamic parameters (Pinocchio's layout) in the axes of the link.
+        `parameters` (10,) are the dynamic parameters (Pinocchio's layout) in the link's frame.
         """
         body = self._placement.actInv(pin.Inertia.FromDynamicParameters(parameters))
         return np.concatenate([[body.mass], body.lever, body.inertia[np.triu_indices(3)]])
@@ -177,10 +183,11 @@ def teaching_motion(
     room: HeldClient | None,
     locked: Sequence[str] = (),
 ) -> tuple[Trajectory | None, str]:
-    """Return a motion of small swings that identifies the grasped client, or None and the reason.
+    """Return a motion with small amplitudes for the identification of the grasped client, and a text.
 
-    The motion ends where it begins. If the client would come too near to the servicer, smaller swings are
-    tried.
+    The motion ends where it begins. If no motion is found, or if the motion does not keep the clearance,
+    smaller amplitudes are tried. If all fail, the motion is None and the text is the reason; otherwise the
+    text is empty.
 
     Parameters
     ----------
@@ -191,7 +198,7 @@ def teaching_motion(
     share : float
         The share of the torque limits that the motion may use.
     room : HeldClient, optional
-        The grasped client, which keeps a clearance to the servicer.
+        The grasped client, its required clearance and the obstacles. None: no clearance is required.
     locked : sequence of str
         The names of joints that cannot move.
     """
