@@ -22,7 +22,7 @@ from ffsms_pin.opt.step.state import StepState
 from ffsms_pin.robot.base_motion import advance
 from ffsms_pin.system.batch.stacks import apply, exp3
 
-# The name of each slope, and the field of `Rollouts` by which the slope is the derivative.
+# The name of each slope, and the field of `Rollouts` with respect to which it is the derivative.
 _MOVED = {
     "by_tip": "end_effector",
     "by_turn": "attitude",
@@ -40,12 +40,12 @@ _STEP = 1e-5  # step of finite differences in time [s] or in acceleration [rad/s
 
 
 def check(part: Term | Limit, problem: Problem, tolerance: float = 1e-4, seed: int = 0) -> float:
-    """Check the slopes (derivatives) of a term or limit by finite differences; return the largest error.
+    """Check the slopes (derivatives) of a term or limit by finite differences on random motions.
 
-    The motions are random. For a term the slopes of the residual are checked. For an `opt.Inequality` the
-    slopes of the slack are checked, and the rows are compared with the change of the slack in a short step.
-    For any other limit the slopes of the residual are checked, and the sign of the rows if the limit is
-    violated.
+    For a term the slopes of the residual are checked. For an `opt.Inequality` the slopes of the slack are
+    checked, and the rows are compared with the change of the slack in a short step. For any other limit the
+    slopes of the residual are checked. If such a limit is violated and has a single row with one bound, the
+    sign of the row is checked, too.
 
     Parameters
     ----------
@@ -55,9 +55,14 @@ def check(part: Term | Limit, problem: Problem, tolerance: float = 1e-4, seed: i
         The robot, start, goal, mode and momentum of the motions. The problem's own terms and limits are
         ignored.
     tolerance : float
-        The largest admissible error of a slope, relative to the largest slope of the same residual.
+        The largest admissible error of a slope, relative to the largest slope of the same residual or slack.
     seed : int
         The seed of the random motions.
+
+    Returns
+    -------
+    float
+        The largest relative error of slopes and rows.
 
     Raises
     ------
@@ -85,8 +90,8 @@ def check(part: Term | Limit, problem: Problem, tolerance: float = 1e-4, seed: i
         if isinstance(part, Limit):
             largest = max(largest, _check_rows(part, problem, motions, tolerance))
     if not nonzero:
-        text = f"{type(part).__name__}.{method} is zero on all random motions: its slopes were not checked;"
-        text += " check it with a weight above zero, or with a tighter limit"
+        text = f"{type(part).__name__}.{method} is zero on all random motions, so its slopes were not"
+        text += " checked; check it with a weight above zero, or with a tighter limit"
         warnings.warn(text, FfsmsWarning, stacklevel=2)
     return largest
 
@@ -94,7 +99,7 @@ def check(part: Term | Limit, problem: Problem, tolerance: float = 1e-4, seed: i
 def _dense(part: Any, method: str, motions: Rollouts) -> list[Variable]:
     """Return the variables of a part's formula as full arrays, zero at instants without a value."""
 
-    def spread(values: FloatArray, motion: Indices | None, instants: Indices | slice) -> FloatArray:
+    def filled(values: FloatArray, motion: Indices | None, instants: Indices | slice) -> FloatArray:
         full = np.zeros((*values.shape[:-2], *motions.rates.shape[1:]))
         if motion is None:
             full[..., instants] = values
@@ -110,20 +115,23 @@ def _dense(part: Any, method: str, motions: Rollouts) -> list[Variable]:
             raise PartError(part, method, "returns NaN; it must be defined for every motion")
         where = variable.where or (None, slice(None))
         try:
-            slopes = {name: spread(slope, *where) for name, slope in variable.slopes.items()}
+            slopes = {name: filled(slope, *where) for name, slope in variable.slopes.items()}
         except Exception as error:
             raise PartError.of(part, method, error) from error
-        dense.append(Variable(spread(variable.value, *where), slopes))
+        dense.append(Variable(filled(variable.value, *where), slopes))
     return dense
 
 
 def _compared(
     part: Any, method: str, i: int, variable: Variable, motions: Rollouts, tolerance: float
 ) -> float:
-    """Compare the slopes of variable i with finite differences; return the largest relative error."""
+    """Compare the slopes of variable i with finite differences; return the largest relative error.
+
+    The error is the smaller of the errors for two steps of the finite differences.
+    """
     by_name: dict[str, Any] = variable.by_all()
     by_name.pop("by_time", None)  # explicit time dependence, used in single steps only
-    if "by_coupling" in by_name:  # C_bm depends on the joints
+    if "by_coupling" in by_name:  # C_bm is a function of the joint positions
         by = coupling_slopes(motions.stack, motions.arm, by_name.pop("by_coupling"))
         by_name["by_joints"] = by_name.get("by_joints", 0.0) + by
 
@@ -131,7 +139,7 @@ def _compared(
         differences: dict[str, Any] = _by_differences(
             lambda at: _dense(part, method, at)[i].value, motions, step
         )
-        # Slopes below 1e-3 may be rounding errors.
+        # Slopes below 1e-3 may be rounding errors, so relative errors refer to at least 1e-3.
         finite, largest, worst, description = np.isfinite(variable.value), 1e-3, 0.0, ""
         for name in by_name | differences:
             exact, numeric = np.broadcast_arrays(by_name.get(name, 0.0), differences.get(name, 0.0))
@@ -152,12 +160,12 @@ def _compared(
     return error
 
 
-# -- finite differences for each quantity alone
+# -- finite differences with respect to one quantity at a time
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class _Nudged(FixedRollouts):
-    """A stack of motions whose quantities are independent, so that each can be varied alone."""
+    """A stack of motions whose quantities are stored, so that each can be varied alone."""
 
     entropy: FloatArray
 
@@ -182,7 +190,7 @@ def _nudged(motions: _Nudged, name: str, i: int, by: float) -> Rollouts:
 def _by_differences(
     formula: Callable[[Rollouts], FloatArray], motions: Rollouts, step: float = 1e-6
 ) -> dict[str, FloatArray]:
-    """Return the slopes of a formula (S, K) or (c, S, K) by finite differences; zero at infinite values."""
+    """Return the slopes of a formula (S, K) or (c, S, K) by central differences, zero at infinities."""
     quantities: dict[str, Any] = {entry.name: getattr(motions, entry.name) for entry in fields(_Nudged)}
     independent = _Nudged(**(quantities | {"evaluated": motions.arm}))
     slopes: dict[str, FloatArray] = {}
@@ -204,7 +212,7 @@ def _by_differences(
 def _check_rows(limit: Limit, problem: Problem, motion: Rollouts, tolerance: float) -> float:
     """Return the largest relative error of a limit's rows at the nodes of a motion."""
     largest, nodes = 0.0, configurations(problem.sms, problem.q0, motion)
-    for k in range(1, len(nodes)):  # at the start, the distance from the start is zero and has no slope
+    for k in range(1, len(nodes)):  # the base's displacement has no slope at the start
         state = _state(problem, nodes[k], motion.rates[:, 0, 2 * k], float(motion.times[2 * k]))
         rows = rows_of(limit, state)
         if rows is None:
@@ -212,7 +220,7 @@ def _check_rows(limit: Limit, problem: Problem, motion: Rollouts, tolerance: flo
         if isinstance(limit, Inequality):
             largest = max(largest, _flow_error(limit, problem, state, tolerance))
         else:
-            _leads_out(limit, problem, state, rows)
+            _check_sign(limit, problem, state, rows)
     return largest
 
 
@@ -223,20 +231,20 @@ def _state(problem: Problem, q: FloatArray, rates: FloatArray, t: float) -> Step
 
 
 def _moved(problem: Problem, state: StepState, rates: FloatArray, by: float) -> StepState:
-    """Return the state after a time `by` [s] at constant joint rates."""
+    """Return the state after a motion of `by` [s] at constant joint `rates`, with the rates of `state`."""
     q, _ = advance(problem.sms, state.q, rates, np.zeros_like(rates), by, problem.momentum, problem.mode)
     return _state(problem, q, state.rates, state.time + by)
 
 
 def _ending(problem: Problem, state: StepState, change: FloatArray, by: float) -> StepVariables:
-    """Return the variables of a step whose rates change by `by` times `change` within the step."""
+    """Return the variables of a step at whose end the rates have changed by `by` times `change`."""
     variables = StepVariables(_state(problem, state.q, state.rates + by * change, state.time))
     variables.rollouts = replace(variables.rollouts, accelerations=by * change[:, None, None] / state.dt)
     return variables
 
 
 def _flow_error(limit: Inequality, problem: Problem, state: StepState, tolerance: float) -> float:
-    """Return the relative error of the slack's rate of change, by comparison with a short step."""
+    """Return the relative error of the slack's rate of change; raise `PartError` if it is too large."""
     here = StepVariables(state)
     at, u = here.change(limit.slacks(here)), state.rates
 
@@ -244,7 +252,7 @@ def _flow_error(limit: Inequality, problem: Problem, state: StepState, tolerance
         ahead, behind = (limit.slacks(to(by)).value.reshape(-1) for by in (step, -step))
         return np.asarray((ahead - behind) / (2.0 * step))
 
-    jumps = at.jump.any(axis=1)  # slacks that depend on rates; their change with positions is ignored
+    jumps = at.jump.any(axis=1)  # slacks that depend on rates; their change with positions is not checked
     change = slope(lambda by: StepVariables(_moved(problem, state, u, by)), _STEP)
     flow = np.where(jumps, 0.0, at.flow @ u + at.flow_drift - change)
     scale = max(1e-3, *(float(np.abs(x).max(initial=0.0)) for x in at[1:]))
@@ -258,14 +266,17 @@ def _flow_error(limit: Inequality, problem: Problem, state: StepState, tolerance
     return max(errors)
 
 
-def _leads_out(limit: Limit, problem: Problem, state: StepState, rows: Rows) -> None:
-    """Raise `PartError` if a step along a limit's only row, which has one bound, increases a violation."""
+def _check_sign(limit: Limit, problem: Problem, state: StepState, rows: Rows) -> None:
+    """Raise `PartError` if a short step into the half-space of a row increases the violation of the limit.
+
+    Only limits with a single row with one bound are checked.
+    """
     if len(rows.lower) != 1:
         return
-    outwards = float(rows.lower[0] > -UNBOUNDED) - float(rows.upper[0] < UNBOUNDED)
+    direction = float(rows.lower[0] > -UNBOUNDED) - float(rows.upper[0] < UNBOUNDED)
     before, after = (
         sum(float(np.sum(residual.value**2)) for residual in residuals_of(limit, StepVariables(at).rollouts))
-        for at in (state, _moved(problem, state, outwards * rows.G[0], _STEP))
+        for at in (state, _moved(problem, state, direction * rows.G[0], _STEP))
     )
     if 0.0 < before * (1.0 + 1e-9) < after:
         raise PartError(limit, "rows", "increase the violation of the limit; check their sign")

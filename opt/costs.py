@@ -1,7 +1,6 @@
-"""Cost terms: residuals whose squared integrals are the objective.
+"""Cost terms: the paper's cost, regularisation, and costs of base rotation, wheels and thrusters.
 
-The terms are the paper's cost, regularisations of the motion, and costs of base rotation, wheels and
-thrusters.
+The objective is the sum of the integrals of their squared residuals.
 """
 
 from __future__ import annotations
@@ -24,13 +23,13 @@ from ffsms_pin.options import NotNegative, Positive, Unit
 if TYPE_CHECKING:
     from ffsms_pin.opt.step.state import StepState
 
-# [s] The duration to which the weights of regularisation terms refer. For other durations time is scaled. The
-# ratio of the paper's cost to the regularisation is then independent of the speed of a motion.
+# [s] The duration to which the weights of all terms except `Coupling` refer. For other durations time is
+# scaled, so that the ratio of the paper's cost to the other terms is independent of the speed of a motion.
 REFERENCE_TIME = 8.0
 
 
 def time_scale(motions: Rollouts | Variables) -> float:
-    """Return the duration divided by `REFERENCE_TIME`, by which residuals of regularisation are scaled."""
+    """Return the duration divided by `REFERENCE_TIME`; powers of this ratio scale residuals."""
     return motions.duration / REFERENCE_TIME
 
 
@@ -48,11 +47,10 @@ class Term(ABC):
     smooths : bool
         True if the term has a larger weight at the beginning of a search, to avoid poor minima.
     step_weight : float
-        The weight of the squared residual in single steps, where the term determines redundant motion. It
-        should be small compared with 1, the weight of a step's direction. With 0 single steps ignore the
-        term.
+        The weight of the squared residual in single steps, for redundant motion. It should be small compared
+        with 1, the weight of a step's direction. If it is 0, single steps ignore the term.
     measures_cost : bool
-        True if the cost of the term decides whether a motion is cheap enough to end a search.
+        True if the term is part of the cost whose low value ends a search.
     kappa : float or None
         The sharpness of the paper's C~, if the term has one. The measures of a finished motion use it.
     """
@@ -66,18 +64,18 @@ class Term(ABC):
 
     @abstractmethod
     def residual(self, m: Any) -> Formula:
-        """Return the residual at every instant, multiplied by the square root of the weight.
+        """Return the residual, multiplied by the square root of the weight.
 
         The residual is a variable (S, K) or (c, S, K), or a list of variables, computed from `m`, the
-        `opt.Variables` of whole motions.
+        `opt.Variables` of whole motions or of a single step.
         """
 
     def step_objective(self, step: StepState) -> tuple[FloatArray, FloatArray] | None:
         """Return W (n, n) and w (n,) that a step adds to its objective as u^T W u / 2 - w^T u.
 
-        u are the joint rates at the step's end. The direction and speed of the end effector have priority
-        over this objective. By default the objective favours rates at which the residual decays with a time
-        constant of 1 s. If `step_weight` is zero, the default is None.
+        u are the joint rates at the step's end. By default the objective favours rates at which the residual
+        decays with a time constant of 1 s, or is zero at the step's end if it depends on u alone. If
+        `step_weight` is zero, the default is None.
         """
         if self.step_weight == 0.0:
             return None
@@ -93,12 +91,12 @@ class Term(ABC):
         return W, w
 
     def cost(self, m: Variables) -> FloatArray:
-        """Return the cost (S,) without smoothing: the integral of the squared residuals."""
+        """Return the cost (S,), the integral of the squared residuals."""
         squares = (residual.squares(m.weights, m.count) for residual in residuals_of(self, m))
         return sum(squares, np.zeros(m.count))
 
     def share(self, motion: Rollouts) -> float:
-        """Return the cost of a finished motion from its nodes and midpoints. Default: `cost`."""
+        """Return the cost of one finished motion, known at nodes and midpoints. Default: `cost`."""
         return float(self.cost(Variables(motion))[0])
 
 
@@ -129,9 +127,9 @@ def step_cost(cos_theta: float, entropy: float, kappa: float) -> float:
 
 
 def ideal_cosine(entropy: float, kappa: float) -> float:
-    """Return the cos(theta_a) in [-1, 1] with the least cost of a step at an entropy H_norm.
+    """Return the cos(theta_a) in [-1, 1] at which a step with the entropy H_norm has the least cost.
 
-    The cost is zero if C~ = 1 - H_norm, that is, cos(theta_a) = log(exp(kappa (1 - H_norm)) - 1) / kappa.
+    The cost is zero if C~ = 1 - H_norm, at cos(theta_a) = log(exp(kappa (1 - H_norm)) - 1) / kappa.
     Velocities with this cosine form a cone around the direction to the target.
     """
     return kernel.ideal_cosine(entropy, kappa)
@@ -143,7 +141,7 @@ class Coupling(Term):
 
     The residual is independent of the end effector's speed, and discontinuous where this speed or the
     distance to the target is zero. During a search two factors reduce the residual to zero at these points
-    (`rollouts.Smoothing`). The cost of a finished motion is exact.
+    (`rollouts.Smoothing`). The cost of a finished motion has no such factors.
 
     The paper states no `kappa`; with 10, C~ is close to max(0, cos(theta_a)). The weights of other terms are
     relative to the default `weight` of this term.
@@ -197,9 +195,8 @@ class Effort(_Plain):
 
     `weight` [s^2/rad^2] multiplies (duration / 8 s)^2 and the integral of the squared joint rates. With the
     default weight and a duration of 8 s, a joint that turns by 3 rad at a constant rate costs as much as
-    1.1e-4 s of the paper's cost integral. `idle` multiplies the squared rates of joints that do not move the
-    end effector, such as the joints of a second arm. The motion of these joints hardly reduces the paper's
-    cost.
+    1.1e-4 s of the paper's cost integral. `idle` also multiplies the squared rates of joints that do not move
+    the end effector, such as the joints of a second arm.
     """
 
     weight: Annotated[NotNegative, Unit()] = 1e-4
@@ -237,8 +234,7 @@ class BaseTurn(WeightedTerm):
 
     `weight`, in units of 32 s^2/rad^2, multiplies (duration / 8 s)^2 and the integral of the base's squared
     angular velocity. With the weight 1 and a duration of 8 s, a base rotation by 0.05 rad at a constant rate
-    costs as much as 0.01 s of the paper's cost integral. This is enough to decide between motions of nearly
-    zero cost.
+    costs as much as 0.01 s of the paper's cost integral.
     """
 
     name = "base turn"
@@ -288,7 +284,7 @@ class WheelEnergy(_Rounded):
     name, unit = "wheel energy", "W"
 
     def residual(self, m: Variables) -> Any:
-        """Return the weighted square root of each wheel's power at instants with a quadrature weight."""
+        """Return the weighted square root of each wheel's smoothed absolute power."""
         if m.rollouts.wheels is None:
             return []
         power = root_of_size(_powers(m.weighted()), self.rounding)
@@ -300,8 +296,9 @@ class Propellant(_Rounded):
     """The cost of propellant of thrusters that hold attitude or position; zero without thrusters.
 
     The force and the moment that hold the base (`Variables.wrench`) are allocated to the thrusters by the
-    pseudo-inverse. A negative force is attributed to an opposed thruster. For thrusters in opposed pairs the
-    propellant equals `Trajectory.propellant`, except for the smoothing; for others it is an approximation.
+    pseudo-inverse, which may give negative forces. For independent opposed pairs of thrusters within their
+    force limits the propellant equals `Trajectory.propellant`, except for the smoothing. For other thrusters
+    it is an approximation.
     `weight` [s/g] multiplies (duration / 8 s)^2 and the propellant. `rounding` is the force of a thruster
     below which its absolute value is smoothed [N].
     """
@@ -310,7 +307,7 @@ class Propellant(_Rounded):
     name, unit = "propellant", "N"
 
     def residual(self, m: Variables) -> Any:
-        """Return the weighted square root of each thruster's flow at instants with a quadrature weight."""
+        """Return the weighted square root of each thruster's smoothed propellant flow."""
         thrusters = m.rollouts.thrusters
         if thrusters is None:
             return []
@@ -329,8 +326,8 @@ def wheel_energy(motion: Rollouts) -> float:
 def propellant(motion: Rollouts) -> float:
     """Return the propellant [kg] of thrusters that hold the base during one motion.
 
-    Forces are allocated as in the control of the base. The thrusters are proportional; pulses with the same
-    mean force use the same propellant.
+    Forces are allocated to the thrusters as in the control of the base, and are continuous. Pulses with the
+    same mean force use the same propellant.
     """
     thrusters = motion.thrusters
     if thrusters is None:

@@ -76,7 +76,7 @@ _DERIVATIVES: dict[np.ufunc, tuple[Callable[..., Any], ...]] = {
     np.arctan: (lambda y, a: 1.0 / (1.0 + a * a),),
 }
 
-# Functions with piecewise constant results, which lose no slopes.
+# Functions with piecewise constant results, whose slopes are zero.
 _COMPARISONS = {np.equal, np.not_equal, np.less, np.less_equal, np.greater, np.greater_equal}
 _FLAT = _COMPARISONS | {np.sign, np.floor, np.ceil, np.isfinite, np.isnan}
 
@@ -91,7 +91,7 @@ def gradient_watch(make: Callable[[], Any]) -> tuple[Any, bool]:
 
 
 def _operators(ufunc: np.ufunc) -> tuple[Callable[[Any, Any], Variable], ...]:
-    """Return a binary operator and its reflection, which call `__array_ufunc__` without NumPy's dispatch."""
+    """Return a binary operator and its reflection, which bypass NumPy's dispatch for speed."""
     return (
         lambda x, y: x.__array_ufunc__(ufunc, "__call__", x, y),
         lambda x, y: x.__array_ufunc__(ufunc, "__call__", y, x),
@@ -111,8 +111,9 @@ class Variable(NDArrayOperatorsMixin):
         The value at K instants of S motions; components come first.
     slopes : dict of str to ndarray, or a function that returns such a dict
         The partial derivatives, by the names below. The axes of a slope are the components of the value if it
-        is a vector, then the axes of the quantity, then S and K. The axes S and K may have the length 1. A
-        function that returns the slopes is called once, when they are needed. The names are:
+        is a vector, then the axes of the quantity, then S and K. The axes S and K may have the length 1, and
+        in the "own" slopes also the axis of components. A function that returns the slopes is called once,
+        when they are needed. The names are:
 
         "by_joints", "by_rates", "by_accelerations" (n): joint positions, rates and accelerations;
         "own_joint", "own_rate", "own_acceleration" (no axis): derivatives of component j by joint j alone;
@@ -296,12 +297,12 @@ class Variable(NDArrayOperatorsMixin):
         return np.bincount(motion, square[0], minlength=motions).astype(np.float64)
 
     def at_once(self) -> Variable:
-        """Return the variable as a residual whose square is not integrated over time."""
+        """Return the variable as a residual whose square is added without integration over time."""
         return Variable(self.value, lambda: self.slopes, self.where, over_time=False)
 
 
 def root_of_size(x: Variable, rounding: float) -> Variable:
-    """Return r, whose square sqrt(x^2 + e^2) - e is a smooth |x| that is at most e = `rounding` smaller.
+    """Return r with r^2 = sqrt(x^2 + e^2) - e, a smooth |x| that is too small by at most e = `rounding`.
 
     As a residual, r makes a least-squares problem minimise |x| without the kink at zero. With
     s = sqrt(x^2 + e^2), (s - e)(s + e) = x^2, so r = x / sqrt(s + e).
@@ -383,10 +384,10 @@ class RobotFrame(NamedTuple):
 
 
 class FrameVariable(Variable):
-    """The position of a frame (3, S, K), inertial axes [m], as a variable that also has the frame's attitude.
+    """The position of a frame (3, S, K) [m], as a variable that also has the frame's attitude.
 
     `rotation` is the attitude (3, 3, S, K), or a function that returns it. `turns` are the slopes of the
-    frame's rotation vector, inertial axes.
+    frame's rotation vector. All are in inertial axes, or in base axes for `Variables.frame(on="base")`.
     """
 
     def __init__(
@@ -403,19 +404,19 @@ class FrameVariable(Variable):
     @property
     def rotation(self) -> FloatArray:
         """The attitude of the frame (3, 3, S, K)."""
-        if callable(self._rotation):  # computed when needed, since most goals are positions
+        if callable(self._rotation):  # computed when needed, because most goals are positions
             self._rotation = self._rotation()
         return self._rotation
 
     def axis(self, axis: Any) -> Variable:
-        """Return a direction (3,) that is fixed in the frame, as a variable (3, S, K) in inertial axes."""
+        """Return a direction (3,) that is fixed in the frame, as a variable (3, S, K)."""
         a = apply(self.rotation, np.asarray(axis, dtype=np.float64)[:, None, None])
         return self._turned(a, lambda: -skew(a))  # a small rotation phi changes a by phi x a
 
     def rotation_vector_from(self, rotation: FloatArray) -> Variable:
-        """Return the rotation vector (3, S, K) from an attitude to the frame's attitude, inertial axes [rad].
+        """Return the rotation vector (3, S, K) from an attitude to the frame's attitude [rad].
 
-        The attitude `rotation` is (3, 3) or (3, 3, K).
+        The attitude `rotation` is (3, 3) or (3, 3, K), in the same axes as the frame's attitude.
         """
         r = self._from(rotation)
 
@@ -432,7 +433,7 @@ class FrameVariable(Variable):
         """Return the angle (S, K) between an attitude (3, 3) or (3, 3, K) and the frame's attitude [rad]."""
         r = self._from(rotation)
         angle = np.sqrt(dot(r, r) + 1e-18)  # finite slopes at zero
-        # Only the component of a rotation along its axis changes the angle.
+        # Only the component of a small rotation along r changes the angle.
         return Variable(angle, lambda: self._turn._along(r / angle), self.where)
 
     def during(self, span: slice) -> FrameVariable:
@@ -442,7 +443,7 @@ class FrameVariable(Variable):
         return FrameVariable(place.value, lambda: self.rotation[..., span], *slopes, place.where)
 
     def moving_on(self, velocity: Variable, spin: Variable, by: FloatArray) -> FrameVariable:
-        """Return the frame extrapolated by times (S, K) [s] at constant velocities."""
+        """Return the frame extrapolated by times (S, K) [s] at a constant velocity and angular velocity."""
         position, turn = self + by * velocity, exp3(by * spin.value)
 
         def turns() -> dict[str, FloatArray]:
@@ -477,11 +478,12 @@ def _moving(by: str, name: str, slope: FloatArray, doc: str) -> Any:
 
 
 class Variables:
-    """The variables of S motions at K instants, inertial axes; other attributes are those of `Rollouts`.
+    """The variables of S motions at K instants; other attributes are those of `Rollouts`.
 
-    `rollouts` has the plain arrays. `duration` is the time from the start to the deadline [s]. `step` is the
-    state of a single step, None for whole motions. `extra_margin` is the additional margin that a search
-    requires in the residual of a limit, in the unit of the limit.
+    Variables are in inertial axes, except where base axes are stated. `rollouts` has the plain arrays.
+    `duration` is the time from the start to the deadline [s]. `step` is the state of a single step, None for
+    whole motions. `extra_margin` is the additional margin that a search requires in the residual of a limit,
+    in the unit of the limit.
     """
 
     step: StepState | None = None
@@ -559,7 +561,7 @@ class Variables:
 
     @cached_property
     def to_goal(self) -> Variable:
-        """The displacement (3, S, K) [m] to the goal from the end effector's position `delay` [s] earlier."""
+        """The displacement to the goal from the end effector's position `delay` [s] earlier (3, S, K) [m]."""
         to_goal: Variable = self.goal - self.tip + self.rollouts.delay * self.velocity
         return to_goal
 
@@ -580,7 +582,7 @@ class Variables:
 
     @cached_property
     def base_rotation_vector(self) -> Variable:
-        """The rotation vector of the base from its attitude at the start (3, S, K) [rad]."""
+        """The rotation vector of the base from its attitude in `Problem.base_start` (3, S, K) [rad]."""
         return self.base.rotation_vector_from(self.rollouts.rotation_start)
 
     @cached_property
@@ -608,7 +610,7 @@ class Variables:
 
     @cached_property
     def arm_momentum(self) -> Variable:
-        """The angular momentum of arm and base while the attitude is held (3, S, K), base axes [N m s]."""
+        """The angular momentum of arm and base with the attitude held (3, S, K), base axes [N m s]."""
         m, D = self.rollouts, held_momentum(self.rollouts.arm)
 
         def slopes() -> dict[str, FloatArray]:
@@ -626,7 +628,7 @@ class Variables:
 
     @cached_property
     def wheel_torques(self) -> Variable:
-        """The motor torques of the wheels (w, S, K), which include the compensation of friction [N m]."""
+        """The motor torques of the wheels (w, S, K) [N m], including the compensation of friction."""
         wheels = self.rollouts.wheels
         torques: Variable = -(wheel_shares(wheels) @ self.wrench[3:])
         if wheels is not None and wheels.rubs:
@@ -655,7 +657,7 @@ class Variables:
         return self.at(*np.nonzero(np.broadcast_to(m.weights > 0.0, m.rates.shape[1:])))
 
     def at(self, motion: Indices | None, instants: Indices | slice) -> Variables:
-        """Return V pairs of motion and instant, by their indices, as one motion with V instants.
+        """Return V pairs of motion and instant, selected by indices (V,), as one motion with V instants.
 
         If `motion` is None, return these instants of all motions.
         """
@@ -663,7 +665,7 @@ class Variables:
         return Variables(self.rollouts.at(motion, instants), self.duration, where, self.extra_margin)
 
     def with_margin(self, extra: float) -> Variables:
-        """Return the variables with another additional margin."""
+        """Return the variables with the additional margin `extra`."""
         same = extra == self.extra_margin
         return self if same else Variables(self.rollouts, self.duration, self.where, extra)
 
@@ -676,10 +678,10 @@ class Variables:
 
 
 class StepChange(NamedTuple):
-    """The dependence of c variables at a step's start on the joint rates u of the step."""
+    """The dependence of a variable with c components at a step's start on the joint rates u of the step."""
 
-    value: FloatArray  # (c,) the values for the rates at the step's start
-    flow: FloatArray  # (c, n) flow @ u + flow_drift is the rate of change due to the motion
+    value: FloatArray  # (c,) the value for the rates at the step's start
+    flow: FloatArray  # (c, n) flow @ u + flow_drift is the rate of change due to the motion and to time
     flow_drift: FloatArray  # (c,)
     jump: FloatArray  # (c, n) the derivative with respect to u, with the configuration unchanged
 
@@ -715,13 +717,13 @@ class StepVariables(Variables):
             weights=np.ones(1),
             limit_weights=np.ones(1),
             last_tenth=np.zeros(1, dtype=np.intp),
-            joints=_one(step.joints),
-            rates=_one(u),
-            accelerations=_one(np.zeros(len(u))),
-            base_attitude=_one(R),
+            joints=_single_instant(step.joints),
+            rates=_single_instant(u),
+            accelerations=_single_instant(np.zeros(len(u))),
+            base_attitude=_single_instant(R),
             com=(step.q[:3] + R @ step.com)[:, None],
             drift=np.zeros(3) if step.momentum is None else step.momentum[:3] / stack.total_mass,
-            angular_drift=_one(step.drift[3:]),
+            angular_drift=_single_instant(step.drift[3:]),
             base_start=start.act(com),
             rotation_start=start.rotation,
             target=np.full((3, 1), np.nan),
@@ -729,12 +731,12 @@ class StepVariables(Variables):
             wheels=step.wheels,
             wheel_total=np.zeros(len(step.wheels or ())) if step.wheel_total is None else step.wheel_total,
             time_offset=step.time_offset,
-            end_effector=_one(step.pose.translation),
-            attitude=_one(step.pose.rotation),
-            velocity=_one(tip[:3] @ at),
-            angular_velocity=_one(tip[3:] @ at),
-            base_angular_velocity=_one(base_spin @ at),
-            base_position=_one(step.q[:3] + R @ com),
+            end_effector=_single_instant(step.pose.translation),
+            attitude=_single_instant(step.pose.rotation),
+            velocity=_single_instant(tip[:3] @ at),
+            angular_velocity=_single_instant(tip[3:] @ at),
+            base_angular_velocity=_single_instant(base_spin @ at),
+            base_position=_single_instant(step.q[:3] + R @ com),
         )
         super().__init__(motions, step.time + step.time_left)
 
@@ -762,6 +764,6 @@ class StepVariables(Variables):
         return StepChange(variable.value.reshape(c), flow[:, :n], flow[:, n], jump)
 
 
-def _one(x: Any) -> FloatArray:
-    """Return x with axes for one motion and one instant; a copy, because x may be a read-only view."""
+def _single_instant(x: Any) -> FloatArray:
+    """Copy x with axes for one motion and one instant; x may be a read-only view."""
     return np.array(x, dtype=np.float64)[..., None, None]

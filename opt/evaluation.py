@@ -30,7 +30,7 @@ class Rows(NamedTuple):
         The bounds; +-`UNBOUNDED` if a row has one side only.
     softness : float
         The relaxation of a row per unit of the QP's slack, in the row's unit per (m/s). With 0 the row is
-        hard, for limits that can always be satisfied.
+        hard, for limits that every step can satisfy.
     """
 
     G: FloatArray
@@ -40,7 +40,7 @@ class Rows(NamedTuple):
 
 
 def stacked(rows: list[Rows]) -> Rows | None:
-    """Stack rows, with the largest softness for all; return None if the list is empty."""
+    """Stack several rows into one object with their largest softness; return None if the list is empty."""
     if len(rows) < 2:
         return rows[0] if rows else None
     G, lower, upper = (np.concatenate(parts) for parts in zip(*(row[:3] for row in rows), strict=True))
@@ -61,7 +61,7 @@ class Violation(NamedTuple):
     nearest : str
         A description of the nearest pair of bodies, for the note of a plan that does not reach its target.
     overlap : str
-        A description of an overlap with an obstacle, from which no motion can start; empty without one.
+        A description of an overlap with an obstacle at the start; empty if there is none.
     """
 
     amount: float = 0.0
@@ -81,7 +81,7 @@ _LOST = (
 )
 
 
-# The required types of the methods' results, and their names in messages.
+# The required type of each method's result, and its name in messages.
 _KINDS: dict[str, tuple[Any, str]] = {
     "rows": ((Rows, type(None)), "opt.Rows or None"),
     "step_objective": ((tuple, type(None)), "a matrix and a vector, or None"),
@@ -92,7 +92,7 @@ _KINDS: dict[str, tuple[Any, str]] = {
 
 
 def checked_parts(name: str, parts: Any, kind: type[Any]) -> tuple[Any, ...]:
-    """Return parts as a tuple; raise `InvalidValue` for a part of another type, or a repeated name."""
+    """Return parts as a tuple; raise `InvalidValue` for a wrong type, and for an empty or repeated name."""
     if isinstance(parts, str) or not isinstance(parts, Sequence):
         raise InvalidValue(name, parts, f"must be a sequence of opt.{kind.__name__}")
     for i, part in enumerate(parts):
@@ -159,7 +159,7 @@ def violation_of(limit: Any, motion: Rollouts, method: str = "violation") -> Vio
 
 
 def share_of(term: Any, motion: Rollouts) -> float:
-    """Return the cost of a term for a finished motion."""
+    """Return the cost of a finished motion by a term; raise `PartError` if it does not fit into a float."""
     try:
         return float(evaluate(term, "share", motion))
     except OverflowError:
@@ -175,7 +175,7 @@ def formulas(part: Any, method: str, variables: Variables) -> list[Variable]:
 
 
 def check_own_parts(parts: Sequence[Any], motion: Rollouts) -> None:
-    """Raise `PartError` if the formula of a user's own part fails on a motion, or returns no variables.
+    """Raise `PartError` if the residual of a user's own part fails on a motion, or is not a variable.
 
     Numerical failures are ignored, because they may occur for this motion only; the solver handles them.
     """
@@ -194,12 +194,12 @@ def check_own_parts(parts: Sequence[Any], motion: Rollouts) -> None:
 
 def _flat(result: Any) -> list[Any]:
     return (
-        [value for each in result for value in _flat(each)] if isinstance(result, (list, tuple)) else [result]
+        [value for item in result for value in _flat(item)] if isinstance(result, (list, tuple)) else [result]
     )
 
 
 def _checked(part: Any, method: str, value: Any, variables: Variables) -> Variable:
-    """Return a variable unchanged; raise `PartError` for another type, and for a wrong shape."""
+    """Return a variable unchanged; raise `PartError` for another type or a wrong shape."""
     if not isinstance(value, Variable):
         if isinstance(value, (np.ndarray, np.generic, float, int)):
             raise PartError(part, method, f"returns a plain array without slopes: {_WRITE}")
