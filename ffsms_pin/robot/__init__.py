@@ -1,4 +1,4 @@
-"""Functions that load robots and mount arms on satellites, and the robot class `SpaceManipulator`."""
+"""The robot class `SpaceManipulator`, and functions that load robots and mount arms on satellites."""
 
 from ffsms_pin.robot.base import SatelliteBase
 from ffsms_pin.robot.building import with_srdf

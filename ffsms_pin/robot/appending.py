@@ -1,4 +1,4 @@
-"""The construction of robots from Pinocchio models: complete robots, or arms on a satellite."""
+"""The construction of robots from Pinocchio models of whole robots or of arms for a satellite."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from ffsms_pin.system.urdf_file import DEFAULT_RATE
 
 ShapePair = tuple[Any, Any] | None  # visual and collision shapes, pinocchio.GeometryModel
 
-# Attributes of a pinocchio.Model that describe joints beyond their kinematics, one entry per entry of v.
+# Attributes of a pinocchio.Model with one entry per entry of v: limits, friction and rotor inertia of joints.
 _PER_VELOCITY = (
     "armature",
     "damping",
@@ -38,7 +38,7 @@ _PER_POSITION = ("lowerPositionLimit", "upperPositionLimit", "positionLimitMargi
 
 
 def settled_model(model: Any, options: LoadOptions, stacklevel: int) -> Any:
-    """Copy a model, and check, keep or repair its inertias as `options.inertias` requires.
+    """Copy a model and check, keep or repair its inertias according to `options.inertias`.
 
     `stacklevel` is the argument of `warnings.warn`: 2 names the line that calls this function.
     """
@@ -47,7 +47,7 @@ def settled_model(model: Any, options: LoadOptions, stacklevel: int) -> Any:
         body = model.inertias[j]
         tensor = np.array(body.inertia)
         if not np.isfinite(tensor).all() or not tensor.any():
-            continue  # the constructor of the robot checks such bodies
+            continue  # the robot's constructor checks zero inertias and those that are not finite
         name = JointLayout.body_name(model, j)
         better, change = settle(model.name or "the robot", name, tensor, options.inertias)
         if change:
@@ -65,8 +65,9 @@ def append(
     """Return a satellite with the arm `arm` (pinocchio.Model) at `placement`.
 
     Links that are fixed to the universe of the arm's model are fixed to the satellite. `shapes` are the
-    visual and the collision shapes of the arm; the satellite's shapes are added to both. A `_` is appended to
-    names of the satellite's joint and frames that the arm uses, too.
+    visual and the collision shapes of the arm, to which the satellite's shapes are added; None gives a robot
+    without shapes. If the arm uses the name of the satellite's joint or of a frame of the satellite, a `_` is
+    appended to the satellite's name.
     """
     _check_freedoms(arm)
     taken = {*arm.names, *(frame.name for frame in arm.frames)}
@@ -101,9 +102,9 @@ def whole(robot: Any, options: LoadOptions, shapes: ShapePair) -> SpaceManipulat
 def joined(
     robots: Sequence[SpaceManipulator], prefixes: Sequence[str], base: SatelliteBase, options: LoadOptions
 ) -> SpaceManipulator:
-    """Merge robots, each with one arm on the same satellite, into one robot.
+    """Merge robots, each with one arm on an equal satellite, into one robot.
 
-    The prefix of an arm is put before the names of its joints and frames.
+    Each prefix is put before the names of the joints and frames of one arm.
     """
     satellite, _ = satellite_model(base)
     model, own, drawn = pin.Model(), [pin.GeometryModel(), pin.GeometryModel()], False
@@ -123,7 +124,7 @@ def joined(
 
 
 def _prefixed(model: Any, prefix: str) -> Any:
-    """Copy the model of a robot, with a prefix before the names of the arm's joints and frames."""
+    """Copy a robot's model, with a prefix before the names of the arm's joints and frames."""
     made = model.copy()
     for j in range(2, made.njoints):
         made.names[j] = prefix + made.names[j]
@@ -133,9 +134,9 @@ def _prefixed(model: Any, prefix: str) -> Any:
 
 
 def _base_box(model: Any, shapes: list[Any]) -> tuple[Any, Any]:
-    """Return the size [m] and pose of the first box among the base's collision shapes, else visual shapes.
+    """Return the size [m] and pose of the base link's first collision box, else of its first visual box.
 
-    Size and pose are None if there is no box.
+    Only boxes on frames that coincide with the root frame count. Size and pose are None if there is no box.
     """
     for item in (item for kind in reversed(shapes) for item in kind.geometryObjects):
         carrier = model.frames[item.parentFrame]
@@ -167,7 +168,7 @@ def _check_freedoms(arm: Any) -> None:
 
 
 def _positions(arm: Any, locked: Mapping[str, float]) -> dict[int, Any]:
-    """Map the index of each locked joint to its position, as entries of Pinocchio's q."""
+    """Map the index of each locked joint to its position, as the entries (1,) or (2,) of Pinocchio's q."""
     names = [arm.names[j] for j in range(1, arm.njoints) if arm.joints[j].nv == 1]  # not the free-flyer
     positions = {}
     for name, position in locked.items():
@@ -185,9 +186,9 @@ def _positions(arm: Any, locked: Mapping[str, float]) -> dict[int, Any]:
 class _Join:
     """The attachment of an arm to a model, at a placement on a frame; locked joints become fixed.
 
-    Pinocchio's own functions for appending models and locking joints lose rotor inertias (`armature`) and
-    refuse a joint and a body with the same name. If `shared` is True, both models begin with the frames of
-    the same satellite, and the arm's free-flyer and satellite are not added again.
+    `pinocchio.appendModel` is not used, because it drops rotor inertias (`armature`) and refuses a joint and
+    a body with the same name. If `shared` is True, both models begin with the frames of the same satellite,
+    and the arm's free-flyer and satellite are not added again.
     """
 
     def __init__(
@@ -205,7 +206,7 @@ class _Join:
             q[k : k + len(position)] = position
         pin.forwardKinematics(arm, data, q)
         carrier = model.frames[frame]
-        # The model's joint to which the frame of each arm joint is fixed, and the frame's pose on that joint.
+        # For each joint of the arm: the joint of the model to which its frame is fixed, and the frame's pose.
         self._at = {0: (carrier.parentJoint, carrier.placement * placement)}
         self._frames = {0: frame}
         self._skipped = _SATELLITE_FRAMES if shared else 0

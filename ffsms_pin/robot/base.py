@@ -1,4 +1,4 @@
-"""The satellite that an arm is mounted on, its shapes, and the URDF of satellite and arms."""
+"""The class `SatelliteBase`, and the URDF of arms on a satellite."""
 
 from __future__ import annotations
 
@@ -20,22 +20,23 @@ from ffsms_pin.options import Inertia, Positive, Sizes2, Sizes3, Unit, Vector3
 from ffsms_pin.system.urdf_elements import add_inertial, add_origin, spelt, unused
 
 _BODY_COLOUR, _PANEL_COLOUR = (0.80, 0.78, 0.72, 1.0), (0.10, 0.15, 0.40, 1.0)  # red, green, blue, opacity
-# Largest distance from the box's centre to the centre of mass, as a multiple of the longest edge.
+# Largest distance from the box's centre to the centre of mass, in longest edges of the box and the panels.
 _MOST_LENGTHS = 10.0
-_PANEL_THICKNESS, _PANEL_GAP = 0.02, 0.1  # [m] solar panels in pictures
-# Elements that refer to a link or joint by name: the attribute with the name, and the kind of the named item.
+_PANEL_THICKNESS, _PANEL_GAP = 0.02, 0.1  # [m] for drawing the solar panels
+# Elements that refer to a link or joint by name, with the attribute that has the name and the kind of item.
 _REFERENCES = {"parent": ("link", "link"), "child": ("link", "link"), "mimic": ("joint", "joint")}
 KINDS = (pin.GeometryType.VISUAL, pin.GeometryType.COLLISION)
 
 
 @dataclass(frozen=True)
 class SatelliteBase:
-    """A satellite's body: a box whose centre is the origin of the base frame.
+    """The body of a satellite, a box whose centre is the origin of the base frame.
 
     Raises
     ------
     InvalidValue
-        A mass, size or inertia that no rigid body has, or a centre of mass far outside the box.
+        A mass, size or inertia is one that no rigid body has, or the centre of mass is more than ten times
+        the longest edge from the box's centre.
     """
 
     mass: Annotated[Positive, Unit("kg")] = 200.0
@@ -48,8 +49,8 @@ class SatelliteBase:
     com: Annotated[Vector3, Unit("m", "the box's centre")] = (0.0, 0.0, 0.0)
     """The centre of mass in the base frame, whose origin is the box's centre."""
     panels: Annotated[Sizes2 | None, Unit("m", "none")] = None
-    """The span and chord of two solar panels along +y and -y. They are drawn, but are not in the collision
-    model; include their mass in `mass` and `inertia`."""
+    """The span along y and the chord along x of each of the two solar panels, at +y and -y. The panels are
+    drawn, but are not in the collision model; include their mass in `mass` and `inertia`."""
 
     def __post_init__(self) -> None:
         # Stored as plain numbers, so that equal bases compare equal and no array is shared with the caller.
@@ -82,7 +83,7 @@ class SatelliteBase:
 
 @dataclass(frozen=True, eq=False)
 class PlacedArm:
-    """An arm's file and <robot> element, the pose of its root link on the satellite, and a prefix for names.
+    """An arm's file and <robot> element, the pose of its root link in the base frame, and a prefix for names.
 
     The prefix distinguishes arms that share names; an empty prefix keeps the names of the file.
     """
@@ -104,7 +105,7 @@ def compose(
     """Return the URDF of arms on a satellite, as a <robot> element.
 
     The satellite's link is the root. The root link of each arm is fixed to the satellite's link and belongs
-    to the base body.
+    to the base body. The <robot> elements of the arms are changed in place.
     """
     robots = [_prefixed(arm.robot, arm.prefix, ("link", "joint")) for arm in arms]
     if len(arms) > 1:
@@ -169,7 +170,7 @@ def _box(link: ElementTree.Element, kind: str, size: Any, y: float = 0.0, colour
 def satellite_model(base: SatelliteBase, taken: Collection[str] = ()) -> tuple[Any, list[Any]]:
     """Return the model (pinocchio.Model) of a satellite without an arm, and its visual and collision shapes.
 
-    A `_` is appended to names that are in `taken`.
+    If the name of the satellite's link or joint is in `taken`, a `_` is appended to it.
     """
     robot = ElementTree.Element("robot", {"name": "satellite"})
     robot.append(_base_link(unused("satellite", taken), base))

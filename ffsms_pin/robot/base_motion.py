@@ -1,8 +1,8 @@
-"""The motion of a system under given joint accelerations, by integrating the momentum equation.
+"""The integration of the system's motion under given joint accelerations, by the momentum equation.
 
 In inertial axes the linear momentum p and the angular momentum h about the system's centre of mass are
-constant. The centre of mass therefore moves by exactly dt p / m, and only the attitude R is integrated. Its
-angular velocity in base axes is
+constant. In a step of length dt the centre of mass of a system with mass m therefore moves by exactly
+dt p / m, and only the base's attitude R is integrated. The base's angular velocity in base axes is
 
     omega(t, R) = K_w(joints) rates + I(joints)^-1 R^T h,
 
@@ -10,7 +10,8 @@ where K_w (3, n) is the base's angular velocity per joint rate at zero momentum,
 whole system about its centre of mass. Each time step is one Runge-Kutta-Munthe-Kaas step of order 4 in the
 chart R(t) = R(0) exp(u), with the attitude R(0) at the start of the step. For planar motion without momentum
 the step reduces to Simpson's rule. If a mode (see `dynamics.MODES`) holds the base's position, the system's
-mass is taken as infinite. If a mode holds the base's attitude, the system's inertia is taken as infinite.
+mass is taken as infinite, and the angular momentum is about the base's centre of mass. If a mode holds the
+base's attitude, the system's inertia is taken as infinite.
 
 Reference: H. Munthe-Kaas, "High order Runge-Kutta methods on manifolds", Applied Numerical Mathematics 29
 (1999).
@@ -60,10 +61,10 @@ def roll_out(
 ) -> tuple[FloatArray, FloatArray]:
     """Integrate a system from q (nq,) and joint rates (n,) over N steps of joint accelerations (N, n).
 
-    The steps have length `dt` [s]. The total momentum (6,) is about the system's centre of mass, in inertial
-    axes; default: zero. `mode` is a key of `dynamics.MODES`. Returns q (N + 1, nq) and joint rates (N + 1, n)
-    at the nodes. Joint positions and centre of mass are exact to rounding; the error of the attitude is of
-    order dt^4.
+    The accelerations are constant in each step of length `dt` [s]. The total momentum (6,) is about the
+    system's centre of mass, in inertial axes; default: zero. `mode` is a key of `dynamics.MODES`. Returns q
+    (N + 1, nq) and joint rates (N + 1, n) at the nodes. Joint positions and centre of mass are exact to
+    rounding; the error of the attitude is of order dt^4.
     """
     states, n = _states(sms, q, rates, accelerations.T, dt, momentum, mode), sms.n
     configurations = np.empty((states.shape[1], sms.nq))
@@ -83,9 +84,10 @@ def straight_end(
     momentum: ArrayLike | None = None,
     steps: int = 200,
 ) -> FloatArray:
-    """Return the configuration (nq,) at the end of a straight move of the joints from q to `joints` (n,).
+    """Return the configuration (nq,) at the end of a straight-line joint motion from q to `joints` (n,).
 
-    The joint rates rise and fall smoothly over the duration [s]. `momentum` is that of `roll_out`.
+    The motion follows a quintic time profile over the duration [s] and is integrated in `steps` time steps.
+    `momentum` is that of `roll_out`.
     """
     s, dt = np.linspace(0.0, 1.0, steps + 1), duration / steps
     displacement = joints - sms.joint_positions(q)
