@@ -258,6 +258,7 @@ def compared(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return place
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_both_methods_meet_the_drawn_plants(compared: Path, planar: ffsms.SpaceManipulator) -> None:
     """By hand: the same plants, followed with the plan made once and re-planned."""

@@ -104,6 +104,7 @@ def test_a_parent_that_ends_leaves_no_process_and_goes_on_later(
     assert (out / "runs.csv").read_bytes() == table
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_a_worker_that_is_killed_loses_nothing(file: Path, table: bytes, tmp_path: Path) -> None:
     killed: list[int] = []

@@ -12,7 +12,9 @@ import pytest
 
 SCRIPTS = sorted((Path(__file__).parents[2] / "examples").glob("*.py"))
 ARGUMENTS = {"coupling_map": ["map.png"]}
-SLOWEST = {"capture", "follow_path"}  # notebooks 10 and 12 run the same functions while the site is built
+# Notebooks 10 and 12, and the code of the pages on clients, simulation, bases that act and campaigns, run the
+# same functions in .ci/run.
+SLOWEST = {"capture", "follow_path", "meet_client", "noisy_sensors", "hold_attitude", "campaign"}
 LONGEST = 180.0  # [s] of wall time, on a machine that is busy: a script takes a few seconds of its own
 
 

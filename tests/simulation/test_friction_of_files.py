@@ -115,6 +115,7 @@ def test_robots_made_of_it_have_its_friction(rubbing: ffsms.SpaceManipulator) ->
         assert robot.joint_friction.tolist() == [DRY] * 3
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_a_replanned_motion_arrives_with_friction(rubbing: ffsms.SpaceManipulator) -> None:
     start = rubbing.configuration(START)

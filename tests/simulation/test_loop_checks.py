@@ -240,6 +240,7 @@ def test_noise_of_a_thousand_turns_ends_in_words_with_every_integrator(
             )
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_lost_momentum_is_told(planar: ffsms.SpaceManipulator) -> None:
     swing, law = Swing(planar), PD(planar, K_p=5.0, K_d=2.0)

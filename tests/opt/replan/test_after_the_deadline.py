@@ -45,6 +45,7 @@ def late(tracking: ffsms.Tracking) -> float:
     return float(tracking.position_error[tracking.t > DEADLINE + 1.0].max())
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_commands_wait_for_joints_that_lag(
     problem: opt.Problem, plan: opt.Trajectory, monkeypatch: pytest.MonkeyPatch

@@ -54,6 +54,7 @@ def test_target_is_held_after_arrival(planar: ffsms.SpaceManipulator) -> None:
     assert reference.mode == "hold"
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_pose_targets_are_tracked(planar: ffsms.SpaceManipulator) -> None:
     end = planar.configuration([0.4, 0.6, 0.3])

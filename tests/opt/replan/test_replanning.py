@@ -69,6 +69,7 @@ def test_wrong_masses_end_within_two_millimetres(
     assert (np.abs(tracking.v[:, 6:]) < 1.05 * planar.limits.velocity).all()
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_random_plants_end_within_two_millimetres(planar: ffsms.SpaceManipulator) -> None:
     # A case of benchmarks/reaching.py.
