@@ -17,8 +17,8 @@ LINES = (
 )
 
 
+@pytest.mark.slow  # fast with the cache that `make test` leaves; without it, mypy checks the whole library
 def test_mypy_reports_misspelt_names(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """With the cache of `make lint` a second, without it as long as mypy needs for the library."""
     path = tmp_path / "user.py"
     path.write_text(LINES)
     monkeypatch.setenv("MYPYPATH", str(ROOT))
