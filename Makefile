@@ -9,11 +9,12 @@ READY = $(VENV)/.ready
 KERNEL = $(wildcard ffsms_pin/kernel/*.hpp ffsms_pin/kernel/*.cpp)
 
 # The editable installation compiles the kernel into the checkout, again after each change of its sources. The compiler
-# from pip is installed for the test of the wheel, which compiles the kernel in this environment.
+# from pip is installed for the test of the wheel, which compiles the kernel in this environment. Bytecode is compiled
+# when a module is imported, because most modules of the packages never are.
 $(READY): pyproject.toml CMakeLists.txt tools/backend.py $(KERNEL)
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --upgrade pip
-	$(BIN)/python -m pip install --quiet --editable '.[dev]'
+	$(BIN)/python -m pip install --quiet --no-compile --editable '.[dev]'
 	command -v c++ >/dev/null || $(BIN)/python -m pip install --quiet 'ziglang>=0.13,<1'
 	touch $@
 
@@ -39,7 +40,7 @@ SLOW = slow
 slow: $(READY)  ## tests of more than about three seconds: whole missions, statistics, engines, browsers, examples
 	$(PYTEST) -m "$(SLOW)"
 
-kernels: $(READY)  ## a short sample of trials and plans under each OpenBLAS kernel of the processor
+kernels: $(READY)  ## a short sample of trials and plans under each other OpenBLAS kernel of the processor
 	$(BIN)/python .ci/kernels.py
 
 trials: $(READY)  ## damaged files, wrong arguments, killed processes (about 15 minutes); make trials TRIALS="--share 0.1"

@@ -1,7 +1,7 @@
-"""Run a short sample of the trials and some plans under each OpenBLAS kernel of this processor.
+"""Run a short sample of the trials and some plans under each other OpenBLAS kernel of this processor.
 
 OpenBLAS chooses its kernel by the processor. The last bits of a decomposition, and its convergence, depend on
-the kernel. `OPENBLAS_CORETYPE` sets another kernel; names of the same kernel are run once.
+the kernel. `make test` uses the default kernel. `OPENBLAS_CORETYPE` sets another kernel; names of the same kernel are run once.
 """
 
 from __future__ import annotations
@@ -39,21 +39,22 @@ COMMANDS = (
 def main() -> int:
     """Print the result of each kernel, and return the exit status, 1 if a kernel failed."""
     begun, kernels = time.monotonic(), usable_kernels()
+    print(f"{kernels.pop('')}: left out, because `make test` uses this kernel")
     with ThreadPoolExecutor(os.cpu_count()) as pool:
-        results = list(pool.map(run, kernels.values()))
-    for (kernel, name), (seconds, output) in zip(kernels.items(), results, strict=True):
-        choice = f"OPENBLAS_CORETYPE={name}" if name else "OPENBLAS_CORETYPE unset"
-        print(f"{kernel}: {'failed' if output else 'passed'} in {seconds:.0f} s ({choice})\n{output}", end="")
+        results = list(pool.map(run, kernels))
+    for (name, kernel), (seconds, output) in zip(kernels.items(), results, strict=True):
+        outcome = f"{'failed' if output else 'passed'} in {seconds:.0f} s (OPENBLAS_CORETYPE={name})"
+        print(f"{kernel}: {outcome}\n{output}", end="")
     print(f"{len(kernels)} runs in {time.monotonic() - begun:.0f} s")
     return 1 if any(output for _, output in results) else 0
 
 
 def usable_kernels() -> dict[str, str]:
-    """Return the usable kernels with their values of OPENBLAS_CORETYPE; "" for the default kernel."""
-    kernels = {probed(""): ""}
+    """Return values of OPENBLAS_CORETYPE with their kernels, each kernel once; "" is the default."""
+    kernels = {"": probed("")}
     for name in CANDIDATES:
-        if kernel := probed(name):
-            kernels.setdefault(kernel, name)
+        if (kernel := probed(name)) and kernel not in kernels.values():
+            kernels[name] = kernel
     return kernels
 
 
