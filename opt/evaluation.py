@@ -61,7 +61,7 @@ class Violation(NamedTuple):
     nearest : str
         A description of the nearest pair of bodies, for the note of a plan that does not reach its target.
     overlap : str
-        A description of an overlap with an obstacle at the start; empty if there is none.
+        A description of an overlap with an obstacle, with which no motion can start; empty if there is none.
     """
 
     amount: float = 0.0

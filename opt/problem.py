@@ -82,14 +82,15 @@ def default_limits(
 def free_momentum(momentum: FloatArray, mode: str) -> FloatArray:
     """Return the part of a total momentum (6,) that a problem accepts in a mode.
 
-    It is the linear part if the base's position is free, and the angular part if the whole base is free.
+    The linear part is accepted if the base's position is free, and the angular part if the whole base is
+    free. The other parts are zero in the result.
     """
     free = MODES[mode]
     return np.asarray(momentum * np.repeat([float(0 in free), float(len(free) == 6)], 3))
 
 
 def step_limits(limits: Sequence[Limit], mode: str = "floating") -> tuple[Limit, ...]:
-    """Add the limits of all single steps: the box on alpha, and limits of wheels that hold the attitude."""
+    """Add the limits of all single steps: `AlphaBox`, and `WheelLimits` if wheels hold the attitude."""
     return _with_others(limits, AlphaBox(), *([WheelLimits()] if mode == "rotation-floating" else []))
 
 
@@ -104,7 +105,7 @@ class Problem:
     q0 : array_like, shape (nq,)
         Configuration at the start, within the joint limits.
     goal : array_like, shape (3,), pinocchio.SE3, callable, or Goal
-        The desired pose of the end effector at the deadline, inertial axes: a position [m], a pose, a
+        The desired pose of the end effector at the deadline: a position [m] or a pose in inertial axes, a
         function of time [s] that returns either, or a goal such as `opt.Pose`, `opt.Path` or `opt.Meet`.
     duration : float
         Time to the deadline [s]. The paper states no duration; here its cases are planned with 1.5 to 3 times
@@ -171,52 +172,52 @@ class Problem:
 
     def __post_init__(self) -> None:
         instance("sms", self.sms, SpaceManipulator)
-        sms, put = self.sms, partial(object.__setattr__, self)
-        put("q0", frozen(sms.checked_configuration("q0", self.q0)))
+        sms, set_field = self.sms, partial(object.__setattr__, self)
+        set_field("q0", frozen(sms.checked_configuration("q0", self.q0)))
         duration, dt = positive("duration", self.duration, "s"), positive("dt", self.dt, "s")
-        if not 1.0 <= duration / dt <= 1e6:  # a million steps take about 400 MB for seven joints
+        if not 1.0 <= duration / dt <= 1e6:  # a plan of a million steps with seven joints has 0.6 GB
             remedy = (
                 f"must be at least one step of {dt:g} s and at most 1000000 steps; adapt the duration or dt"
             )
             raise InvalidValue("duration", duration, remedy)
-        put("duration", duration)
-        put("dt", duration / round(duration / dt))
-        put("goal", as_goal(self.goal).for_motion(sms, self.q0, duration))
-        put("mode", one_of("mode", self.mode, MODES))
+        set_field("duration", duration)
+        set_field("dt", duration / round(duration / dt))
+        set_field("goal", as_goal(self.goal).for_motion(sms, self.q0, duration))
+        set_field("mode", one_of("mode", self.mode, MODES))
         terms = default_terms(coupled=self.goal.coupled) if self.terms is None else self.terms
-        put("terms", checked_parts("terms", terms, Term))
+        set_field("terms", checked_parts("terms", terms, Term))
         limits = checked_parts("limits", default_limits() if self.limits is None else self.limits, Limit)
-        # After `dataclasses.replace` the limits of the goal are computed again.
-        own_limits = [limit for limit in limits if not any(limit is made for made in self.goal_limits)]
+        # After `dataclasses.replace`, the goal's earlier limits are replaced.
+        own_limits = [limit for limit in limits if not any(limit is earlier for earlier in self.goal_limits)]
         of_goal = self.goal.limits(duration)
         limits = (*own_limits, *of_goal)
         limits = limits if self.wheels is None else _with_others(limits, WheelLimits())
-        put("limits", tuple(prepared(limit, sms) for limit in checked_parts("limits", limits, Limit)))
-        put("goal_limits", self.limits[len(own_limits) :][: len(of_goal)])
-        put("time_offset", at_least_zero("time_offset", self.time_offset, "s"))
+        set_field("limits", tuple(prepared(limit, sms) for limit in checked_parts("limits", limits, Limit)))
+        set_field("goal_limits", self.limits[len(own_limits) :][: len(of_goal)])
+        set_field("time_offset", at_least_zero("time_offset", self.time_offset, "s"))
         for name, margin in self.extra_margins.items():
             at_least_zero(f"extra_margins['{name}']", margin)
             one_of("extra_margins", name, [limit.name for limit in self.limits])
         rates = np.zeros(sms.n) if self.joint_rates is None else self.joint_rates
         # The bound on rates keeps positions finite.
-        put("joint_rates", frozen(vector("joint_rates", rates, sms.n, "rad/s", largest=1e4)))
-        put("locked", names("locked", self.locked, sms.joint_names, "joints"))
+        set_field("joint_rates", frozen(vector("joint_rates", rates, sms.n, "rad/s", largest=1e4)))
+        set_field("locked", names("locked", self.locked, sms.joint_names, "joints"))
         momentum = self.required_momentum if self.momentum is None else vector("momentum", self.momentum, 6)
         momentum = None if momentum is None or not momentum.any() else momentum
         if momentum is not None and (momentum != free_momentum(momentum, self.mode)).any():
             zero = "have no angular part" if 0 in MODES[self.mode] else "be zero"
             remedy = f"must {zero} in mode '{self.mode}', which holds the base"
             raise InvalidValue("momentum", momentum, remedy)
-        put("momentum", None if momentum is None else frozen(momentum))
+        set_field("momentum", None if momentum is None else frozen(momentum))
         wheels, spin_momenta = len(self.wheels or ()), self.wheel_momentum
         if spin_momenta is None or np.size(spin_momenta) == 0:
             spin_momenta = np.zeros(wheels)
         elif not wheels:
             remedy = "must be left out: in this mode no wheels hold the attitude"
             raise InvalidValue("wheel_momentum", spin_momenta, remedy)
-        put("wheel_momentum", frozen(vector("wheel_momentum", spin_momenta, wheels, "N m s")))
+        set_field("wheel_momentum", frozen(vector("wheel_momentum", spin_momenta, wheels, "N m s")))
         if self.base_start is not None:
-            put("base_start", frozen(vector("base_start", self.base_start, 7)))
+            set_field("base_start", frozen(vector("base_start", self.base_start, 7)))
         for bounds in (limit.joint_bounds for limit in self.limits if limit.joint_bounds is not None):
             if (outside := bounds.violation(self.joints0)).any():
                 i = int(np.argmax(outside))
@@ -259,7 +260,7 @@ class Problem:
 
     @cached_property
     def place(self) -> Place:
-        """The desired pose at the deadline."""
+        """The desired pose of the end effector at the deadline."""
         place: Place = self.goal.place(self.duration)
         return place
 
@@ -317,7 +318,7 @@ class Problem:
 
     @cached_property
     def com0(self) -> FloatArray:
-        """The system's centre of mass at the start (3,) [m]."""
+        """The centre of mass at the start (3,) [m], of the system, or of the base if its position is held."""
         return np.asarray(self.q0[:3] + self.rotation0 @ self.arm0.com[:, 0])
 
     @cached_property
@@ -333,7 +334,7 @@ class Problem:
 
     @cached_property
     def drift(self) -> FloatArray:
-        """The velocity of the system's centre of mass (3,) [m/s]."""
+        """The velocity of the centre of mass `com0` (3,) [m/s]."""
         return np.zeros(3) if self.momentum is None else self.momentum[:3] / self.stack.mass
 
     @property
@@ -343,7 +344,7 @@ class Problem:
 
     @cached_property
     def at_all_times(self) -> dict[str, Any]:
-        """The fields of `Rollouts` that are the same for all goals and times."""
+        """The fields of `Rollouts` that depend on the problem alone."""
         root = pin.XYZQUATToSE3(self.q0[:7] if self.base_start is None else self.base_start)
         return {
             "base_start": root.act(self.stack.base_com),
@@ -357,21 +358,18 @@ class Problem:
 
     @cached_property
     def mean_speed(self) -> float:
-        """The mean speed on the straight line to the target [m/s], a scale of speeds.
-
-        The length of the line is taken as at least 2 cm.
-        """
+        """The mean speed on a straight line of at least 2 cm to the target [m/s], a scale of speeds."""
         place = self.place.at(self.q0)  # a place on the base is evaluated at the start pose of the base
         return max(float(np.linalg.norm(place.position - self.tip0)), 0.02) / self.duration
 
 
 def given(problem: Problem, goal: Goal, times: FloatArray) -> dict[str, Any]:
-    """Return the fields of `Rollouts` at times (K,) that depend on a problem and on a goal."""
+    """Return the fields of `Rollouts` that depend on a problem, and on a goal at times (K,) [s]."""
     places = goal.places(times)
     target = np.zeros((3, len(times))) + places.position
     return {**problem.at_all_times, "target": target, "target_on": places.on}
 
 
 def _with_others(limits: Sequence[Limit], *others: Limit) -> tuple[Limit, ...]:
-    """Return the limits, and each of `others` unless a limit has its name."""
+    """Return the limits, and each of `others` whose name no limit has."""
     return (*limits, *(other for other in others if other.name not in [limit.name for limit in limits]))

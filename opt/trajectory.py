@@ -47,8 +47,8 @@ _SHAPES: dict[str, tuple[str | int, ...]] = {  # shapes of arrays; other fields 
 class Trajectory:
     """A motion of the whole system under constant joint accelerations in each of N steps.
 
-    `q`, `v` and `joint_accelerations` are consistent to rounding, and limits can be checked at any time. The
-    base follows the momentum equation of its `mode`, and `v` includes the velocity H_b^-1 h of a total
+    Joint positions, rates and accelerations are consistent to rounding, also between the nodes. The base
+    follows the momentum equation of its `mode`, and `v` includes the base's velocity H_b^-1 h due to a total
     momentum h.
 
     Attributes
@@ -79,7 +79,7 @@ class Trajectory:
     kappa, reach, orientation_reach : float
         The sharpness of C~; the paper's r_th [m]; the corresponding angle [rad].
     note : str
-        The errors and their reasons; never empty if the plan is not `reached` or not `within_tolerance`.
+        The errors and their reasons; empty if there are none.
     shortest_duration : float
         A sufficient duration [s], if the plan failed and the search found such a duration; otherwise 0. For
         plans of `opt.shortest`, and of paths with `timing="fastest"`, the plan's own duration.
@@ -88,13 +88,13 @@ class Trajectory:
         desired velocities (zero by default); total momentum [linear; angular] about the system's centre of
         mass [kg m/s; kg m^2/s]. Inertial axes.
     clear, within_tolerance, met : bool
-        `clear` is true if all limits are satisfied, at nodes and between them. `within_tolerance` is true if
-        the state at the deadline is within the goal's tolerance of position, attitude, and required
-        velocities (`reached` is the paper's criterion). `met` is the same for `opt.Meet`, and true for other
-        goals.
+        `clear` is true if all limits are satisfied, at nodes and between them, and the tolerance of a path.
+        `within_tolerance` is true if the state at the deadline is within the goal's tolerance of position,
+        attitude, and required velocities (`reached` is the paper's criterion). `met` is the same for
+        `opt.Meet`, and true for other goals.
     shares, binding, broken : dict of str to float, to ndarray, and to float
-        The weighted integral of each term over time; the instants [s] at which each active limit is active;
-        the violation of each violated limit, in its own unit.
+        The weighted integral of each term over time; the instants [s] at which each limit is active or
+        violated; the violation of each violated limit, in its own unit.
     wheel_momentum : ndarray, shape (N + 1, w)
         Predicted spin momenta of the robot's wheels relative to the base [N m s].
     wheel_energy, propellant : float
@@ -108,7 +108,7 @@ class Trajectory:
     base_com : ndarray, shape (3,)
         The base's centre of mass in the root frame [m].
     problem : Problem or None
-        The problem of the motion, by which `simulate` judges the flight. It is not saved in files.
+        The problem of the motion, which `simulate` uses to evaluate the flight. It is not saved in files.
     """
 
     t: FloatArray
@@ -163,8 +163,8 @@ class Trajectory:
 
     def __repr__(self) -> str:
         steps = f"{self.duration:.4g} s in {len(self.t) - 1} steps"
-        how = f"{'' if self.reached else 'not '}reached, {1e3 * self.position_error[-1]:.2f} mm off"
-        return f"Trajectory({steps}, {how}, cost {self.cost_integral:.2g} s)"
+        result = f"{'' if self.reached else 'not '}reached, {1e3 * self.position_error[-1]:.2f} mm off"
+        return f"Trajectory({steps}, {result}, cost {self.cost_integral:.2g} s)"
 
     @property
     def duration(self) -> float:
@@ -210,12 +210,12 @@ class Trajectory:
 
     @property
     def joint_travel(self) -> float:
-        """The total travel of all joints, in both directions [rad]."""
+        """The sum of all joints' travel, regardless of its direction [rad]."""
         return float(np.abs(np.diff(self.joint_positions, axis=0)).sum())
 
     @property
     def path_ratio(self) -> float:
-        """The ratio of the length of the end effector's path to the distance between its ends; 1 at rest."""
+        """The length of the end effector's path over the distance of its ends; 1 if the ends coincide."""
         positions = self.end_effector
         straight = float(np.linalg.norm(positions[-1] - positions[0]))
         length = float(np.linalg.norm(np.diff(positions, axis=0), axis=1).sum())
@@ -266,7 +266,7 @@ class Trajectory:
     def sample(self, t: float) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return joint positions, rates and accelerations, each (n,), at t [s]; at rest beyond the ends."""
         positions, rates = self.joint_positions, self.joint_rates
-        rounding = 1e-6 * self.dt  # a sum of times may exceed the duration by a last bit
+        rounding = 1e-6 * self.dt  # rounding errors may let a sum of times exceed the duration
         if not -rounding <= t <= self.duration + rounding:
             end = positions[0 if t < 0.0 else -1]
             return end.copy(), np.zeros_like(end), np.zeros_like(end)
@@ -312,11 +312,12 @@ def measure(problem: Problem, rates: FloatArray, note: str = "") -> Trajectory:
     q, at_goal = configurations(sms, problem.q0, motion), verdict(goal, motion)
     steps, nodes = motion.paired, slice(None, None, 2)
     violations = [(limit.name, violation_of(limit, motion)) for limit in problem.limits]
-    most = sms.limits.torque
+    largest_torque = sms.limits.torque
     torque_share = np.zeros((0, 0))
-    if np.isfinite(most).any():  # the larger of both sides of a node
+    if np.isfinite(largest_torque).any():  # the larger of both sides of a node
         torque_share = (
-            np.abs([motion.forces[:-6, 0, nodes], motion.before.forces[:-6, 0]]).max(axis=0).T / most
+            np.abs([motion.forces[:-6, 0, nodes], motion.before.forces[:-6, 0]]).max(axis=0).T
+            / largest_torque
         )
     at_rest = np.zeros((len(sms.wheels or ()), len(motion.times)))  # wheels that do not hold the attitude
     momenta = at_rest if motion.wheels is None else Variables(motion).wheels.value[:, 0]

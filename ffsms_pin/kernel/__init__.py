@@ -1,9 +1,9 @@
 """The compiled kernel: kinematics, dynamics and distances of a robot at many configurations.
 
-`kernel` is the compiled module; its headers are C++17 and do not depend on Python. Arrays are of float64,
-components first, configurations last: a function takes (components, ...) and returns (components, B), which
-the caller reshapes. If the compiler supports AVX2, the same sources are compiled a second time for processors
-with AVX2; both versions return identical bits.
+`kernel` is the compiled module. Its headers are C++17, and only `arrays.hpp` depends on Python. Functions of
+`module.cpp` take arrays (components, ...) of float64 and return arrays (components, B), which the caller
+reshapes. If the compiler supports AVX2, the same sources are compiled a second time for processors with AVX2;
+both versions return identical bits.
 """
 
 from __future__ import annotations

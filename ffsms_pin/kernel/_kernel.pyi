@@ -1,4 +1,4 @@
-"""The types of the compiled kernel; arrays are contiguous and of float64."""
+"""The types of the compiled kernel: `Array` is contiguous and of float64, index arrays (Any) are of int64."""
 
 from collections.abc import Sequence
 from typing import Any, TypeAlias
@@ -9,18 +9,18 @@ Pair: TypeAlias = tuple[Array, Array]
 Quadrature: TypeAlias = tuple[Array, Array, int]  # integral_to_points, integral_over, late
 
 class Tree:
-    """A robot as numbers: at most 64 joints, a parent before its children.
+    """A tree of at most 64 joints, each parent before its children.
 
-    A row of `joints` (n, 17) has the parent's index, 1 for a revolute or 0 for a prismatic joint, the axis
-    (3), and the attitude (9) and position (3) of the joint frame in its parent. A row of `bodies`
-    (n + 1, 13), the base first, has mass, centre of mass (3), and inertia about the centre of mass (9). `tip`
-    (12,) has the attitude and position of the end effector on the joint `last`. `moves` and `free` are True
-    if the base can translate and rotate.
+    A row of `joints` (n, 17) has the parent's index (-1: the base), 1 for a revolute or 0 for a prismatic
+    joint, the axis (3), and the attitude (9) and position (3) of the joint frame in its parent. A row of
+    `bodies` (n + 1, 13), the base first, has mass, centre of mass (3), and inertia about the centre of mass
+    (9). `tip` (12,) has the attitude and position of the end effector in the frame of joint `last`.
+    `translates` and `rotates` are True if the base can translate and rotate.
     """
 
     n: int
     def __init__(
-        self, joints: Array, bodies: Array, tip: Array, last: int, moves: bool, free: bool, /
+        self, joints: Array, bodies: Array, tip: Array, last: int, translates: bool, rotates: bool, /
     ) -> None: ...
 
 # module.cpp: from arrays (rows, ...) to new arrays (rows, B)
