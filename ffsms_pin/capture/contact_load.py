@@ -1,9 +1,10 @@
 """Prediction of the contact load when a grip closes on a known or estimated client.
 
 A contact wrench w at the grasp accelerates the end effector and the client. The matrix W (6, 6) maps w to the
-relative acceleration of the two bodies. W is the sum of the client's and the end effector's mobility at the
-grasp. The client is a free body. The mobility of the end effector is J_b H_b^-1 J_b^T + J* H_q^-1 J*^T with
-free joints, and J_b H_b^-1 J_b^T with locked joints (symbols as in `State`).
+relative acceleration of the two bodies. W is the sum of the client's and the end effector's inverse
+operational-space inertias (mobilities) at the grasp. The client is a free body. The mobility of the end
+effector is J_b H_b^-1 J_b^T + J* H_q^-1 J*^T with free joints, and J_b H_b^-1 J_b^T with locked joints
+(symbols as in `State`).
 
 The first load is due to the errors of pose and velocity at the closing of the grip. Let x be the pose of the
 grasp relative to the end effector [displacement; rotation], and K and C the stiffness and the damping of the
@@ -11,9 +12,9 @@ grip. Then
 
     x'' = -W (K x + C x'),    w = K x + C x'.
 
-The second load is due to a rotating client, which must be accelerated to follow the arm. Let a be the
-acceleration of the grasp relative to the end effector if the client is free and the joints keep their rates.
-Then x'' = a - W (K x + C x') and w = K x + C x', with x = x' = 0 at the start.
+The second load is due to a rotating client, which must be accelerated to follow the arm. Let a be the mean
+acceleration of the grasp relative to the end effector until the grip is rigid, if the client is free and the
+joints keep their rates. Then x'' = a - W (K x + C x') and w = K x + C x', with x = x' = 0 at the start.
 
 The first load changes faster than the control law reacts, so its W has free joints. The second load changes
 more slowly, so its W has locked joints. The two loads are added.
@@ -37,16 +38,16 @@ from ffsms_pin.robot.base_motion import advance
 
 __all__ = ["ContactLoad", "contact_load"]
 
-_INSTANTS = 500  # number of instants of a contact at which the load is evaluated
-DEVIATIONS = 3.0  # number of standard deviations in the largest predicted load and in limits of uncertainty
+_INSTANTS = 500  # number of time steps of a contact
+DEVIATIONS = 3.0  # standard deviations in the largest predicted load and in limits of uncertainty
 
 
 @dataclass(frozen=True)
 class ContactLoad:
-    """The predicted largest force [N] and torque [N m] in a grip.
+    """The predicted maximum over time of the force [N] and the torque [N m] in a grip.
 
-    `force` and `torque` are root mean squares over the uncertainty; `most_force` and `most_torque` are the
-    values at three standard deviations.
+    `force` and `torque` are root mean squares over the uncertainty; `most_force` and `most_torque` are means
+    plus three standard deviations.
     """
 
     force: float
@@ -55,23 +56,25 @@ class ContactLoad:
     most_torque: float
 
     def beside(self, name: str, force: float | None, torque: float | None) -> dict[str, Any]:
-        """Return entries of a summary that compare the prediction with the simulated largest loads."""
+        """Return entries of a summary that compare the prediction with the simulated maxima.
+
+        `force` [N] and `torque` [N m] are None if the load was not simulated.
+        """
         numbers: dict[str, Any] = {}
-        for what, unit, largest, likely, most in (
+        for quantity, unit, simulated, likely, most in (
             ("force", "N", force, self.force, self.most_force),
             ("torque", "Nm", torque, self.torque, self.most_torque),
         ):
-            numbers[f"{name}_contact_{what}_{unit}"] = likely
-            numbers[f"{name}_contact_{what}_most_{unit}"] = most
-            numbers[f"{name}_contact_{what}_within"] = largest is None or largest <= most
+            numbers[f"{name}_contact_{quantity}_{unit}"] = likely
+            numbers[f"{name}_contact_{quantity}_most_{unit}"] = most
+            numbers[f"{name}_contact_{quantity}_within"] = simulated is None or simulated <= most
         return numbers
 
 
 def _mobilities(sms: SpaceManipulator, q: FloatArray, meet: Meet, t: float) -> tuple[FloatArray, FloatArray]:
-    """Return the sums (6, 6) of both bodies' mobilities at the grasp, with free and with locked joints.
+    """Return W (6, 6) of the module's docstring with free and with locked joints, inertial axes.
 
-    They map a contact wrench [N; N m] to the relative acceleration [m/s^2; rad/s^2], inertial axes, at a
-    configuration q (nq,) and a time t [s].
+    The servicer's configuration is q (nq,), and t [s] is the client's time.
     """
     state, client = sms.at(q), meet.client
     base = state.J_b @ np.linalg.solve(state.H_b, state.J_b.T)
@@ -99,8 +102,8 @@ def contact_load(
     """Predict the load of a grip that closes at a time t [s] and is rigid after `time` [s].
 
     `q` (nq,) and `v` (6 + n,) are the servicer's planned or measured state at t; `meet` has the client, or an
-    estimate with its uncertainty. If `arrives` is true, the end effector is assumed to reach the estimated
-    grasp, so that only the error of the estimate remains.
+    estimate with its uncertainty. If `arrives` is true, the end effector is assumed to reach the pose and
+    twist of the estimated grasp, so that the first load is due to the uncertainty only.
     """
     from scipy.linalg import expm  # slow to load
 
@@ -120,15 +123,12 @@ def contact_load(
     C = np.repeat([grip.damping, grip.turn_damping], 3)
     gains, free, locked = np.hstack([np.diag(K), np.diag(C)]), *_mobilities(sms, q, meet, t)
 
-    def grip_loads(W: FloatArray, x: FloatArray, pull: FloatArray) -> FloatArray:
-        """Return loads (instants, 6, m) for initial states x (12, m) and accelerations `pull` (6, m).
-
-        `W` (6, 6) maps the load to the relative acceleration, see `_mobilities`.
-        """
+    def grip_loads(W: FloatArray, x: FloatArray, a: FloatArray) -> FloatArray:
+        """Return loads (instants, 6, m) for initial states [x; x'] (12, m) and accelerations a (6, m)."""
         A = np.block(
             [[np.zeros((6, 6)), np.eye(6), np.zeros((6, 6))], [-W @ gains, np.eye(6)], [np.zeros((6, 18))]]
         )
-        step, x, loads = expm(A * (time / _INSTANTS)), np.vstack([x, pull]), []
+        step, x, loads = expm(A * (time / _INSTANTS)), np.vstack([x, a]), []
         for _ in range(_INSTANTS + 1):
             loads.append(gains @ x[:12])
             x = step @ x
@@ -145,7 +145,7 @@ def contact_load(
 def relative_motion(
     sms: SpaceManipulator, q: FloatArray, v: FloatArray, grasp: Any, twist: FloatArray
 ) -> FloatArray:
-    """Return displacement, rotation vector and relative twist (12,) from end effector to grasp.
+    """Return the displacement, rotation vector and twist (12,) of the grasp relative to the end effector.
 
     The pose `grasp` (pinocchio.SE3), its `twist` (6,) and the result are in inertial axes.
     """

@@ -1,7 +1,7 @@
-"""The end of an aborted capture: a motion to rest, after which servicer and client keep clear of each other.
+"""Motions to rest after an aborted capture, such that servicer and client keep clear of each other.
 
-Without thrusters, servicer and client drift with constant momenta. When the servicer's joints rest, both are
-free rigid bodies. The distance between them can then be predicted, with the uncertainty of the client's
+Without thrusters, servicer and client drift with constant momenta. With the servicer's joints at rest, both
+are free rigid bodies. The distance between them can then be predicted, with the uncertainty of the client's
 estimate.
 """
 
@@ -25,9 +25,9 @@ from ffsms_pin.geometry.bodies import clearance_stack
 from ffsms_pin.geometry.distances import Poses
 from ffsms_pin.system.batch.stacks import quaternions
 
-_STEP, _MOST = 0.02, 6000  # [m] relative displacement between two instants; largest number of time steps
+_STEP, _MOST = 0.02, 6000  # [m] relative displacement in a time step; largest number of time steps
 _LARGEST_TURN = 2.0  # chord of half a turn on a unit circle
-_ON_THE_WAY = 0.2  # [s] between two evaluated instants of a motion
+_ON_THE_WAY = 0.2  # [s] time between two evaluated instants of a motion
 _DRAWN, _BEST = 24, 3  # number of random postures; number of the best of them that are tried
 _BLENDS = 1.0, 0.75, 0.5, 0.25  # shares of the displacement to a posture, tried in order
 
@@ -38,8 +38,8 @@ class ClosestApproach(NamedTuple):
     Attributes
     ----------
     distance : float
-        The least distance minus three standard deviations of the client's estimate [m]. A value above 1 m
-        is a lower bound.
+        The least distance [m], minus three standard deviations of the client's position and attitude and
+        minus the displacement between two evaluated instants. A value of 1 m or more is a lower bound.
     pair : str
         The two bodies that come closest.
     time : float
@@ -55,7 +55,7 @@ class ClosestApproach(NamedTuple):
 
     @property
     def clear(self) -> bool:
-        """True if servicer and client keep clear of each other for `span`."""
+        """True if `distance` is above zero, so that servicer and client do not touch within `span`."""
         return self.distance > 0.0
 
     def __str__(self) -> str:
@@ -82,9 +82,9 @@ def closest_approach(
 ) -> ClosestApproach:
     """Predict the closest approach of a client and a servicer with its joints at rest.
 
-    The prediction covers `span` [s] from the client's time t [s] on. Three standard deviations of the
-    client's position and attitude are subtracted from the distance. The result is at least the distance from
-    the client's bounding ball, which does not depend on the attitude.
+    The prediction covers `span` [s] from the client's time t [s] on; `rest` is the servicer's state at t. If
+    the attitude is too uncertain, the distance from the client's bounding ball is used, because it does not
+    depend on the attitude.
     """
     free = rest.at_rest()
     speed = float(np.linalg.norm(client.twist(t)[:3] - free.start_twist[:3]))
@@ -96,12 +96,12 @@ def closest_approach(
     places, attitudes = client.poses(t + times)
     moved, turned = _uncertainty(client, t + times)
     chord = closeness.radius * np.minimum(turned, _LARGEST_TURN)
-    # Between two instants the distance decreases by at most the displacement in half a time step.
+    # Between two instants the distance is smaller by at most the displacement in half a time step.
     between = 0.5 * span / steps * (speed + spin * reach)
     reduction = moved + chord + between
     near = closeness.nearest(q, places, attitudes, near=FAR + float(reduction.max()))
     distance, pair = near.distance - reduction, near.pair
-    # With a very uncertain attitude, the distance from the bounding ball is the better lower bound.
+    # If the attitude is very uncertain, the distance from the bounding ball is the larger lower bound.
     if distance.min() <= 0.0 and chord.max() > _STEP:
         ball = closeness.around()
         from_ball = ball.nearest(q, places, attitudes, near=FAR).distance - moved - between
@@ -124,8 +124,9 @@ def departure(
 ) -> Departure:
     """Return the first motion to rest after which servicer and client keep clear of each other.
 
-    The braking `plain` is tried first, then motions to `postures` and to intermediate postures. If there is
-    no such motion, the motion with the largest least distance is returned.
+    The braking `plain` is tried first, then motions to `postures`, to random postures, and part of the way to
+    either. A motion to a posture must keep clear of the client, too. If no motion is found, the motion with
+    the largest distance of its closest approach is returned.
 
     Parameters
     ----------
@@ -134,13 +135,14 @@ def departure(
     alone : AfterCapture
         The servicer without the client, at the present time.
     plain : Braking
-        The braking at the present posture.
+        The braking from the present state.
     drifts : tuple of two bools
-        The first is true if no base law holds the base's position, so that it drifts with the linear
-        momentum. The second is the same for the base's attitude and the angular momentum.
+        The first is true if no base law holds the base's position, so that the base translates with the
+        linear momentum. The second is true if no base law holds the base's attitude, so that the base rotates
+        with the angular momentum.
     postures : list of ndarray
-        Joint positions (n,) at which the arm may rest; random positions are tried as well. If the list is
-        empty, only `plain` is tried.
+        Joint positions (n,) at which the joints may rest. If the list is empty, only `plain` is tried.
+        Joints that the first posture does not move are not moved in random postures.
     client : Client or ClientEstimate
         The client or its estimate.
     t : float
@@ -148,7 +150,7 @@ def departure(
     span : float
         The time for which servicer and client must keep clear of each other [s].
     torque_limit, share : ndarray, float
-        The torque limits (n,) [N m], and the share of them that the motion may use.
+        The torque limits (n,) [N m or N], and the share of them that the motion may use.
     """
     robot, n = alone.robot, alone.robot.n
     start, momentum = robot.layout.positions(alone.q), alone.momentum * np.repeat(drifts, 3)
@@ -201,9 +203,10 @@ def _motions(
 
 
 def _clear_on_the_way(closeness: ClientDistances, motion: Braking, client: FreeBody, t: float) -> bool:
-    """Return whether a motion keeps the robot clear of the client and of itself.
+    """Return whether the robot does not touch the client and keeps the clearance between its own bodies.
 
-    A distance that is too small at the start must not decrease further.
+    A distance that is too small at the start must not decrease further. The uncertainty of the client's
+    estimate is not considered.
     """
     stride = max(1, round(_ON_THE_WAY / (motion.duration / (len(motion.t) - 1))))
     rows = np.unique([*range(0, len(motion.t), stride), len(motion.t) - 1])
@@ -220,7 +223,7 @@ def _clear_on_the_way(closeness: ClientDistances, motion: Braking, client: FreeB
 
 
 def _drifting(rest: AfterCapture, free: Client, times: FloatArray) -> FloatArray:
-    """Return configurations (K, nq) at `times` (K,) of a servicer that drifts with its joints at rest."""
+    """Return configurations (K, nq) at `times` (K,) of a servicer that drifts as the rigid body `free`."""
     places, attitudes = free.poses(times)
     root = free.start_pose.actInv(pin.XYZQUATToSE3(rest.q[:7]))
     q = np.tile(rest.q, (len(times), 1))
@@ -230,7 +233,7 @@ def _drifting(rest: AfterCapture, free: Client, times: FloatArray) -> FloatArray
 
 
 def _uncertainty(client: FreeBody, times: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return three standard deviations of a client's position (K,) [m] and attitude (K,) [rad]."""
+    """Return three standard deviations (K,) of a client's position [m] and attitude [rad] at `times` (K,)."""
     if not isinstance(client, ClientEstimate):
         return np.zeros(len(times)), np.zeros(len(times))
     # The deviations grow smoothly, so an interpolation between 20 times is exact enough.

@@ -1,8 +1,8 @@
 """A Kalman filter of a client's pose, twist, inertia and mass, from noisy and late measurements.
 
-The state of the filter has the errors of position and velocity and, in body axes, the errors theta of the
-attitude and dw of the angular velocity w. Let I be the inertia, dI its error, and a = w' = I^-1 (I w x w) the
-angular acceleration of a free body. Then
+The state of the filter has the errors of position and velocity in inertial axes and, in body axes, the errors
+theta of the attitude and dw of the angular velocity w. Let I be the inertia, dI its error, and
+a = w' = I^-1 (I w x w) the angular acceleration of a free body. Then
 
     theta' = dw - w x theta,    dw' = I^-1 (I dw x w + I w x dw + dI w x w - dI a).
 
@@ -13,9 +13,9 @@ client is predicted by its torque-free motion, so latency only increases the age
 The error of the assumed inertia has six parameters, the entries of a symmetric matrix X. With this error, the
 second moments of mass S = tr(I)/2 - I become S^1/2 exp(X) S^1/2. The inertia is then physically consistent
 for every X (Lee, Wensing, Park, IEEE Transactions on Robotics 36, 2020). The tumbling motion determines the
-ratios of the inertia. The scale of the inertia, tr(X), and the mass are unobservable in free motion, so their
-uncertainty does not decrease. The state has velocities instead of momenta, because measured velocities do not
-depend on the inertia.
+inertia up to its scale. The scale, given by tr(X), and the mass are unobservable in free motion, so their
+uncertainty does not decrease. The state has velocities instead of momenta, because measured
+velocities do not depend on the inertia.
 
 Let nu be the innovation of a measurement and P_nu its covariance. The measurement is refused as an outlier if
 nu^T P_nu^-1 nu exceeds the 99.9 % quantile of the chi-squared distribution. If several refused measurements
@@ -41,9 +41,9 @@ _MOST_UNLIKELY = 32.90949040736021  # the 99.9 % quantile of chi-squared with 12
 # later refused measurements agree with it.
 _REFUSED, _AGREE = 5, 3
 # The state has twelve entries for the motion, five for the ratios of the inertia (X without its trace, in an
-# orthonormal basis), and the logarithms of the inertia's scale and of the mass.
+# orthonormal basis), and the errors of the logarithms of the inertia's scale and of the mass.
 _SIZE, _FORM, _SCALE, _MASS = 19, slice(12, 17), 17, 18
-_OF_PUSHES = 0.1  # relative standard deviation of velocity changes by pushes, due to uncertain masses
+_OF_PUSHES = 0.1  # relative standard deviation of velocity changes by impulses, due to uncertain masses
 _BASIS = np.array(
     [
         np.diag([1, -1, 0]),
@@ -58,13 +58,12 @@ _BASIS = _BASIS / np.linalg.norm(_BASIS, axis=(1, 2), keepdims=True)
 
 
 class ClientEstimate:
-    """An estimate of a client, which measurements update; plans accept it in place of a `Client`.
+    """The estimate of a client by a Kalman filter; plans accept it in place of a `Client`.
 
     Parameters
     ----------
     first : Client
-        The client of the first measurement, with the assumed mass and inertia. Its time zero is the time of
-        the measurement.
+        The first measurement (see `capture.measured`), with the assumed mass and inertia.
     t : float
         The time of the first measurement [s].
     sensor : Camera
@@ -73,12 +72,12 @@ class ClientEstimate:
         The relative standard deviation of the mass; zero for a known mass.
     inertia_deviation : float
         The relative standard deviation of the principal inertias if they are equal; zero for a known inertia.
-        The deviations for a rod or a plate are up to 1.4 times as large.
+        For a rod or a plate, the deviations are up to 1.4 times as large.
 
     Attributes
     ----------
     refused, restarts : int
-        The numbers of refused measurements and of restarts of the estimate.
+        The number of refused measurements and the number of restarts of the estimate.
     measured_at : float
         The time of the last accepted measurement [s].
     """
@@ -99,13 +98,13 @@ class ClientEstimate:
             checks.share(name, value)
             for name, value in (("mass_deviation", mass_deviation), ("inertia_deviation", inertia_deviation))
         )
-        # A principal inertia is the sum of two independent second moments, so its relative deviation is
-        # smaller than theirs by the factor sqrt(2).
+        # A principal inertia is the sum of two independent second moments of mass. If these are equal, its
+        # relative deviation is smaller than theirs by the factor sqrt(2).
         moments = np.sqrt(2.0) * self._doubts[1]
         of_body = [*np.repeat(moments, 5), moments / np.sqrt(3.0), self._doubts[0]]
         self._P = np.diag(np.concatenate([sensor.deviations, of_body]) ** 2)
         self.measured_at = self._since
-        self._gained = np.zeros(2)  # summed changes of velocity and spin by pushes since `measured_at`
+        self._gained = np.zeros(2)  # sums of |velocity changes| by impulses since `measured_at`
 
     @property
     def sensor(self) -> Camera:
@@ -142,8 +141,9 @@ class ClientEstimate:
     def deviation(self, t: float, lever: float = 0.0) -> tuple[float, float]:
         """Return the standard deviations of a point's position [m] and of the attitude [rad] at t [s].
 
-        The point on the client is `lever` [m] away from the centre of mass. The errors of the velocities
-        increase the deviations with the time since the last update.
+        Each standard deviation is the root of the summed variances of three axes. The point on the client is
+        `lever` [m] away from the centre of mass. The errors of the velocities increase the deviations with
+        the time since the last update.
         """
         slopes, dt = np.zeros((6, _SIZE)), t - self._since
         slopes[:3, :3] = slopes[3:, 6:9] = np.eye(3)
@@ -152,23 +152,24 @@ class ClientEstimate:
         return float(np.sqrt(moved + lever**2 * turned)), float(np.sqrt(turned))
 
     def take(self, other: ClientEstimate) -> None:
-        """Copy the state and covariance of `other`."""
+        """Copy the state, the covariance and `measured_at` of `other`."""
         self._body, self._since, self._P = other._body, other._since, other._P
         self.measured_at, self._gained = other.measured_at, other._gained
 
     def pushed(
         self, t: float, impulse: FloatArray, turn: FloatArray, noise: tuple[float, float] = (0.0, 0.0)
     ) -> None:
-        """Add an impulse [N s] and an angular impulse [N m s] about the centre of mass, (3,) each, at t [s].
+        """Apply an impulse (3,) [N s] and an angular impulse `turn` (3,) [N m s] at t [s].
 
-        `impulse` and `turn` are in inertial axes. Per axis, the changes of velocity and angular velocity get
-        a standard deviation of a tenth of their magnitude; all impulses since the last accepted measurement
+        The angular impulse is about the centre of mass; both are in inertial axes. If t is before the last
+        update, they act at the last update. Per axis, the changes of velocity and angular velocity get a
+        standard deviation of a tenth of their magnitude; all impulses since the last accepted measurement
         share this error. `noise` has additional standard deviations per axis [N s], [N m s].
         """
         if t > self._since:
             self._predict(t)
         body, R = self._body, self._body.start_pose.rotation
-        by_unit = np.linalg.inv(body.inertia)  # change of the angular velocity per unit impulse
+        by_unit = np.linalg.inv(body.inertia)  # change of the angular velocity per unit angular impulse
         gained = np.stack([impulse / body.mass, by_unit @ R.T @ turn])
         twist = body.start_twist + np.append(gained[0], R @ gained[1])
         self._body = other_motion(body, body.start_pose, twist)
@@ -204,7 +205,7 @@ class ClientEstimate:
         return [self._moved(x) for x in moves.T]
 
     def _from_start(self, body: Client) -> Client:
-        """Return a client, whose time zero is the last update, with the estimate's time zero."""
+        """Return `body`, whose time zero is the last update, with the estimate's time zero."""
         return other_motion(body, body.pose(-self._since), body.twist(-self._since))
 
     def _moved(self, x: FloatArray) -> Client:
@@ -248,10 +249,12 @@ class ClientEstimate:
     def observe(self, seen: Client, t: float) -> bool:
         """Update the estimate by a measurement made at t [s]; return False if it is refused as an outlier.
 
+        `seen` is the measurement (see `capture.measured`), with its time zero at t.
+
         Raises
         ------
         InvalidValue
-            t is before the last update, or the measured client has another mass or inertia than the first.
+            If t is before the last update, or `seen` has another mass or inertia than the first measurement.
         """
         if t < self._since:
             raise InvalidValue("t", t, f"must not be before the last update, at {self._since:g} s")
@@ -279,7 +282,7 @@ class ClientEstimate:
         return True
 
     def _innovation(self, seen: Client) -> tuple[FloatArray, FloatArray]:
-        """Return the innovation (12,) of a measurement, and the measurement matrix (12, 19)."""
+        """Return the innovation (12,) of a measurement and the measurement matrix (12, 19)."""
         body, R = self._body, self._body.start_pose.rotation
         turn = pin.log3(R.T @ seen.start_pose.rotation)
         shift = seen.start_pose.translation - body.start_pose.translation
@@ -334,7 +337,7 @@ def _spin(body: Client) -> FloatArray:
 
 
 def _root(inertia: FloatArray) -> FloatArray:
-    """Return the square root (3, 3) of the second moments of mass from an inertia (3, 3), body axes."""
+    """Return the square root (3, 3) of the second moments of mass of an inertia (3, 3)."""
     sizes, axes = np.linalg.eigh(0.5 * np.trace(inertia) * np.eye(3) - inertia)
     return np.asarray(axes * np.sqrt(np.maximum(sizes, 0.0)) @ axes.T)
 
@@ -345,6 +348,6 @@ def _of_moments(moments: FloatArray) -> FloatArray:
 
 
 def _changes(body: Client, w: FloatArray) -> FloatArray:
-    """Return the derivative (3, 5) of I w with respect to the ratios of the inertia I."""
+    """Return the derivative (3, 5) of I w with respect to the state's entries of the inertia's ratios."""
     root = _root(body.inertia)
     return np.asarray((_of_moments(root @ _BASIS @ root) @ w).T)

@@ -17,7 +17,7 @@ from ffsms_pin.simulation import Tracking
 
 @dataclass(frozen=True, eq=False)
 class Flight:
-    """A simulated capture, from the start to rest.
+    """The result of a simulated capture.
 
     Attributes
     ----------
@@ -28,10 +28,10 @@ class Flight:
     plant : SpaceManipulator
         The simulated servicer.
     note : str
-        The reason why the motion was not re-planned. The note is empty if the motion was re-planned, or if
-        re-planning was not requested.
+        The note of the re-planning (`opt.Replanning.note`), for example failed joints or a predicted miss.
+        Empty if there is nothing to note, or without re-planning.
     bodies : tuple of Obstacle
-        The obstacles of the plan, on the true client and elsewhere.
+        The obstacles of the plan, without the pieces of a guide.
     grasp : pinocchio.SE3
         The grasp frame, in the client's axes.
     """
@@ -53,7 +53,10 @@ class Flight:
 
     @property
     def outcome(self) -> str:
-        """The outcome and its reason: "latched", "no go: ...", "given up: ...", "collision: ..."."""
+        """The outcome and its reason: "latched", "no go: ...", "given up: ..." or "collision: ...".
+
+        After "latched", the text lists missed goals and violated limits.
+        """
         if self.latched:
             return "; ".join(["latched", *self.tracking.misses])
         names = [phase.name for phase in self.captured.phases]
@@ -67,7 +70,7 @@ class Flight:
 
     @property
     def tracking(self) -> Tracking:
-        """The recording of servicer and client, from the start to rest."""
+        """The recording of servicer and client, from the start to the end."""
         return self.captured.whole
 
     @property
@@ -76,12 +79,12 @@ class Flight:
         return self.captured.client
 
     def obstacles(self, client: Any = None) -> list[Obstacle]:
-        """Return the obstacles of the plan; those on the client are placed on `client`.
+        """Return the obstacles of the plan, with those of the client placed on `client`.
 
         Parameters
         ----------
         client : Client or simulation.ClientMotion, optional
-            The client that carries obstacles. Default: the true client in free motion.
+            The client that carries the obstacles. Default: the true client in free motion.
         """
         return list(self.bodies) if client is None else rebound(self.bodies, client)
 
@@ -92,7 +95,7 @@ class Flight:
 
     @property
     def prediction(self) -> Prediction:
-        """The prediction at the contact, or the prediction from the plan if the gripper did not close."""
+        """The prediction at the contact, or that of the first plan if the gripper did not close."""
         return self.captured.expected or self.captured.planned
 
     @property

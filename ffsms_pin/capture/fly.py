@@ -59,31 +59,31 @@ def fly(
     plan: opt.Trajectory | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> Flight:
-    """Simulate a capture in closed loop: approach a client, grasp it and brake both.
+    """Simulate a capture in closed loop: plan, approach the client, grasp it, and brake the joints.
 
     Parameters
     ----------
     sms : SpaceManipulator
-        The model for plans and laws.
+        The model for plans and control laws.
     q0 : array_like, shape (nq,)
-        Initial configuration, as from `sms.configuration`.
+        Initial configuration, see `sms.configuration`.
     goal : opt.Meet
         The true client, with its time zero at the start, and the grasp on the client.
     duration : float
         Time to the contact [s], above zero.
     camera : Camera, optional
-        The sensor that measures the client. Default: the client's state is known.
+        The sensor that measures the client. Default: the client's motion, mass and inertia are known.
     belief : Belief, optional
         The assumed mass and inertia of the client; requires a camera. Default: the true ones.
     grip : Grip, optional
         A compliant grip. Default: the grip is rigid when the gripper closes.
     guide : Nozzle or Ring, optional
-        The contact surfaces at the grasp.
+        The contact surfaces at the grasp. Default: none.
     envelope : Envelope, optional
         The errors within which the gripper can grasp the client. Default: `Envelope()`.
     control : Control or callable, optional
-        The laws of joints and base, or a function that takes a robot and returns the law of its joints.
-        Default: `Control()`.
+        The control laws of joints and base, or a function that takes a robot and returns the law of its
+        joints. Default: `Control()`.
     plant : SpaceManipulator, optional
         The simulated robot, with the same joints as `sms`. Default: `sms`.
     plant_q0 : array_like, shape (nq,), optional
@@ -93,16 +93,17 @@ def fly(
         be joint faults and captures of payloads. `momentum` is the servicer's initial momentum, by default
         that of the plan.
     replan : Replan, opt.ReplanOptions or bool, optional
-        Options of re-planning from the measured state. Default: re-planning if there is a camera. If `replan`
-        is False and there is a camera, the motion is planned once, from one measurement before the flight.
+        Options of re-planning from the measured state; True for the defaults. Default: True if there is a
+        camera, else False. If `replan` is False and there is a camera, the motion is planned once, from one
+        measurement before the flight.
     planning : Planning, optional
-        Options of the plan: time step, terms, limits and obstacles. Default: `Planning()`.
+        Options of the plan, such as the time step, limits and obstacles. Default: `Planning()`.
     procedure : Procedure, optional
-        Options of attempts, retreat, go decision and braking. Default: `Procedure()`.
+        Options of the go decision, attempts, retreat and braking. Default: `Procedure()`.
     plan : Trajectory, optional
-        An existing plan to the client. Default: the motion is planned first.
+        An existing plan from `q0` to the client, of the same duration. Default: the motion is planned first.
     progress : callable, optional
-        A function that is called with the completed share of the flight, 0 to 1.
+        A function that is called with the completed share of the simulation, 0 to 1.
 
     Returns
     -------
@@ -157,8 +158,8 @@ def fly(
     return Flight(plan, recording, plant, note, meeting.given_obstacles, meeting.goal.grasp)
 
 
-def _values(made: Any) -> dict[str, Any]:
-    return {field.name: getattr(made, field.name) for field in fields(made) if field.init}
+def _values(options: Any) -> dict[str, Any]:
+    return {field.name: getattr(options, field.name) for field in fields(options) if field.init}
 
 
 def _control(control: Any) -> Control:
@@ -185,7 +186,7 @@ def _replan(replan: Any, sees: bool) -> Replan | None:
 
 
 def _check_conditions(meeting: Rendezvous, laws: Control, options: dict[str, Any]) -> None:
-    """Raise `InvalidValue` for conditions that the simulation does not support, before planning."""
+    """Raise `InvalidValue` for conditions, a plant or a base mode that the simulation does not support."""
     plant, conditions = options["plant"], options["conditions"]
     # The duration of a capture is not fixed, so an event may have any time.
     for event in checked_events(conditions.events, plant, np.inf):
@@ -205,7 +206,7 @@ def _check_conditions(meeting: Rendezvous, laws: Control, options: dict[str, Any
 
 
 def _check_plan(meeting: Rendezvous, plan: Any) -> None:
-    """Raise `InvalidValue` unless a plan leads from the start to the contact."""
+    """Raise `InvalidValue` unless a plan starts at q0 and has the duration of the flight."""
     checks.instance("plan", plan, opt.Trajectory)
     if plan.q.shape[1] != meeting.sms.nq or not np.allclose(plan.q[0], meeting.q0, atol=1e-6):
         raise InvalidValue("plan.q[0]", plan.q[0], "must equal q0: plan from the configuration at the start")
@@ -215,7 +216,7 @@ def _check_plan(meeting: Rendezvous, plan: Any) -> None:
 
 
 def _handling(meeting: Rendezvous, envelope: Envelope, procedure: Procedure) -> CaptureOptions:
-    """Return the capture options from the options of a flight."""
+    """Return the options of the capture."""
     limit, around, grip = meeting.clearance, meeting.obstacles(meeting.client), meeting.grip
     room = None
     if around:
@@ -237,7 +238,7 @@ def _handling(meeting: Rendezvous, envelope: Envelope, procedure: Procedure) -> 
 
 
 def _check_start(handling: CaptureOptions, plant: SpaceManipulator, q0: FloatArray, client: Client) -> None:
-    """Raise `InvalidValue` if servicer and client overlap at the start."""
+    """Raise `InvalidValue` if servicer and client overlap at the start, by more than a tolerance."""
     if (touching := handling.touching(plant)) is None:
         return
     distance, pair = touching.at(q0, client.pose(0.0))

@@ -1,4 +1,4 @@
-"""The go decision at the hold point, and the limits of the uncertainty until the contact."""
+"""The go decision at the hold point, and the limits of the client's uncertainty until the contact."""
 
 from __future__ import annotations
 
@@ -18,20 +18,20 @@ from ffsms_pin.opt import Meet
 from ffsms_pin.options import Angle, Positive, Unit
 from ffsms_pin.robot import SpaceManipulator
 
-_AGE, _PERIODS = 2.0, 5.0  # largest age beyond the latency: 2 s, or five sensor periods if these are longer
+_AGE, _PERIODS = 2.0, 5.0  # largest age beyond the latency: the longer of 2 s and five sensor periods
 
 
 @dataclass(frozen=True)
 class GoLimits:
     """The limits of the client's uncertainty from the go decision to the contact.
 
-    The motion of a free client can be predicted for longer than `age`. But a contact near the grasp may
+    The motion of a free client can be predicted for longer than `age`. However, a contact near the grasp may
     change the motion, so the age of the last measurement is limited.
 
     Raises
     ------
     InvalidValue
-        A value out of range or of a wrong shape.
+        If a value is not a number above zero.
     """
 
     age: Annotated[Positive | None, Unit("s", "the latency and 2 s, or 5 periods")] = None
@@ -57,11 +57,10 @@ class GoLimits:
     def lacks(
         self, meet: Meet, now: float, contact: float, envelope: Envelope, measuring: bool = True
     ) -> str:
-        """Return a text of the first limit that the uncertainty exceeds; empty if it exceeds none.
+        """Return a text with the first limit that is exceeded; empty if none is exceeded.
 
-        The present time is `now` [s], the time of the contact `contact` [s]. `measuring` is true if the
-        client is measured during the motion. If the client is measured only once, before planning, the age
-        of the measurement is not limited.
+        The present time is `now` [s], and the time of the contact is `contact` [s]. If `measuring` is false,
+        the client is measured only once, before planning, and the age of the measurement is not limited.
         """
         client = meet.client
         if not isinstance(client, ClientEstimate):
@@ -104,7 +103,7 @@ def go_no_go(
     """Return the reason against grasping the client of `meet` at a time t [s]; empty if there is none.
 
     `expected` is the expected position error [m], or the final configuration (nq,) of the plan. `prediction`
-    is the predicted motion after the contact. `GoLimits.lacks` checks the client's uncertainty separately.
+    is the prediction for the contact. The client's uncertainty is checked by `GoLimits.lacks`.
     """
     if isinstance(expected, np.ndarray):
         tip = sms.at(expected).end_effector_pose.translation

@@ -17,29 +17,29 @@ from ffsms_pin.simulation.loads import velocity_at
 class GripLoad:
     """A spring and a damper in all six directions, a bilateral `Load`.
 
-    The motion of the grasp relative to the end effector has the displacement d, the rotation vector phi, the
-    velocity u at the grasp and the angular velocity w (inertial axes). The wrench on the end effector at the
-    grasp is
+    The pose of the grasp relative to the end effector has the displacement d and the rotation vector phi. At
+    the grasp, the client has the velocity u and the angular velocity w relative to the end effector (all in
+    inertial axes). The wrench on the end effector at the grasp is
 
         f = k d + c u,    torque = k_r phi + c_r w.
 
     Parameters
     ----------
     grasp : pinocchio.SE3
-        The set point of the end-effector frame, in the client's body axes.
+        The desired pose of the end-effector frame in the client's body frame.
     stiffness : float
-        k [N/m]. The default gives 5 N at a position error of 10 mm.
+        k [N/m]. The default gives a force of 5 N at a position error of 10 mm.
     damping : float
-        c [N s/m]. The default gives an overshoot of a sixth with a mass of 5 kg.
+        c [N s/m]. The default gives an overshoot of 16 % with a reduced mass of 5 kg.
     turn_stiffness : float
-        k_r [N m/rad]. The default gives 2 N m at an attitude error of 0.1 rad.
+        k_r [N m/rad]. The default gives a torque of 2 N m at an attitude error of 0.1 rad.
     turn_damping : float
         c_r [N m s/rad].
 
     Raises
     ------
     InvalidValue
-        A grasp that is no pose, stiffness that is not above zero, or damping below zero.
+        If `grasp` is not a pose, a stiffness is not above zero, or a damping is below zero.
     """
 
     grasp: Any
@@ -58,7 +58,7 @@ class GripLoad:
     def wrench(
         self, tool: Any, tool_twist: FloatArray, client: Any, client_twist: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """Return wrench and point, see `Load.wrench`; the wrench acts at the grasp."""
+        """Return the wrench and its point, the grasp; see `Load.wrench`."""
         held = client * self.grasp
         point = np.array(held.translation)
         slip = velocity_at(point, client, client_twist) - velocity_at(point, tool, tool_twist)

@@ -16,7 +16,7 @@ from ffsms_pin.errors import InvalidValue
 from ffsms_pin.geometry.convex_parts import hull_of
 
 _SIZES = 1e-4, 100.0  # [m] smallest and largest dimension; qhull fails on much flatter shapes
-_NARROW = 0.75  # share of a cone's length, from the entry on, in which a probe keeps the full clearance
+_NARROW = 0.75  # share of a cone's length, from the entry on, in which plans keep the full clearance
 _MOST_SIDES = 360  # largest number of sides of a polygon, one per degree
 
 
@@ -26,14 +26,13 @@ class Scene(NamedTuple):
     Attributes
     ----------
     load : SurfaceContact
-        The contact load between both sets of shapes, for `simulate(..., loads=...)`.
+        The contact load between end effector and client, for `simulate(..., loads=...)`.
     grasp : pinocchio.SE3
-        The pose of the end-effector frame at the grasp, in the client's body axes.
+        The pose of the end-effector frame at the grasp, in the client's body frame.
     shapes : tuple of Shape
-        The complete shapes of the nozzle or ring in the client's body axes, for `Client(shapes=...)`, viewer
-        and clearance.
+        All convex pieces of the nozzle or ring in the client's body frame, for `Client(shapes=...)`.
     walls : tuple of Shape
-        The convex pieces, in the client's body axes, from which plans keep the end effector clear.
+        The convex pieces, in the client's body frame, from which plans keep the end effector clear.
     """
 
     load: SurfaceContact
@@ -43,7 +42,10 @@ class Scene(NamedTuple):
 
     @property
     def hull(self) -> Any:
-        """The convex hull of `shapes`, a coal geometry in the client's body axes."""
+        """The convex hull of `shapes`, a coal geometry in the client's body frame.
+
+        A cylinder is replaced by its bounding box.
+        """
         corners = [
             _corners(geometry) @ place.rotation.T + place.translation for geometry, place in self.shapes
         ]
@@ -66,22 +68,22 @@ def probe_in_nozzle(
 ) -> Scene:
     """Make a probe and a nozzle, whose cone guides the probe into the throat.
 
-    The probe is a rod with a round tip. The end-effector frame is at the tip, z along the rod and outward.
-    The cone narrows from its entry to the throat, a tube with a floor. The cross-sections are polygons whose
-    inscribed circles have the given radii, so walls are flat. Each side is a convex piece, thick enough that
-    the rod cannot pass through; the floor is another piece. The default dimensions are those of
-    github.com/biorobotics/on_orbit, with a radial play of 1.4 mm in the throat.
+    The probe is a rod with round ends. The end-effector frame is at the tip, z along the rod and outward. The
+    cone narrows from its entry to the throat, a tube with a floor. The cross-sections are polygons whose
+    inscribed circles have the given radii, so walls are flat. Each side is a convex piece, and so is the
+    floor. The default dimensions are those of github.com/biorobotics/on_orbit, with a radial play of 1.4 mm
+    in the throat.
 
     Parameters
     ----------
     place : pinocchio.SE3
-        The nozzle frame in the client's body axes: origin in the centre of the entry, z into the nozzle.
+        The nozzle frame in the client's body frame: origin in the centre of the entry, z into the nozzle.
     probe_length, probe_radius, entry_radius, throat_radius, cone_length, throat_length : float
         The dimensions [m], see `Nozzle`.
     depth : float
         The depth of the tip in the throat at the grasp [m].
     sides : int
-        The number of sides of the polygons, at least three.
+        The number of sides of the polygons, 3 to 360.
     stiffness, exponent : float
         Contact parameters, see `SurfaceContact`. The default stiffness is the bending stiffness 3 E I / L^3
         of a steel rod (E = 200 GPa), which is much softer than its surface.
@@ -110,7 +112,7 @@ def probe_in_nozzle(
     rod = coal.Capsule(probe_radius, probe_length - 2.0 * probe_radius)
     probe = (rod, pin.SE3(np.eye(3), np.array([0.0, 0.0, -0.5 * probe_length])))
     end, wall = cone_length + throat_length, 0.5 * throat_radius
-    # The profile of a wall is convex: the inside up to the end, and a straight outside back to the entry.
+    # The profile of a wall is convex, with a straight outside.
     profile = np.array([
         [entry_radius, 0.0], [throat_radius, cone_length], [throat_radius, end],
         [throat_radius + wall, end], [entry_radius + wall, 0.0],
@@ -143,31 +145,30 @@ def gripper_on_ring(
 ) -> Scene:
     """Make a gripper of two fingers and a palm, and the rim of a launch adapter ring.
 
-    Each finger's pad consists of four balls at the corners of a square, and the palm of two balls. These
-    balls hold the rim in all directions, and their contact points do not jump. The end-effector frame is in
-    the centre of the pads: z towards the ring, y from finger to finger, along the ring's radius. Only the
-    gripped segment of the ring and its neighbours have contact. If `opening` is less than the ring's
-    thickness, the pads squeeze the ring. Pass such a load to the event `Close`, so that it acts only after
-    the gripper has closed.
+    Each finger's pad consists of four balls at the corners of a square, and the palm of two balls, because
+    the contact points of balls do not jump. The end-effector frame is in the centre of the pads: z towards
+    the client, y from finger to finger, outward along the ring's radius. Only the gripped segment of the ring
+    and its two neighbours have contact. If `opening` is less than the ring's thickness, the pads squeeze the
+    ring. Pass such a load to the event `Close`, so that it acts only after the gripper has closed.
 
     Parameters
     ----------
     place : pinocchio.SE3
-        The ring frame in the client's body axes: origin in the centre of the rim, z out of the client. The
+        The ring frame in the client's body frame: origin in the centre of the rim, z out of the client. The
         ring is gripped on its x axis.
     opening : float
         The distance between the fingers' pads [m]. The default leaves 17.5 mm on either side of the rim.
     ring_radius, thickness, height : float
-        The radius of the wall's middle, and the thickness and height of the wall [m]. The default radius is
-        that of a 1194 mm adapter.
+        The radius to the middle of the wall, and the thickness and height of the wall [m]. The default
+        radius is that of a 1194 mm adapter.
     reach : float
         The distance from the palm to the middle of the pads [m].
     pad, pad_radius : float
-        The side of a pad's square, and the radius of the balls [m].
+        The distance between neighbouring balls of a pad, and the radius of the balls [m].
     segments : int
-        The number of flat segments of the ring, at least eight.
+        The number of flat segments of the ring, 8 to 360.
     **surface
-        `stiffness` and other parameters of `SurfaceContact`, by default those of silicone pads.
+        Parameters of `SurfaceContact` such as `stiffness`. The default stiffness is that of silicone pads.
 
     Raises
     ------
@@ -210,7 +211,10 @@ def _check_sizes(**sizes: float) -> None:
 
 
 def _body(profile: FloatArray, name: str, sides: Any, least: int, place: Any) -> list[tuple[Any, Any]]:
-    """Return the sides of a polygonal body about z from a profile (k, 2) with columns radius and z."""
+    """Return the sides of a polygonal body about z, each a geometry and its placement.
+
+    `profile` (k, 2) has the columns radius and z [m].
+    """
     if not least <= checks.whole(name, sides, least) <= _MOST_SIDES:
         raise InvalidValue(name, sides, f"must be at most {_MOST_SIDES}")
     half = np.tan(np.pi / sides)
