@@ -231,11 +231,28 @@ class Coordinated(ComputedTorque):
 
     def command(self, view: BaseView) -> BaseCommand:
         """Return the command for wheels and thrusters in this control step."""
-        motion = Motion(self.sms, view.q, view.v, *view.wanted)
-        turn = self.base.hold.acceleration(view.q, view.v)
-        torque, _ = held_dynamics(self.robot, view.q, view.v, turn, self._acceleration(motion))
+        turn, torque, _ = self._held_dynamics(Motion(self.sms, view.q, view.v, *view.wanted))
         return self.base.shared(view, turn, torque)
 
     def _inverse_dynamics(self, motion: Motion) -> FloatArray:
-        turn = self.base.hold.acceleration(motion.q, motion.v)
-        return held_dynamics(self.robot, motion.q, motion.v, turn, self._acceleration(motion))[1]
+        return self._held_dynamics(motion)[2]
+
+    def _held_dynamics(self, motion: Motion) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return the base's desired angular acceleration, the torque on the base, and the joint torques.
+
+        The accelerations of limp joints result from those of the base and of the other joints.
+        """
+
+        def torques(qdd: FloatArray) -> tuple[FloatArray, FloatArray]:
+            return held_dynamics(self.robot, motion.q, motion.v, turn, qdd)
+
+        turn, qdd = self.base.hold.acceleration(motion.q, motion.v), self._acceleration(motion)
+        base, tau = torques(qdd)
+        limp = np.flatnonzero(self._kept.limp)
+        if len(limp):  # torques are affine in accelerations
+            H = np.column_stack([torques(qdd + column)[1] - tau for column in np.eye(self.sms.n)[limp]])
+            change = np.zeros(self.sms.n)
+            change[limp] = np.linalg.solve(H[limp], tau[limp])
+            base, tau = torques(qdd - change)
+            tau[limp] = 0.0
+        return turn, base, tau

@@ -280,7 +280,8 @@ class PulseWidth:
     Raises
     ------
     InvalidValue
-        The thrusters have no period, or a period shorter than the control step.
+        The thrusters have no period, a period shorter than the control step, or a least on-time that exceeds
+        the rounded period.
     """
 
     def __init__(self, thrusters: Thrusters, dt: float) -> None:
@@ -290,7 +291,10 @@ class PulseWidth:
             )
         self._force = thrusters.force
         self._steps = max(1, round(thrusters.period / dt))
-        self._least = min(self._steps, max(1, int(np.ceil(thrusters.least_on_time / dt - 1e-9))))
+        self._least = max(1, int(np.ceil(thrusters.least_on_time / dt - 1e-9)))
+        if self._least > self._steps:
+            text = f"must be at most {self._steps * dt:g} s, the period rounded to control steps of {dt:g} s"
+            raise InvalidValue("thrusters.least_on_time", thrusters.least_on_time, text)
         self._desired = np.zeros(len(thrusters))  # missing impulse, in control steps at the largest force
         self._on = np.zeros(len(thrusters))  # number of control steps of the present pulse
         self._step = 0

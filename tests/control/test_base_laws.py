@@ -24,6 +24,7 @@ from ffsms_pin.control import (
     QuaternionFeedback,
 )
 from ffsms_pin.control.base_command import AttitudeHold, held_dynamics, partly_held
+from ffsms_pin.control.laws import Motion
 from ffsms_pin.errors import FfsmsError, FfsmsWarning, InvalidValue
 from ffsms_pin.simulation import Tracking
 
@@ -129,6 +130,24 @@ def test_what_the_feedforward_is_worth(panda: ffsms.SpaceManipulator, reach: Swi
     assert found["none"] > 0.05
     assert found["plan"] < 0.05 * found["none"]
     assert found["torque"] < 2e-3
+
+
+def test_coordinated_control_leaves_limp_joints_passive(
+    panda: ffsms.SpaceManipulator, state: tuple[Array, Array]
+) -> None:
+    """Forward dynamics with the law's torques gives the desired accelerations of base and other joints."""
+    (q, v), law = state, Coordinated(panda)
+    law.reset(STEP)
+    law.joint_failed(1, locked=False)
+    motion = Motion(panda, q, v, panda.joint_positions(q) + 0.01, 0.5 * v[6:], np.full(7, 0.1))
+    turn, base, tau = law._held_dynamics(motion)
+    assert tau[1] == 0.0
+    force = np.concatenate([np.zeros(3), base, tau])
+    found = pin.aba(panda.model, panda.model.createData(), q, v, force)
+    np.testing.assert_allclose(found[3:6], turn, atol=1e-9)
+    driven = np.arange(7) != 1
+    np.testing.assert_allclose(found[6:][driven], law._acceleration(motion)[driven], atol=1e-8)
+    assert abs(found[7] - law._acceleration(motion)[1]) > 1e-3
 
 
 def test_coordinated_control_holds_both(panda: ffsms.SpaceManipulator, reach: Swing) -> None:
@@ -239,6 +258,12 @@ def test_pulses_have_the_mean_and_the_least_length(share: float) -> None:
     assert np.diff(edges)[::2].min() >= 10
     starts = edges[::2]
     np.testing.assert_array_equal(starts % 100, 0)
+
+
+def test_a_pulse_longer_than_the_rounded_period_is_refused() -> None:
+    thrusters = ffsms.Thrusters([0, 0, 0], [1, 0, 0], 1.0, least_on_time=0.012, period=0.014)
+    with pytest.raises(InvalidValue, match=r"least_on_time must be at most 0\.01 s, the period rounded"):
+        PulseWidth(thrusters, 0.01)
 
 
 def test_pulses_stop_where_nothing_is_wanted() -> None:
