@@ -267,11 +267,13 @@ class Identifier(Learner):
         first = q[0].copy()
         first[:3] = 0.0
         A, _ = self._filter.momentum_map(first)
+        kept = self._pose_noise, self._weight, self._bias_now  # those of the last sample
         self._pose_noise = self.noise.of_pose(A @ v[0])
         self._weigh(first, A)
-        self._pose_noise = None
+        weight = self._weight
+        self._pose_noise, self._weight, self._bias_now = kept
         Y = momentum_regressors(self.robot, q, v, about, self._filter.bodies) @ self._filter.basis
-        return np.asarray(np.linalg.cholesky(self._weight).T), Y
+        return np.asarray(np.linalg.cholesky(weight).T), Y
 
     def _spins(self, wheel_momentum: ArrayLike) -> FloatArray:
         """Return the sum (3,) of the wheels' spin momenta, in the base's axes."""

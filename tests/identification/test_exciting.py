@@ -83,3 +83,16 @@ def _wall(planar: ffsms.SpaceManipulator, start: Any) -> opt.Obstacle:
 
     pose = pin.SE3(np.eye(3), planar.at(start).end_effector_pose.translation)
     return opt.Obstacle(coal.Sphere(0.05), pose)
+
+
+def test_expected_information_leaves_the_estimate_unchanged(planar: ffsms.SpaceManipulator) -> None:
+    """The weight of a sample does not depend on motions that are judged between two samples."""
+    q0, rng = planar.configuration([0.3, 0.5, -0.4]), np.random.default_rng(5)
+    rates = 0.3 * rng.normal(size=(40, 3))
+    samples = [(q0, planar.velocity(q0, row) + 1e-3 * rng.normal(size=9)) for row in rates]
+    plain, asked = (Identifier(planar, ["base"], sensors=NOISE) for _ in range(2))
+    for k, (q, v) in enumerate(samples):
+        plain.update(0.01 * k, q, v)
+        asked.update(0.01 * k, q, v)
+        asked.expected_information(q[None], 3.0 * v[None])
+    np.testing.assert_array_equal(asked.solution().x, plain.solution().x)
