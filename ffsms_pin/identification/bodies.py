@@ -64,6 +64,10 @@ def known_bodies(sms: SpaceManipulator, known: Mapping[str, Any]) -> Known:
     for name, value in known.items():
         index = None if name == PAYLOAD else _index(sms, name, "known")
         if isinstance(value, Mapping):
+            keys = {"mass", "inertia"} <= set(value) <= {"mass", "inertia", "com"}
+            if not keys:
+                text = "must have the keys mass and inertia, and optionally com"
+                raise InvalidValue(f"known.{name}", dict(value), f"{text}; for the mass alone give a number")
             body = value["mass"], value["inertia"], value.get("com", (0.0, 0.0, 0.0))
             mass, tensor, com = rigid_body(f"known.{name}", *body)
             value = pin.Inertia(mass, com, tensor)

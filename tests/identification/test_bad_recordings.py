@@ -150,6 +150,8 @@ def test_arguments(panda: ffsms.SpaceManipulator, arrays: Any, refused: Any) -> 
     wrong("each body once", unknown=["base", "base"])
     wrong("payload cannot be distinguished", unknown=["payload", panda.joint_names[-1]])
     wrong("not among the unknown", known={panda.joint_names[0]: 2.0})
+    wrong("known.base", "mass and inertia", known={"base": {"mass": 3.0}})
+    wrong("known.base", "mass and inertia", known={"base": {"mass": 3.0, "inertia": np.eye(3), "comm": 0.0}})
     wrong("spread", spread=0.0)
     wrong("not both", tracking=swung_by(changed(panda), panda))
     wrong("local", tracking=swung_by(changed(panda), panda), recording=None, base_velocity="mixed")
