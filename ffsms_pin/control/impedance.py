@@ -283,8 +283,8 @@ class Admittance(_Compliant):
 
 
 def _lost(motion: Motion) -> bool:
-    """Return whether a position error is not finite, or an error is at least 1e9 rad or rad/s."""
-    return not max(np.abs(motion.q_e).max(), np.abs(motion.qd_e).max()) < checks.LARGEST
+    """Return whether an error is not finite, or at least 1e9 rad or rad/s."""
+    return not np.abs([motion.q_e, motion.qd_e]).max() < checks.LARGEST
 
 
 def _at_rest(sms: SpaceManipulator, q: ArrayLike) -> MotionPair:
