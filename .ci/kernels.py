@@ -1,7 +1,8 @@
 """Run a short sample of the trials and some plans under each other OpenBLAS kernel of this processor.
 
 OpenBLAS chooses its kernel by the processor. The last bits of a decomposition, and its convergence, depend on
-the kernel. `make test` uses the default kernel. `OPENBLAS_CORETYPE` sets another kernel; names of the same kernel are run once.
+the kernel. `make test` uses the default kernel. `OPENBLAS_CORETYPE` sets another kernel; names of the same
+kernel are run once.
 """
 
 from __future__ import annotations
