@@ -1,4 +1,4 @@
-"""The actuators of the base, reaction wheels and thrusters, and robot models with wheels as joints."""
+"""Reaction wheels and thrusters of the base, and robot models with wheels as joints."""
 
 from ffsms_pin.actuation.thrusters import Thrusters
 from ffsms_pin.actuation.wheels import ReactionWheels, gyrostat

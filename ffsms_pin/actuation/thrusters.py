@@ -1,4 +1,4 @@
-"""The thrusters of a satellite, and the allocation of a desired force and moment to thrusters."""
+"""The thrusters of a satellite, and the allocation of a desired force and moment to them."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ _PULSES = 10.0  # default period as a multiple of the least on-time
 
 @dataclass(frozen=True, eq=False)
 class Thrusters:
-    """A set of thrusters that are fixed to the base; each exerts a force from zero to its largest force.
+    """A set of thrusters that are fixed to the base.
 
     Raises
     ------
     InvalidValue
-        A wrong shape, or a number out of range.
+        If an array has a wrong shape, or a number is out of range.
     """
 
     places: Annotated[Rows, Unit("m")]
@@ -68,12 +68,12 @@ class Thrusters:
 
     @property
     def wrenches(self) -> FloatArray:
-        """The wrench (6, k) per unit force of each thruster: [force; moment about the root], root axes."""
+        """The wrenches (6, k) [force; moment about the root] per unit force of each thruster, root axes."""
         moments = np.cross(self.places, self.directions)
         return frozen(np.concatenate([self.directions, moments], axis=1).T)
 
     def flow(self, force: FloatArray) -> float:
-        """Return the propellant flow [kg/s] at forces (k,) [N]."""
+        """Return the propellant mass flow [kg/s] at thruster forces (k,) [N]."""
         return float(force.sum()) / (self.specific_impulse * STANDARD_GRAVITY)
 
     def __repr__(self) -> str:
@@ -84,9 +84,10 @@ class ThrusterAllocation:
     """A map from a desired force and moment about a point to non-negative thruster forces.
 
     The point is `centre` (3,) [m], root frame. The allocation is by non-negative least squares: C. L. Lawson,
-    R. J. Hanson, "Solving least squares problems", Prentice-Hall 1974, chapter 23. Forces are multiplied by
-    the thrusters' mean distance from the centre, to compare with moments. If a thruster is too weak, all
-    forces are scaled down by one factor, which keeps the direction of the wrench.
+    R. J. Hanson, "Solving least squares problems", Prentice-Hall 1974, chapter 23. To make them comparable
+    with moments, forces are multiplied by the mean distance of the thrusters from the centre. If a thruster
+    would exceed its largest force, all forces are scaled by the same factor, which keeps the direction of the
+    wrench.
     """
 
     def __init__(self, thrusters: Thrusters, centre: FloatArray) -> None:
@@ -98,16 +99,20 @@ class ThrusterAllocation:
 
     @property
     def shares(self) -> FloatArray:
-        """The thruster forces (k, 6) per unit of [force; moment], by the pseudo-inverse; some are negative.
+        """The thruster forces (k, 6) per unit of [force; moment], by the pseudo-inverse.
 
-        In an opposed pair of thrusters, each share is half of the force that a single thruster must exert.
+        They may be negative. In an opposed pair of thrusters, each is half of the force that a single
+        thruster must exert.
         """
         scale = np.repeat([self._length, 1.0], 3)
         shares: FloatArray = np.linalg.pinv(self._effect) * scale
         return shares
 
     def forces(self, force: FloatArray, moment: FloatArray) -> FloatArray:
-        """Return thruster forces (k,) [N] for a force (3,) [N] and a moment (3,) [N m], root axes."""
+        """Return thruster forces (k,) [N] for a force (3,) [N] and a moment (3,) [N m], root axes.
+
+        The thruster forces are NaN if the force or the moment is not finite.
+        """
         from scipy.optimize import nnls  # slow to load, and not needed for wheels
 
         wrench = np.concatenate([force * self._length, moment])

@@ -1,7 +1,4 @@
-"""The reaction wheels of a satellite, models with wheels as joints (gyrostats), and torque allocation.
-
-The first functions check arguments of actuators and compute the friction of bearings.
-"""
+"""The reaction wheels of a satellite, models with wheels as joints (gyrostats), and torque allocation."""
 
 from __future__ import annotations
 
@@ -26,7 +23,7 @@ from ffsms_pin.options import (
     Unit,
 )
 
-SLOW = 1e-2  # [rad/s or m/s] speed at which three quarters of the Coulomb friction act
+SLOW = 1e-2  # [rad/s or m/s] speed at which the Coulomb friction has about three quarters of its value
 
 
 def rows(name: str, value: ArrayLike, count: int | None = None) -> FloatArray:
@@ -54,9 +51,9 @@ def directions(name: str, value: ArrayLike, count: int | None = None) -> FloatAr
 def friction_torque(
     rates: FloatArray, viscous: FloatArray, coulomb: FloatArray, transition: float = SLOW
 ) -> FloatArray:
-    """Return the sum (n,) of viscous and Coulomb friction torques at rates (n,).
+    """Return the sum (n,) of viscous and Coulomb friction torques, which oppose the rates (n,).
 
-    tanh(rate / transition) replaces the sign of the rate in the Coulomb friction.
+    The sign of the rate in the Coulomb friction is replaced by tanh(rate / transition).
     """
     torque: FloatArray = -(viscous * rates + coulomb * np.tanh(rates / transition))
     return torque
@@ -66,13 +63,13 @@ def friction_torque(
 class ReactionWheels:
     """A set of wheels that are fixed to the base, each balanced and symmetric about its axis.
 
-    The base's mass and inertia include the wheels as fixed bodies. A robot with wheels therefore has the same
-    inertia matrix, with the same blocks H_b and C_bm, as the robot without wheels.
+    The base's mass and inertia include the wheels as fixed bodies, so wheels do not change the inertia matrix
+    of the robot.
 
     Raises
     ------
     InvalidValue
-        A wrong shape, or a number out of range.
+        If an array has a wrong shape, or a number is out of range.
     """
 
     axes: Annotated[Rows, Unit()]
@@ -109,7 +106,7 @@ class ReactionWheels:
 
     @property
     def spin_inertia(self) -> FloatArray:
-        """The sum (3, 3) [kg m^2] of I a a^T over the wheels with inertia I and axis a, root axes."""
+        """The sum (3, 3) of I a a^T over all wheels with inertia I and axis a, root axes [kg m^2]."""
         tensor: FloatArray = (self.axes.T * self.inertia) @ self.axes
         return tensor
 
@@ -141,12 +138,12 @@ def _names(value: Any, count: int) -> tuple[str, ...]:
 
 
 def gyrostat(model: Any, wheels: ReactionWheels) -> Any:
-    """Return a copy of the model with the wheels as its last joints.
+    """Return a copy of a model with the wheels as its last joints.
 
     Parameters
     ----------
     model : pinocchio.Model
-        A model with a free-flyer as its first joint; the base's inertia includes the wheels as fixed bodies.
+        A model with a free-flyer as its first joint. The base's inertia includes the wheels as fixed bodies.
     wheels : ReactionWheels
         The wheels to add.
 
@@ -168,7 +165,7 @@ def gyrostat(model: Any, wheels: ReactionWheels) -> Any:
 
 
 def check_inertia(model: Any, wheels: ReactionWheels) -> None:
-    """Raise `InvalidValue` unless the base's inertia exceeds the wheels' spin inertia."""
+    """Raise `InvalidValue` unless the base's inertia minus the wheels' spin inertia is positive definite."""
     rest = model.inertias[1].inertia - wheels.spin_inertia
     if np.linalg.eigvalsh(rest)[0] <= 0.0:
         message = "must be smaller than the base's inertia, which includes the wheels"
@@ -193,7 +190,7 @@ class WheelAllocation:
     def changes(self, torque: FloatArray) -> FloatArray:
         """Return the wheel momentum rates (w,) [N m] of least norm whose vector sum is `torque` (3,).
 
-        If the axes do not span `torque`, the sum is its projection.
+        `torque` is in root axes. If the wheel axes do not span `torque`, the sum is its projection.
         """
         change: FloatArray = self._change @ torque
         return change
@@ -201,15 +198,15 @@ class WheelAllocation:
     def torques(
         self, torque: FloatArray, spin: FloatArray, acceleration: FloatArray, momentum: FloatArray
     ) -> FloatArray:
-        """Return the motor torques (w,) [N m] for a torque on the base, with gyroscopic torque compensated.
+        """Return the motor torques (w,) [N m] for a torque on the base; the gyroscopic torque is compensated.
 
         With the wheels' axes A (3, w), their momenta h relative to the base and their inertias I, the rates
         h' must satisfy -A h' - omega x (A h) = torque. A motor also accelerates its wheel together with the
         base, so tau = h' + I A^T omega'.
 
-        `torque` (3,) is the desired torque on the base with fixed wheels. `spin` (3,) [rad/s] is omega, the
-        base's angular velocity, `acceleration` (3,) [rad/s^2] its derivative omega', both in root axes.
-        `momentum` (w,) [N m s] is h.
+        `torque` (3,) [N m] is the desired torque on the base, whose inertia includes the wheels as fixed
+        bodies. `spin` (3,) [rad/s] is omega, the base's angular velocity, and `acceleration` (3,) [rad/s^2]
+        its derivative omega', all in root axes. `momentum` (w,) [N m s] is h.
         """
         wheels = self.wheels
         change = -self.changes(torque + np.cross(spin, wheels.total(momentum)))

@@ -1,7 +1,7 @@
 """Clients, which are free rigid bodies in torque-free motion, and the motion after a rigid capture.
 
-Planning imports this package, because plans to `opt.Meet` need a client's motion. The other parts of a
-capture are in `ffsms_pin.capture`.
+The other parts of a capture are in `ffsms_pin.capture`. They are separate, because planning imports only this
+package.
 """
 
 from ffsms_pin.client.client import Client, FreeBody, Shape

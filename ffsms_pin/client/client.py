@@ -1,4 +1,4 @@
-"""The class `Client`: a free rigid body in torque-free motion, from its mass and inertia or from a URDF."""
+"""The class `Client`, a free rigid body in torque-free motion."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ class FreeBody(Protocol):
 
     @property
     def momentum(self) -> FloatArray:
-        """The momentum (6,) [linear; angular] about the centre of mass, inertial axes."""
+        """The momentum (6,) [linear; angular] about the centre of mass, inertial axes [kg m/s; kg m^2/s]."""
         ...
 
     def pose(self, t: float) -> Any:
@@ -70,7 +70,7 @@ class Shape(NamedTuple):
 
 @dataclass(frozen=True, eq=False, init=False)
 class Client:
-    """A free rigid body that moves without force and torque.
+    """A free rigid body that moves without external force and torque.
 
     The origin of the body frame is the centre of mass; "body axes" are the axes of this frame.
 
@@ -82,15 +82,16 @@ class Client:
         Inertia about the centre of mass, body axes [kg m^2]; three numbers are the principal inertias along
         x, y, z.
     pose : pinocchio.SE3, optional
-        The pose of the body frame at time zero, inertial axes. Default: the identity.
+        The pose of the body frame in the inertial frame at time zero. Default: the identity.
     twist : array_like, shape (6,), optional
         The velocity of the centre of mass [m/s] and angular velocity [rad/s] at time zero, inertial axes.
         Default: at rest.
     shapes : sequence, optional
         Coal geometries, or pairs of a geometry and its placement (pinocchio.SE3) in the body frame.
     link_placement : pinocchio.SE3, optional
-        Pose of the root link's frame in the body frame, for a body from a URDF. Default: the identity. A
-        grasp pose in the root link's frame becomes `client.link_placement * grasp` in the body frame.
+        Pose of the root link's frame in the body frame, for a body from a URDF. Default: the identity. If
+        `grasp` is a pose in the root link's frame, `client.link_placement * grasp` is the same pose in the
+        body frame.
 
     The parameters are attributes with the same names, except `start_pose` for `pose` and `start_twist` for
     `twist`. The attribute `inertia` has shape (3, 3).
@@ -98,7 +99,7 @@ class Client:
     Raises
     ------
     InvalidValue
-        A value of the wrong kind or shape, or an inertia that no rigid body has.
+        If a value has the wrong type or shape, or no rigid body has the inertia.
     """
 
     mass: float
@@ -148,13 +149,14 @@ class Client:
         """Make a client from a URDF whose joints are all fixed.
 
         The shapes are the collision shapes, or the visual shapes if the file has no collision shapes. The
-        body axes are the axes of the root link. `pose` and `twist` are as for `Client`, `package_dirs` is as
-        for `ffsms_pin.load`. An inertia that no rigid body has raises an error. If `inertias` is "repair",
-        the nearest inertia of a rigid body replaces such an inertia, with a warning (`FfsmsWarning`).
+        body axes are the axes of the root link. `pose` and `twist` are as for `Client`, and `package_dirs` as
+        for `ffsms_pin.load`. If `inertias` is "repair", an inertia that no rigid body has is replaced by the
+        nearest inertia of a rigid body, with a warning (`FfsmsWarning`).
 
         Raises
         ------
         InvalidUrdf, InvalidInertia, UnsupportedJoint, GeometryError, InvalidValue
+            If the file, an inertia, a joint, a shape or an argument is invalid, or a joint moves.
         """
         checks.one_of("inertias", inertias, ("check", "repair"))
         robot = read_robot(path := path_like("path", path))
@@ -205,7 +207,10 @@ class Client:
 
     @property
     def momentum(self) -> FloatArray:
-        """The constant momentum (6,) [linear; angular] about the centre of mass, inertial axes."""
+        """The constant momentum (6,) [linear; angular] about the centre of mass, inertial axes.
+
+        The units are kg m/s and kg m^2/s.
+        """
         R = self.start_pose.rotation
         angular = R @ self.inertia @ R.T @ self.start_twist[3:]
         return np.concatenate([self.mass * self.start_twist[:3], angular])
@@ -219,10 +224,9 @@ class Client:
 def other_motion(
     body: Client, pose: Any, twist: FloatArray, mass: float | None = None, inertia: FloatArray | None = None
 ) -> Client:
-    """Return a copy of a body with another pose and twist at time zero.
+    """Return a copy of a body with another pose and twist (6,) at time zero.
 
-    `mass` [kg] and `inertia` (3, 3) [kg m^2] replace the body's mass and inertia. They are not checked and
-    must be those of a rigid body.
+    `mass` [kg] and `inertia` (3, 3) [kg m^2], if given, replace the body's mass and inertia without a check.
     """
     made, tensor = copy(body), body.inertia if inertia is None else frozen(inertia)
     start, motion = checks.pose("pose", pose), checks.vector("twist", twist, 6)
@@ -241,7 +245,8 @@ def other_motion(
 def carried(pose: Any, twist: FloatArray, frame: Any) -> tuple[Any, FloatArray]:
     """Return the pose and twist (6,) of a frame on a moving body, from the body's pose and twist.
 
-    `frame` is the frame's pose (pinocchio.SE3) on the body. Twists are in inertial axes, [linear; angular].
+    `frame` is the frame's pose (pinocchio.SE3) in the body frame. Twists are [linear; angular] in inertial
+    axes.
     """
     shift = pose.rotation @ frame.translation
     return pose * frame, np.concatenate([twist[:3] + cross(twist[3:], shift), twist[3:]])
@@ -259,7 +264,7 @@ def _placement(name: str, value: Any) -> Any:
 
 
 def placed_shapes(name: str, shapes: Any) -> tuple[Shape, ...]:
-    """Check shapes, which are coal geometries or pairs (geometry, placement in the body frame)."""
+    """Check shapes and return them; each is a coal geometry or a pair (geometry, placement)."""
     if isinstance(shapes, str) or not isinstance(shapes, Sequence):
         raise InvalidValue(name, shapes, "must be a sequence of coal geometries")
     return tuple(_shape(name, item) for item in shapes)

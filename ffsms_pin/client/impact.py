@@ -1,4 +1,4 @@
-"""The rigid capture of a client: the plastic impact, and the motion of servicer and client after it.
+"""The plastic impact of a rigid capture, and the motion of servicer and client afterwards.
 
 Neither the contact nor the braking of the joints changes the total momentum [p; L] of servicer and client.
 With the joints at rest, both are one rigid body with the mass m and the inertia I(q) about the common centre
@@ -36,17 +36,17 @@ class AfterCapture:
     Attributes
     ----------
     robot : SpaceManipulator
-        The servicer with the client's inertia on the link that carries the end effector; limits, shapes and
-        end-effector frame are those of the servicer.
+        The servicer with the client's inertia added to the link that carries the end effector; limits, shapes
+        and end-effector frame are those of the servicer.
     q : ndarray, shape (nq,)
         Configuration at the capture.
     v : ndarray, shape (6 + n,)
-        Velocity right after the capture.
+        Velocity immediately after the capture.
     momentum : ndarray, shape (6,)
         Total momentum of servicer and client [linear; angular], inertial axes, about the common centre of
-        mass [kg m/s; kg m^2/s]; constant from the capture on.
+        mass [kg m/s; kg m^2/s]; constant from the capture on if no external force acts.
     energy_lost : float
-        The kinetic energy lost in the impact [J]; zero if the relative velocity before the impact was zero.
+        The kinetic energy lost in the impact [J].
     """
 
     robot: SpaceManipulator
@@ -56,11 +56,11 @@ class AfterCapture:
     energy_lost: float
 
     def at_rest(self, q: ArrayLike | None = None) -> Client:
-        """Return servicer and client as one free rigid body, after the joints have come to rest.
+        """Return servicer and client as one free rigid body with the joints at rest.
 
-        The time of the free body is zero when the joints come to rest. The origin of the body frame is the
-        common centre of mass, and its axes are the axes of the root link. q (nq,) is the configuration at
-        rest, including the base pose. Default: the configuration at the capture.
+        The time of the free body is zero when the joints come to rest at q (nq,), which includes the base
+        pose. By default q is the configuration at the capture. The origin of the body frame is the common
+        centre of mass, and its axes are those of the root link.
         """
         q = self.q if q is None else self.robot.checked_configuration("q", q)
         data = self.robot.model.createData()
@@ -73,7 +73,7 @@ class AfterCapture:
         return Client(mass, 0.5 * (inertia + inertia.T), pin.SE3(R, np.array(data.com[0])), twist)
 
     def rest_rate(self, q: ArrayLike | None = None) -> FloatArray:
-        """Return the angular velocity (3,) of servicer and client after the joints have come to rest at q.
+        """Return the angular velocity (3,) of servicer and client when the joints come to rest at q.
 
         The angular velocity is in inertial axes [rad/s]; q is as for `at_rest`.
         """
@@ -90,10 +90,14 @@ def after_capture(
 ) -> AfterCapture:
     """Return servicer and client rigidly joined at the end effector, with the velocity after the impact.
 
-    The state before the capture is q (nq,) and v (6 + n,), at the client's time t [s]. An invalid state
-    raises `InvalidValue`. From time t on, the client's pose relative to the end effector is constant, so an
-    error of the grasp remains. A relative velocity causes a plastic impact (see `plastic`). `locked` are
-    indices in v of locked joints.
+    The state before the capture is q (nq,) and v (6 + n,), at the client's time t [s]. The client keeps its
+    pose relative to the end effector at t, so an error of the grasp remains. A relative velocity causes a
+    plastic impact (see `plastic`). `locked` are the indices in v of locked joints.
+
+    Raises
+    ------
+    InvalidValue
+        If q or v has a wrong shape, or is not finite.
 
     Examples
     --------
@@ -106,7 +110,7 @@ def after_capture(
     place, twist = data.oMi[joint], client.twist(t)
     body = (place.inverse() * client.pose(t)).act(pin.Inertia(client.mass, np.zeros(3), client.inertia))
     linear = twist[:3] - np.cross(twist[3:], place.rotation @ body.lever)
-    # The twist that the link's frame would have before the impact if it moved with the client, frame's axes.
+    # The twist of a frame on the client that coincides with the link's frame, in the axes of that frame.
     motion = pin.Motion(place.rotation.T @ linear, place.rotation.T @ twist[3:])
     J = pin.getJointJacobian(model, data, joint, pin.ReferenceFrame.LOCAL)
     momentum = pin.crba(model, data, q) @ v + J.T @ (body * motion).vector
@@ -121,9 +125,9 @@ def after_capture(
 def plastic(M: FloatArray, momentum: FloatArray, locked: Sequence[int]) -> FloatArray:
     """Return the velocity v (6 + n,) after an instantaneous plastic impact.
 
-    Drives transmit no impulse, so M v equals the generalised `momentum` (6 + n,) before the impact. Here M
-    (6 + n, 6 + n) is the inertia matrix with the client. `locked` joints (indices in v) transmit impulses and
-    do not move.
+    Drives transmit no impulse, so M v equals the generalised `momentum` (6 + n,) before the impact, where M
+    (6 + n, 6 + n) is the inertia matrix with the client. Joints in `locked` (indices in v) transmit impulses
+    and do not move.
     """
     free, after = np.setdiff1d(np.arange(len(M)), locked), np.zeros(len(M))
     after[free] = np.linalg.solve(M[np.ix_(free, free)], momentum[free])

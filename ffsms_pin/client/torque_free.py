@@ -1,22 +1,24 @@
 """The torque-free motion of a rigid body, in closed form.
 
 In principal axes the unit vector m along the angular momentum h moves round the axis z. Depending on the
-energy, z is the axis of the least or the greatest inertia (Poinsot). Let a = 1 / inertia (three numbers) and
-M = |h|. With Jacobi's elliptic functions cn, sn, dn of modulus k, and constants X, Y, Z and lambda,
+energy, z is the axis of the least or the greatest inertia (Poinsot). Let a be the inverses of the principal
+inertias and M = |h|. With Jacobi's elliptic functions cn, sn, dn of modulus k, and constants X, Y, Z and
+lambda,
 
     m = (X cn u, Y sn u, Z dn u),     u = u0 + M lambda t,     Z > 0.
 
-The attitude is C R_z(psi) A(m), where A is the smallest rotation of m to z and C is constant. A is smooth,
-because m never comes near -z. The phase psi follows from omega . (m + z) = (1 + m_z) dpsi/dt:
+The attitude of the principal axes is C R_z(psi) A(m), where A is the smallest rotation of m to z and C is
+constant. A is smooth, because m never comes near -z. The phase psi follows from
+omega . (m + z) = (1 + m_z) dpsi/dt:
 
     psi = M a_z t + M (e - a_z) int dt / (1 + Z dn u),     e = 2 (energy) / M^2.
 
 The integrand is smooth and periodic, so its Fourier series gives the integral to rounding. SciPy's elliptic
-functions take the parameter k^2. Near k^2 = 1, different motions have the same floating-point number k^2.
-Therefore the functions below take the complementary modulus k' = sqrt(1 - k^2).
+functions take the parameter k^2, which loses precision near k^2 = 1. Therefore the functions below take the
+complementary modulus k' = sqrt(1 - k^2).
 
-Errors are about 1e-16 times the angle of rotation, except near the unstable intermediate axis, where the
-motion itself magnifies them.
+Errors are about 1e-16 times the angle of rotation, except near the unstable intermediate axis, where they
+grow because the motion is unstable.
 
 References: L. D. Landau, E. M. Lifshitz, "Mechanics", section 37, for m. The phase is derived here; R. van
 Zon, J. Schofield, "Numerical implementation of the exact dynamics of free rigid bodies", Journal of
@@ -55,9 +57,9 @@ def _steady(attitude: FloatArray, spin: FloatArray, t: FloatArray) -> FloatArray
 
 @dataclass(frozen=True, eq=False)
 class TumblingSpin:
-    """The rotation of a tumbling body, with the symbols of the module's docstring."""
+    """The attitude of a tumbling body over time, with the symbols of the module's docstring."""
 
-    axes: FloatArray  # principal axes x, y, z as columns, body axes; m moves round z, and m_z > 0
+    axes: FloatArray  # principal axes x, y, z as columns, in body axes; m moves round z, and m_z > 0
     start: FloatArray  # C = R axes A(m)^T at the start, with the attitude R
     amplitudes: FloatArray  # X, Y, Z
     k1: float  # the complementary modulus k'
@@ -76,9 +78,10 @@ class TumblingSpin:
 
 
 def torque_free(inertia: FloatArray, attitude: FloatArray, spin: FloatArray) -> Rotation:
-    """Return the rotation of a body with an inertia (3, 3) [kg m^2], body axes, as a function of time.
+    """Return the attitude of a free body as a function of the time since the start.
 
-    The motion starts at an attitude (3, 3) with an angular velocity `spin` (3,) [rad/s], inertial axes.
+    The body has the inertia (3, 3) [kg m^2] in body axes. At the start it has the attitude (3, 3) and the
+    angular velocity `spin` (3,) [rad/s], inertial axes.
     """
     moments, principal = np.linalg.eigh(inertia)
     if np.linalg.det(principal) < 0.0:
@@ -101,7 +104,7 @@ def torque_free(inertia: FloatArray, attitude: FloatArray, spin: FloatArray) -> 
     if m[2] < 0.0:
         axes, m = axes * [1.0, -1.0, -1.0], m * [1.0, -1.0, -1.0]
 
-    # Absolute differences of a: x_y between x and y, y_z between y and z.
+    # Here x_y, y_z and x_z are the absolute differences of the inverse inertias a.
     x_z = x_y + y_z
     X, Z = np.hypot(m[0], m[1] * np.sqrt(y_z / x_z)), np.hypot(m[2], m[1] * np.sqrt(x_y / x_z))
     Y = X * np.sqrt(x_z / y_z)
@@ -170,10 +173,10 @@ def jacobi(u: FloatArray, k1: float) -> FloatArray:
     """Return cn, sn and dn (3, ...) at arguments u (...), by the arithmetic-geometric mean."""
     a, b, c = 1.0, k1, float(np.sqrt((1.0 - k1) * (1.0 + k1)))
     means = []
-    while abs(c) > np.sqrt(np.finfo(np.float64).eps) * a:  # each step nearly squares c / a
+    while abs(c) > np.sqrt(np.finfo(np.float64).eps) * a:  # each step about squares c / a
         a, b, c = 0.5 * (a + b), float(np.sqrt(a * b)), 0.5 * (a - b)
         means.append((a, c))
-    # Whole periods are subtracted first, because the amplitude would grow with u and lose digits.
+    # Whole periods are subtracted, because the amplitude would otherwise grow with u and lose digits.
     period = 4.0 * quarter_period(k1)
     phi = 2.0 ** len(means) * a * (u - period * np.round(u / period))
     for a, c in reversed(means):
@@ -192,7 +195,7 @@ class PeriodicIntegral:
 
     @classmethod
     def of(cls, function: Callable[[FloatArray], FloatArray], k1: float) -> PeriodicIntegral:
-        """Make the integral of `function(dn u)` over u, with the complementary modulus `k1` of dn."""
+        """Make the integral of `function(dn u)` over u, where dn has the complementary modulus `k1`."""
         K = quarter_period(k1)
         _, _, dn = jacobi(np.linspace(0.0, 2.0 * K, _NODES, endpoint=False), k1)
         series = np.fft.rfft(function(dn)).real / _NODES
