@@ -1,4 +1,4 @@
-"""The construction of a `SpaceManipulator` and its reaction wheels from a URDF."""
+"""The construction of a `SpaceManipulator` with reaction wheels from a URDF, and checks of arguments."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ _ROUNDING = 1e-4  # relative tolerance of a wheel's symmetry and balance, becaus
 
 @dataclass(frozen=True, eq=False)
 class LoadOptions:
-    """The arguments of `ffsms_pin.load` other than the file or model."""
+    """The arguments that `load` and `mount` share, without the robot, its shapes and its actuators."""
 
     end_effector: str | None = None
     base_size: ArrayLike | None = None
@@ -51,10 +51,10 @@ class LoadOptions:
 
 
 def checked(robot: ElementTree.Element, path: Path, options: LoadOptions, stacklevel: int) -> UrdfFile:
-    """Apply the changes in `options` to the <robot> of the file at `path`, and check the result.
+    """Lock joints and treat inertias of the <robot> of the file at `path` as in `options`, and check it.
 
-    A warning states each assumption about data that the file lacks. `stacklevel` is the argument of
-    `warnings.warn`: 2 names the line that calls this function.
+    The <robot> is changed in place. Warnings name unused declarations and state assumptions about missing
+    data. `stacklevel` is the argument of `warnings.warn`: 2 names the line that calls this function.
     """
     limits = {"velocity": options.velocity, "effort": options.torque}
     overridden = [key for key, value in limits.items() if value is not None]
@@ -67,7 +67,7 @@ def checked(robot: ElementTree.Element, path: Path, options: LoadOptions, stackl
 
 
 def with_srdf(sms: SpaceManipulator, srdf: str | os.PathLike[str]) -> SpaceManipulator:
-    """Return the same robot without collisions between the pairs of links that an SRDF disables.
+    """Return the same robot without collisions between the pairs of links that the SRDF disables.
 
     Raises
     ------
@@ -85,7 +85,8 @@ def with_srdf(sms: SpaceManipulator, srdf: str | os.PathLike[str]) -> SpaceManip
 def build(urdf: UrdfFile, options: LoadOptions, missing_velocity: float | None = None) -> SpaceManipulator:
     """Return a space manipulator from a checked URDF.
 
-    `missing_velocity` [rad/s] is the rate limit of joints without a rate limit in the file.
+    `missing_velocity` [rad/s or m/s] is the rate limit of joints without a rate limit in the file; if it is
+    None, their rate is unlimited.
     """
     if not any(joint.moves for joint in urdf.joints):
         raise UnsupportedJoint(urdf.path, "the robot has no joint that moves; an arm needs at least one")
@@ -109,9 +110,10 @@ def model_of(urdf: UrdfFile) -> Any:
 
 
 def set_limits(model: Any, options: LoadOptions, missing_velocity: float | None) -> None:
-    """Set the rate and torque limits of a model to the limits in `options` that are not None.
+    """Set the rate and torque limits of a model to the limits in `options` that are not None, in place.
 
-    `missing_velocity` [rad/s] is the rate limit of joints without a rate limit in the model.
+    If `options.velocity` is None, `missing_velocity` [rad/s or m/s] becomes the rate limit of joints without
+    a rate limit in the model.
     """
     rates, efforts, n = np.array(model.upperVelocityLimit), np.array(model.upperEffortLimit), model.nv - 6
     if options.velocity is not None:
@@ -156,10 +158,10 @@ def wheel_names(value: object) -> tuple[str, ...]:
 
 
 def make_continuous(robot: ElementTree.Element, names: Collection[str]) -> list[str]:
-    """Turn the joints `names` into continuous joints without position limits; return sentences for warnings.
+    """Turn revolute joints with `names` into continuous joints, in place; return sentences for warnings.
 
-    Many files declare a wheel as a revolute joint with both position limits zero. A rate or torque limit of
-    zero is read as no limit.
+    Position limits are removed; many files declare a wheel as a revolute joint with both of them zero. A rate
+    or torque limit that is zero, negative or missing in a <limit> becomes infinite, with a warning.
     """
     lacking: dict[str, list[str]] = {"velocity": [], "effort": []}
     for joint in robot.findall("joint"):
@@ -183,11 +185,11 @@ def make_continuous(robot: ElementTree.Element, names: Collection[str]) -> list[
 def separate_wheels(urdf: UrdfFile, names: Sequence[str]) -> tuple[UrdfFile, ReactionWheels | None]:
     """Return the robot with the joints `names` fixed, and reaction wheels in their place.
 
-    The base's mass includes the wheels. Spin inertia, axis, largest torque (the effort limit) and friction
-    come from the file; the largest momentum is the momentum at the velocity limit. If `names` is empty, the
-    wheels are None. Raises `InvalidValue` if a name is not a joint of the file, and `UnsupportedJoint` if a
-    joint is not continuous, is not on the base, carries another joint, or has a link that is not balanced and
-    symmetric about its axis.
+    The base's mass includes the wheels. Spin inertia, axis, largest torque (the effort limit), damping and
+    friction come from the file; the largest momentum is that at the velocity limit. If `names` is empty, the
+    robot is unchanged and the wheels are None. Raises `InvalidValue` if a name is not a joint of the file,
+    and `UnsupportedJoint` if a joint is not continuous, is not on the base, carries another joint, or has a
+    link that is not balanced and symmetric about its axis.
     """
     if not names:
         return urdf, None
@@ -259,8 +261,8 @@ def is_mjcf(path: Path) -> bool:
 def given_shapes(model: Any, visual: Any, collision: Any) -> tuple[Any, Any] | None:
     """Check the arguments `visual` and `collision` of a model; return both, or None if there are no shapes.
 
-    The collision shapes replace missing visual shapes. Shapes are refused if `model` is a file, because a
-    file has its own shapes.
+    The collision shapes replace missing visual shapes. Raises `InvalidValue` if `model` is a file, because a
+    file has its own shapes, or if a shape is on a joint that the model does not have.
     """
     for name, shapes in (("visual", visual), ("collision", collision)):
         if shapes is None:

@@ -1,4 +1,4 @@
-"""The function `load` for packaged robots, robot files, and arms on the default satellite."""
+"""The function `load` for packaged robots, robot files, models, and arms on the default satellite."""
 
 from __future__ import annotations
 
@@ -36,12 +36,12 @@ _PREFIX = "satellite_"
 
 
 def satellite_names() -> list[str]:
-    """Return the sorted names of arms on the default satellite, which `load` accepts like packaged URDFs."""
+    """Return the sorted names that `load` accepts for arms on the default satellite."""
     return sorted(_PREFIX + arm for arm in ARMS)
 
 
 def _on_satellite(arm: Any) -> str:
-    """Return a message on how to load an arm that was named without a satellite; "" for other names."""
+    """Return a message on how to load an arm whose name lacks the satellite; "" for other names."""
     name = str(arm).lower()
     if name not in ARMS and name not in other_arms():
         return ""
@@ -71,9 +71,9 @@ def load(
 ) -> SpaceManipulator:
     """Load a space manipulator, with a free-flyer root joint and zero gravity.
 
-    If a file leaves out joint limits, or a joint mimics another joint, a warning (`FfsmsWarning`) states the
-    assumption. Warnings also name declarations that are not used (such as xacro that is not expanded), limits
-    that look like degrees, and a root link that is too light for a satellite.
+    If a revolute joint of a URDF lacks limits, or a joint mimics another joint, a warning (`FfsmsWarning`)
+    states the assumption. Warnings also name declarations that are not used (such as xacro that is not
+    expanded), limits that look like degrees, and a root link that is too light for a satellite.
 
     Parameters
     ----------
@@ -91,41 +91,42 @@ def load(
         frame is chosen; a method that needs the end effector then raises `AmbiguousEndEffector` with the
         candidates (`end_effectors`), and `with_end_effector` chooses a frame.
     base_size : array_like, shape (3,), optional
-        Length, width and height of the satellite's box [m], centred on its centre of mass. Default: the first
-        box among the base link's collision shapes, then its visual shapes, at its pose in the file; None if
-        there is no box.
+        Length, width and height of the satellite's box [m], centred on the base's centre of mass. Default:
+        the first box among the base link's collision shapes, then its visual shapes, at its pose in the file;
+        None if there is no box.
     acceleration : array_like, optional
-        Joint acceleration limits [rad/s^2 or m/s^2], one number or (n,); a URDF has none. Default: 1.25 /s
-        times the rate limits, the paper's ratio.
+        Joint acceleration limits [rad/s^2 or m/s^2], one number or (n,); robot files have none. Default: 1.25
+        /s times the rate limits, the paper's ratio.
     package_dirs : sequence of paths, optional
-        Folders in which meshes with `package://` names are searched, besides the folders around the file.
-        Only `SpaceManipulator.geometry` reads meshes.
+        Folders in which meshes with `package://` names are searched, besides the folders of ROS_PACKAGE_PATH,
+        the file's folder and its parent folders. Meshes of a URDF are read at the first use of its shapes.
     wheels : sequence of str
         Names of joints of the URDF that are reaction wheels. They are not joints of the arm, and their masses
         belong to the base. They must be continuous or revolute; their position limits are ignored, and a rate
-        or torque limit of zero is read as no limit, with a warning. `SpaceManipulator.with_actuators` adds
+        or torque limit of zero is read as no limit, with a warning. `SpaceManipulator.with_actuators` sets
         wheels that are not in the file.
     srdf : str or path, optional
-        SRDF with pairs of links whose collisions are ignored. Default: the file beside the URDF with its name
-        and the ending .srdf, if that file exists.
+        SRDF with pairs of links whose collisions are ignored. Default: the file beside the URDF with the same
+        name and the ending .srdf, if that file exists.
     velocity : array_like, optional
         Joint rate limits [rad/s or m/s], one number or (n,). They replace the limits in the file, which may
-        then be zero.
+        then be zero. Default: the file's limits. A joint without a rate limit gets 0.5 rad/s or 0.5 m/s,
+        but a continuous joint of a URDF is then unlimited.
     torque : array_like, optional
         Joint torque limits [N m or N], one number or (n,). They replace the limits in the file, which may
-        then be zero.
+        then be zero. Default: the file's limits.
     locked : mapping of str to float, optional
         Joints that become fixed, and their positions [rad or m]; the links beyond them keep their masses. A
         joint that mimics a locked joint is locked at multiplier times the locked joint's position plus
-        offset. A joint that mimics a moving joint is locked at its own offset, with a warning.
+        offset. A joint that mimics a moving joint is locked at its offset, with a warning.
     inertias : {"check", "keep", "repair"}
-        The treatment of an inertia that violates the triangle inequality, which no rigid body has. "check":
-        an error is raised. "keep": the inertia is used as published, with a warning; every moving body's
-        inertia must still be positive definite. "repair": the nearest inertia of a rigid body is used, with a
-        warning that lists the changes; an inertia that is not positive definite is replaced, too.
+        The treatment of inertias that violate the triangle inequality, which holds for every rigid body.
+        "check": an error is raised. "keep": the inertia is used as published, with a warning; every moving
+        body's inertia must still be positive definite. "repair": the nearest inertia of a rigid body is used,
+        with a warning that lists the changes; inertias with negative principal values are replaced, too.
     visual, collision : pinocchio.GeometryModel, optional
-        Shapes of a Pinocchio model; a file has its own shapes. Default: no shapes. Without visual shapes the
-        collision shapes are drawn.
+        Shapes of a Pinocchio model; a file has its own shapes. Default: no shapes. If there are only
+        collision shapes, they are drawn.
 
     Raises
     ------

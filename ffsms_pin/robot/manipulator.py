@@ -1,4 +1,4 @@
-"""A free-floating space manipulator: Pinocchio's model, an end effector, a base box and limits."""
+"""The class `SpaceManipulator`, the model of a satellite with one or several arms."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class InertialEstimate(Protocol):
 
 
 class SpaceManipulator(ShapedMechanism):
-    """An immutable model of a satellite with a floating base and an arm.
+    """An immutable model of a satellite with one or several arms.
 
     Plans and closed loops use the wheels and thrusters; a `State` does not. The base's inertia includes the
     wheels as fixed bodies.
@@ -49,17 +49,17 @@ class SpaceManipulator(ShapedMechanism):
     model : pinocchio.Model
         A model whose first joint is a free-flyer. It is copied, and the copy's gravity is set to zero.
     end_effector : str, optional
-        Name of the end-effector frame. Default: the last frame. If several frames are last, as for two arms,
-        no frame is chosen, and a method that needs the end effector raises `AmbiguousEndEffector`; see
-        `with_end_effector`.
+        Name of the end-effector frame. Default: the last frame; if one body has several last frames, the
+        frame with a tool's name. If several candidates remain, as for two arms, no frame is chosen, and a
+        method that needs the end effector raises `AmbiguousEndEffector`; see `with_end_effector`.
     base_size : array_like, shape (3,), optional
         Length, width and height of the base's box [m]; None for a base without a box.
     base_box_placement : pinocchio.SE3, optional
         Pose of the box's centre in the root frame; default: the base's centre of mass and the root's axes,
         as in the paper.
     acceleration : array_like, optional
-        Joint acceleration limits [rad/s^2], one number or (n,). Default: 1.25 /s times the rate limits, the
-        paper's ratio.
+        Joint acceleration limits [rad/s^2 or m/s^2], one number or (n,). Default: 1.25 /s times the rate
+        limits, the paper's ratio.
     limits : RobotLimits, optional
         Limits that replace the model's limits and `acceleration`.
     description : ShapeSource, optional
@@ -74,7 +74,7 @@ class SpaceManipulator(ShapedMechanism):
     limits : RobotLimits
         The limits of the joints.
     end_effectors : list of str
-        Names of the frames at the ends of all arms.
+        Names of the last frames of all arms, see `Mechanism.end_effectors`.
 
     Raises
     ------
@@ -105,13 +105,13 @@ class SpaceManipulator(ShapedMechanism):
         self._complete = True
 
     def __reduce__(self) -> tuple[Any, ...]:
-        # A copy is constructed again, because scratch data and geometry models must not be shared.
+        # A copy is constructed anew, because the Pinocchio data of the threads cannot be copied or pickled.
         kept = {name: getattr(self, name) for name in ("limits", "description", "wheels", "thrusters")}
         box = self.base_size, self.base_box_placement
         return partial(SpaceManipulator, **kept), (self.model, self._end_effector, *box)
 
     def with_end_effector(self, name: str) -> SpaceManipulator:
-        """Return the same robot with another end-effector frame: any frame of the model, by its name."""
+        """Return the same robot with the frame `name` of the model as end effector."""
         make, (model, _, *box) = self.__reduce__()
         made: SpaceManipulator = make(model, name, *box)
         made._geometry.update(self._geometry)
@@ -125,7 +125,7 @@ class SpaceManipulator(ShapedMechanism):
     def with_actuators(
         self, wheels: ReactionWheels | None = None, thrusters: Thrusters | None = None
     ) -> SpaceManipulator:
-        """Return the same robot with these wheels and thrusters, and no others."""
+        """Return the same robot with these wheels and thrusters in place of the former ones."""
         return self._variant(self.model, wheels=wheels, thrusters=thrusters)
 
     def with_inertias(self, inertias: Any) -> SpaceManipulator:
@@ -135,14 +135,15 @@ class SpaceManipulator(ShapedMechanism):
         ----------
         inertias : sequence of pinocchio.Inertia, pinocchio.Model, or Identification
             One inertia per body, the base's first, then one per joint, each in the frame of its joint; or a
-            model with the same joints, or the result of `identification.identify`.
+            model with the same names of joints; or the result of `identification.identify`.
 
         Raises
         ------
         InvalidValue
-            The number of inertias differs from the number of bodies, or the model has other joints.
+            The inertias are not one pinocchio.Inertia per body, the model has other joints, or the inertia of
+            the base does not exceed that of its wheels.
         InvalidInertia
-            An inertia is not positive definite.
+            An inertia is not positive definite, or no rigid body has this mass, inertia and centre of mass.
         """
         model = self.model.copy()
         if isinstance(inertias, pin.Model):
@@ -185,14 +186,14 @@ class SpaceManipulator(ShapedMechanism):
         q : array_like, shape (nq,)
             Configuration; the quaternion (x, y, z, w) must be of unit length to 1e-6.
         v : array_like, shape (6 + n,), optional
-            Velocity in Pinocchio's coordinates; default: at rest. Any finite numbers are accepted, so that a
-            diverging run can be examined to its end; quantities computed from them may overflow.
+            Velocity in Pinocchio's coordinates; default: zero. Any finite numbers are accepted, so that a
+            diverging run can be examined to its end; quantities computed from large numbers may overflow.
         """
         rates = np.zeros(self.nv) if v is None else vector("v", v, self.nv, largest=math.inf)
         return State(self, self.checked_configuration("q", q), rates)
 
     def batch(self, joints: ArrayLike) -> Batch:
-        """Return coupling, Jacobians and inertia at many joint positions (N, n) [rad], in base axes."""
+        """Return coupling, Jacobians and inertia at joint positions (N, n) [rad or m], in base axes."""
         return Batch(self, joints)
 
     def configuration(self, joints: ArrayLike, base: Any = None) -> FloatArray:
@@ -201,9 +202,9 @@ class SpaceManipulator(ShapedMechanism):
         Parameters
         ----------
         joints : array_like, shape (n,)
-            Joint positions [rad]. A warning (`FfsmsWarning`) names a joint whose position looks like degrees.
-            Such a position is beyond half a turn and beyond the joint's limits; it is also a multiple of 0.5,
-            or beyond four turns.
+            Joint positions [rad or m]. A warning (`FfsmsWarning`) names the first revolute joint whose
+            position looks like degrees. Such a position is beyond half a turn and beyond the joint's limits
+            (four turns for an unlimited joint); it is also a multiple of 0.5, or beyond four turns.
         base : pinocchio.SE3 or array_like, shape (4, 4), optional
             Pose of the root frame. Default: identity attitude, and the system's centre of mass at the
             inertial origin, as in the paper.
@@ -219,7 +220,7 @@ class SpaceManipulator(ShapedMechanism):
         return q
 
     def _warn_of_degrees(self, positions: FloatArray) -> None:
-        """Warn if positions (n,) of revolute joints look like degrees.
+        """Warn of the first revolute joint whose position in `positions` (n,) looks like degrees.
 
         The warning names the line that calls `configuration`.
         """
@@ -255,7 +256,8 @@ class SpaceManipulator(ShapedMechanism):
         Raises
         ------
         InvalidValue
-            A prismatic joint has no limits, or no posture with this clearance was drawn.
+            A prismatic joint has no limits, a revolute joint has no position within half a turn of zero, or
+            no posture with this clearance was drawn.
         """
         joints = clear_postures(self, 1, 0, clearance, 0.5)
         return self.configuration(joints[int(np.argmax(self.batch(joints).manipulability))])
@@ -287,7 +289,7 @@ class SpaceManipulator(ShapedMechanism):
         q : array_like, shape (nq,)
             Configuration.
         joint_rates : array_like, shape (n,)
-            Joint rates [rad/s].
+            Joint rates [rad/s or m/s].
         momentum : array_like, shape (6,), optional
             Total momentum [linear; angular], inertial axes, about the system's centre of mass; default zero.
         mode : str

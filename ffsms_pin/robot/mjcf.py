@@ -1,4 +1,4 @@
-"""The reader of MJCF files. MuJoCo compiles the file, and the robot is read from the compiled model."""
+"""The reader of MJCF files, which MuJoCo compiles; the robot is made from the compiled model."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ from ffsms_pin.robot.building import given_shapes
 from ffsms_pin.system.inertias import Inertias, settle, settled
 from ffsms_pin.system.urdf_elements import unused
 
-_FREE, _BALL, _SLIDE, _HINGE = range(4)  # types of joints, as MuJoCo numbers them
-_PLANE, _HEIGHTS, _SPHERE, _CAPSULE, _ELLIPSOID, _CYLINDER, _BOX, _MESH = range(8)  # types of geoms
-_JOINT, _JOINT_IN_PARENT, _TENDON = 0, 1, 3  # targets of actuators
-_FIRST_HIDDEN = 3  # shapes of this group and of higher groups are not drawn, as in MuJoCo's own viewer
+_FREE, _BALL, _SLIDE, _HINGE = range(4)  # types of joints in MuJoCo (mjtJoint)
+_PLANE, _HEIGHTS, _SPHERE, _CAPSULE, _ELLIPSOID, _CYLINDER, _BOX, _MESH = range(8)  # types of geoms (mjtGeom)
+_JOINT, _JOINT_IN_PARENT, _TENDON = 0, 1, 3  # transmissions of actuators (mjtTrn)
+_FIRST_HIDDEN = 3  # shapes of this and higher groups are not drawn, as by default in MuJoCo's viewer
 _FROM_GEOM, _AUTO = 1, 2  # values of `inertiafromgeom`
 
 
@@ -37,8 +37,8 @@ def read_mjcf(
     path : Path
         The MJCF file.
     whole : bool
-        True to read the tree with a free joint, which is a whole robot. False to read the trees without a
-        free joint, which are arms; if each tree has a free joint, the free joints are left out.
+        True to read the robot on a free joint. False to read the trees of joints without a free joint, which
+        are arms; if there are none, the robot on a free joint is read without that joint.
     inertias : {"check", "keep", "repair"}
         See `ffsms_pin.load`.
     stacklevel : int
@@ -59,12 +59,12 @@ def read_mjcf(
 class _Source:
     """An MJCF file and the mujoco.MjModel `compiled` from it.
 
-    MuJoCo refuses some inertias. `tensors` maps the indices of the bodies with such inertias to the inertias
-    (3, 3) [kg m^2] that replace them, in the axes of MuJoCo's inertial frame.
+    `tensors` maps the indices of the bodies whose inertias MuJoCo refuses to the inertias (3, 3) [kg m^2] to
+    use, in the axes of MuJoCo's inertial frame. `sentences` are the texts of warnings.
     """
 
     def __init__(self, path: Path, inertias: Inertias) -> None:
-        import mujoco  # only MJCF files need it
+        import mujoco  # imported here because only MJCF files need it
 
         self.path, self.sentences = path, list[str]()
         try:
@@ -82,7 +82,7 @@ class _Source:
                 item.textures[i] = ""
         for item in [*spec.skins, *spec.textures]:
             spec.delete(item)
-        named = is_xml and spec.modelname != "MuJoCo Model"  # MuJoCo's default name
+        named = is_xml and spec.modelname != "MuJoCo Model"  # the default name
         self.name = str(spec.modelname) if named else path.stem
         spec.compiler.discardvisual = False
         if spec.compiler.settotalmass > 0.0 and spec.compiler.fusestatic:
@@ -105,9 +105,9 @@ class _Source:
         return InvalidUrdf(self.path, f"MuJoCo cannot read it as MJCF ({text})")
 
     def _settle(self, inertias: Inertias) -> dict[int, tuple[float, FloatArray]]:
-        """Replace inertias that MuJoCo refuses by isotropic inertias, and return the inertias to use instead.
+        """Replace inertias that MuJoCo refuses by isotropic inertias, and return the inertias of `settle`.
 
-        The result maps indices of bodies to masses [kg] and inertias (3, 3) [kg m^2] from `settle`.
+        The result maps the index of each such body to its mass [kg] and the inertia (3, 3) [kg m^2] to use.
         """
         replaced, changes = dict[int, tuple[float, FloatArray]](), dict[str, str]()
         if self._spec.compiler.inertiafromgeom == _FROM_GEOM or self._spec.compiler.balanceinertia:
@@ -159,7 +159,7 @@ class _Source:
         return compiled
 
     def _leave_out(self, mesh: Any) -> None:
-        """Delete a mesh and its shapes; raise `InvalidUrdf` if the mass of a body comes from these shapes."""
+        """Delete a mesh and its geoms; raise `InvalidUrdf` if the mass of a body depends on these geoms."""
         compiler = self._spec.compiler
         low, high = compiler.inertiagrouprange
         for geom in [geom for geom in self._spec.geoms if geom.meshname == mesh.name]:
@@ -185,7 +185,7 @@ class _Place(NamedTuple):
 
 
 class _Robot:
-    """The pinocchio.Model and the shapes of a compiled MJCF file; `sentences` name unsupported elements."""
+    """The pinocchio.Model and shapes of a compiled MJCF file; `sentences` are the texts of warnings."""
 
     def __init__(self, source: _Source, whole: bool) -> None:
         self._path, self._compiled, self._tensors = source.path, source.compiled, source.tensors
@@ -206,7 +206,7 @@ class _Robot:
         self._note_unused(roots)
 
     def _roots(self, whole: bool) -> set[int]:
-        """Return the indices of the bodies on the world that are the roots of the robot's trees."""
+        """Return the indices of the children of the world that are the roots of the robot's trees."""
         m = self._compiled
         tops = [b for b in range(1, m.nbody) if m.body_parentid[b] == 0]
         kinds: dict[int, set[int]] = {top: set() for top in tops}
@@ -256,7 +256,7 @@ class _Robot:
             parent = model.addJoint(parent, _JOINTS[kind](axis), here * at, name)
             carrier = model.addJointFrame(parent, carrier)
             self._describe(j)
-            start = float(m.qpos0[m.jnt_qposadr[j]])  # joint position at which the file places the body
+            start = float(m.qpos0[m.jnt_qposadr[j]])  # the joint position in the pose of the file
             turn = pin.AngleAxis(-start, axis).matrix() if kind == _HINGE else np.eye(3)
             slide = np.zeros(3) if kind == _HINGE else -start * axis
             here = pin.SE3(turn, slide) * at.inverse()
@@ -272,7 +272,10 @@ class _Robot:
         self._places[b] = _Place(parent, frame, here)
 
     def _describe(self, j: int) -> None:
-        """Set armature, limits and friction of the model's last joint to those of joint j of the file."""
+        """Set the armature, damping, friction, position and torque limits of the model's last joint.
+
+        The numbers are those of joint j of the file.
+        """
         m, model, i = self._compiled, self.model, int(self._compiled.jnt_dofadr[j])
         model.armature[-1] = m.dof_armature[i]
         model.damping[-1] = np.ravel(m.dof_damping[i])[0]
@@ -286,7 +289,8 @@ class _Robot:
     def _torque(self, j: int) -> tuple[float, float]:
         """Return the lowest and highest torque of joint j's actuators [N m or N]; infinite without a limit.
 
-        The armature and damping of the actuators are added to those of the model's last joint.
+        The limits are those of the actuators and of the joint (`actuatorfrcrange`). The armature and damping
+        of the actuators are added to those of the model's last joint.
         """
         m, model = self._compiled, self.model
         lows, highs = list[float](), list[float]()
@@ -330,7 +334,7 @@ class _Robot:
             b, kind = int(m.geom_bodyid[g]), int(m.geom_type[g])
             place = self._places.get(b)
             if place is None or (b == 0 and (whole or kind in (_PLANE, _HEIGHTS))):
-                if b == 0:  # the world is not part of the robot
+                if b == 0:  # other bodies outside the robot are listed by `_note_unused`
                     left_out.append(m.geom(g).name or f"number {g}")
                 continue
             body = m.body(b).name or "body"
@@ -372,7 +376,7 @@ class _Robot:
     def _colour(self, g: int) -> FloatArray:
         m, material = self._compiled, int(self._compiled.geom_matid[g])
         own = np.array(m.geom_rgba[g], dtype=np.float64)
-        if material >= 0 and np.allclose(own, [0.5, 0.5, 0.5, 1.0]):  # default: no colour in the file
+        if material >= 0 and np.allclose(own, [0.5, 0.5, 0.5, 1.0]):  # the default, if the geom has no colour
             return np.array(m.mat_rgba[material], dtype=np.float64)
         return own
 
@@ -429,7 +433,7 @@ def _pose(position: Any, quaternion: Any) -> Any:
 
 
 def _mesh(m: Any, k: int) -> Any:
-    """Return mesh k of a compiled model as a coal shape, with vertices in MuJoCo's frame of the mesh."""
+    """Return mesh k of a compiled model as a coal shape, with vertices in the frame of the geom."""
     first, count = int(m.mesh_vertadr[k]), int(m.mesh_vertnum[k])
     corners = np.array(m.mesh_vert[first : first + count], dtype=np.float64)
     first, count = int(m.mesh_faceadr[k]), int(m.mesh_facenum[k])

@@ -30,9 +30,9 @@ PACKAGE = "example-robot-data-loaders"
 
 @dataclass(frozen=True)
 class Arm:
-    """The file, the end-effector frame and the locked joints of an arm.
+    """The file, end-effector frame and locked joints of an arm.
 
-    The file of an arm of example-robot-data is a path below the package's folder of robots. If the
+    The file of an arm of example-robot-data is relative to the package's folder of robots. If the
     end-effector frame is None, the last link's frame is used. The positions of locked joints are in rad or m.
     """
 
@@ -55,7 +55,7 @@ ARMS = {
     "kinova": Arm("kinova_description/robots/kinova.urdf", "j2s6s200_end_effector"),
 }
 
-# Arms of example-robot-data whose loaders read a wrong file, or lack the tool frame and the locked joints.
+# Arms of example-robot-data whose loaders read a wrong file, or for which `Arm` needs a frame and locks.
 _CORRECTED = {
     "ur3": Arm("ur_description/urdf/ur3_robot.urdf"),  # the package's loader "ur3" reads the UR5's file
     "panda_collision": replace(ARMS["panda"], file="panda_description/urdf/panda_collision.urdf"),
@@ -65,7 +65,7 @@ _CORRECTED = {
 def find_arm(arm: str | os.PathLike[str], argument: str = "arm") -> tuple[Path, Arm]:
     """Return the path and the `Arm` of an arm, from its name or the path of its file.
 
-    A name is a key of `ARMS`, or the name of a packaged model or of a loader of example-robot-data.
+    A name is a key of `ARMS`, a packaged model, or a loader of example-robot-data.
     """
     if not isinstance(arm, (str, os.PathLike)):
         raise InvalidValue(argument, arm, "must be the name of an arm, a path or a pinocchio.Model")
@@ -89,7 +89,7 @@ def other_arms() -> dict[str, Arm]:
     The result is empty if the package is not installed.
     """
     try:
-        # Imported here because only arms of that package need it.
+        # Imported here because only arms of the package need it.
         from example_robot_data.robots_loader import ROBOTS
     except (ImportError, OSError):
         return {}
@@ -103,7 +103,7 @@ def other_arms() -> dict[str, Arm]:
 
 def _path_of(name: str, file: str) -> Path:
     try:
-        # Imported here because only these arms need the package.
+        # Imported here because only arms of the package need it.
         from example_robot_data.robots_loader import getModelPath
 
         return Path(os.path.abspath(os.path.join(getModelPath(file), file)))
@@ -141,8 +141,8 @@ def mount(
         "ur10", "z1" with its gripper closed and locked, "kinova", or any other loader of that package, such
         as "talos_arm". Else the name of a packaged model, a path to a URDF or to an MJCF file (.xml, .mjcf),
         or a Pinocchio model without a free-flyer, whose joints have one degree of freedom each. If several
-        arms, as in ``mount(["panda", "ur5"])``, share a name of a link or a joint, all names of the first arm
-        get the prefix ``arm1_``, all names of the second arm get ``arm2_``, and so on.
+        arms, as in ``mount(["panda", "ur5"])``, share a name of a link or a joint, all links and joints of
+        the first arm get the prefix ``arm1_``, those of the second arm get ``arm2_``, and so on.
     base : SatelliteBase, optional
         The satellite. Default: a solid cube of 200 kg and 1 m.
     placement : pinocchio.SE3 or array_like, shape (4, 4), optional
@@ -151,22 +151,24 @@ def mount(
         along the base's +y. For several arms a sequence of poses; default: a row along y on the +x face, with
         the first arm at the largest y.
     end_effector : str, optional
-        Name of the end-effector frame. Default: the usual tool frame of a known arm, else as for `load`; with
-        several arms no frame is chosen until `with_end_effector` is called.
+        Name of the end-effector frame. Default: the tool frame of "panda", "xarm7", "ur5", "ur10", "z1" and
+        "kinova", else as for `load`; for several arms no frame.
     locked : mapping of str to float, optional
         Joints that become fixed, and their positions [rad or m]; the links beyond them keep their masses. The
-        fingers of "panda" and the gripper of "z1" stay locked. Joints that mimic others are locked too, see
-        `load`.
+        fingers of "panda" and the gripper of "z1" are locked in any case. Joints that mimic others are locked
+        too, see `load`.
     velocity : array_like, optional
-        Joint rate limits [rad/s], one number or (n,). Default: the limits in the arm's file; a joint without
-        a limit gets 0.5 rad/s, because planning needs a finite rate. Arms for use on the ground reach 2 to 3
-        rad/s, which disturbs a satellite strongly.
+        Joint rate limits [rad/s or m/s], one number or (n,). Default: the limits in the arm's file; a joint
+        without a limit gets 0.5 rad/s or 0.5 m/s, because planning needs a finite rate. Arms for use on the
+        ground reach 2 to 3 rad/s, which disturbs a satellite strongly.
     torque : array_like, optional
-        Joint torque limits [N m], one number or (n,). Default: the limits in the arm's file.
+        Joint torque limits [N m or N], one number or (n,). Default: the limits in the arm's file.
     acceleration : array_like, optional
-        Joint acceleration limits [rad/s^2], one number or (n,). Default: 1.25 /s times the rate limits.
+        Joint acceleration limits [rad/s^2 or m/s^2], one number or (n,). Default: 1.25 /s times the rate
+        limits.
     base_size : array_like, shape (3,), optional
-        Edges of the box that the arm must not enter [m]. Default: the base's size.
+        Length, width and height of the box that the arm must not enter [m], centred on the centre of mass of
+        the satellite with the arm's root link. Default: the box of `base`.
     wheels : ReactionWheels, optional
         The satellite's wheels. The mass and inertia of `base` must include them. Default: none.
     thrusters : Thrusters, optional
@@ -177,8 +179,9 @@ def mount(
     Returns
     -------
     SpaceManipulator
-        A robot with infinite torque limits where the arm's file has none, and infinite position limits for
-        continuous joints.
+        The satellite with the arm or arms. A joint without a torque limit has an infinite one, but a revolute
+        joint of a URDF without <limit> has 100 N m and -pi to pi rad, with a warning. Continuous joints have
+        infinite position limits.
 
     Raises
     ------
@@ -236,7 +239,7 @@ def mounted(
 
 
 def refuse_package_dirs(options: LoadOptions, robot: str) -> None:
-    """Raise `InvalidValue` if `package_dirs` is given with a robot that is not a URDF."""
+    """Raise `InvalidValue` with the kind of robot, `robot`, if `options` has `package_dirs`."""
     if options.package_dirs:
         message = f"is allowed only with a URDF, not with {robot}"
         raise InvalidValue("package_dirs", [str(folder) for folder in options.package_dirs], message)
@@ -280,9 +283,9 @@ def mounted_arms(
 def _mixed_arms(
     arms: Sequence[Any], base: SatelliteBase, placements: Sequence[Any], options: LoadOptions
 ) -> SpaceManipulator:
-    """Mount each arm on a satellite of its own and merge the robots.
+    """Mount each arm on a separate copy of the satellite and merge the robots.
 
-    This is necessary if an arm is an MJCF file or a model, because only URDFs can be composed into one file.
+    Arms from MJCF files or models need this function, because only URDFs can be composed into one file.
     """
     alone = LoadOptions(inertias=options.inertias, package_dirs=options.package_dirs)
     robots = []
@@ -301,10 +304,10 @@ def _prefixes(names: Sequence[set[Any]]) -> list[str]:
 
 
 def face_placement(base: SatelliteBase, i: int = 0, count: int = 1) -> Any:
-    """Return the default mount (pinocchio.SE3) of an arm: on the +x face, the arm's z axis along +x.
+    """Return the default placement (pinocchio.SE3) of an arm on the +x face, with its z axis along +x.
 
-    Several arms are in a row along y, the first at the largest y, each in the middle of its share of the
-    face.
+    The face is divided into `count` equal strips along y, and arm `i` is in the middle of its strip; i = 0 is
+    at the largest y.
     """
     turn = np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]])
     y = base.size[1] * (0.5 - (i + 0.5) / count)
