@@ -15,7 +15,7 @@ from ffsms_pin.system.batch.stacks import dot, log3
 
 POINT = "a position (3,) [m], a pinocchio.SE3 or a homogeneous matrix (4, 4)"
 _LEVER = 0.1  # [m] a rotation of one radian counts as this length of a curve
-_TABLE = 1001  # parameters at which the length of a curve is tabulated
+_TABLE = 1001  # number of parameters at which the length of a curve is tabulated
 
 
 class Points(NamedTuple):
@@ -33,7 +33,7 @@ class Curve(Protocol):
 
 
 class FunctionCurve:
-    """A curve that is a function of one number."""
+    """A curve given by a function of one number that returns a position (3,), a pose or a matrix (4, 4)."""
 
     def __init__(self, function: Callable[[float], Any], first: float) -> None:
         self._function = function
@@ -73,9 +73,10 @@ class FunctionCurve:
 
 
 class SampledCurve:
-    """A curve through samples: cubic splines for positions and attitudes, with continuous accelerations.
+    """A curve through samples, interpolated by cubic splines with continuous accelerations.
 
-    `parameters` (K,) increase. Before the first and after the last parameter the curve is constant.
+    The `parameters` (K,) of the samples must increase. Before the first and after the last parameter the
+    curve is constant.
     """
 
     def __init__(self, parameters: FloatArray, points: Points) -> None:
@@ -102,7 +103,7 @@ class SampledCurve:
 def sampled_points(samples: Any) -> Points:
     """Check the samples of a curve, and return them as points.
 
-    Samples are positions (K, 3), poses, or homogeneous matrices (K, 4, 4).
+    The samples are positions (K, 3), K poses, or homogeneous matrices (K, 4, 4).
     """
     kinds = "positions (K, 3) [m], pinocchio.SE3s or homogeneous matrices (K, 4, 4)"
     if not isinstance(samples, Sequence | np.ndarray) or isinstance(samples, str):
@@ -135,7 +136,7 @@ def sample_times(times: Any, count: int) -> FloatArray:
 
 
 def lengths(points: Points) -> FloatArray:
-    """Return the lengths (K,) [m] along K points; a rotation of 1 rad counts as 0.1 m."""
+    """Return the arc lengths (K,) [m] at K points of a curve; a rotation of 1 rad counts as 0.1 m."""
     steps = np.linalg.norm(np.diff(points.positions, axis=1), axis=0)
     if points.rotations is not None:
         R = points.rotations
@@ -145,7 +146,7 @@ def lengths(points: Points) -> FloatArray:
 
 
 class EvenCurve:
-    """A geometric curve, parametrised by the share of its length from 0 to 1."""
+    """A geometric curve, parametrised by the share of its arc length from 0 to 1."""
 
     def __init__(self, curve: Curve, first: float, last: float) -> None:
         from scipy.interpolate import PchipInterpolator  # slow to load
@@ -160,7 +161,7 @@ class EvenCurve:
         self._last = along[moves][-1] / along[-1]
 
     def __call__(self, parameters: FloatArray) -> Points:
-        """Return the points at shares of the length (K,), from 0 to 1."""
+        """Return the points at shares (K,) of the length, clipped to [0, 1]."""
         return self._curve(self._parameters(np.clip(parameters, 0.0, self._last)))
 
 
@@ -170,16 +171,16 @@ _RAMP = 0.15  # share of the duration for acceleration to a constant speed, and 
 def even_shares(x: FloatArray) -> FloatArray:
     """Return the covered shares (K,) of a curve's length at shares x (K,) of the duration.
 
-    The speed is constant between a smooth start and a smooth end.
+    The speed is constant between a smooth start and a smooth end, which take 0.15 of the duration each.
     """
 
-    def begun(y: FloatArray) -> FloatArray:  # the integral of 3 z^2 - 2 z^3 in the ramp, and of 1 after it
+    def covered(y: FloatArray) -> FloatArray:  # the integral of 3 z^2 - 2 z^3 in the ramp, and of 1 after it
         z = np.clip(y / _RAMP, 0.0, 1.0)
         return _RAMP * (z**3 - 0.5 * z**4) + np.maximum(y - _RAMP, 0.0)
 
     x = np.clip(x, 0.0, 1.0)
-    half = begun(np.minimum(x, 0.5))
-    late = 1.0 - _RAMP - begun(np.minimum(1.0 - x, 0.5))
+    half = covered(np.minimum(x, 0.5))
+    late = 1.0 - _RAMP - covered(np.minimum(1.0 - x, 0.5))
     return np.asarray(np.where(x <= 0.5, half, late) / (1.0 - _RAMP))
 
 
@@ -191,7 +192,7 @@ class TimeLaw(NamedTuple):
     rates: FloatArray  # (K,) [1/s]
 
     def __call__(self, t: FloatArray) -> FloatArray:
-        """Return the shares at times t [s]; outside the time law the share is constant."""
+        """Return the shares at times t [s]; before zero and after the last node the share is constant."""
         t = np.clip(t, 0.0, self.times[-1])
         k = np.clip(np.searchsorted(self.times, t, side="right") - 1, 0, len(self.times) - 2)
         h, span = t - self.times[k], self.times[k + 1] - self.times[k]
@@ -203,7 +204,8 @@ class TimeLaw(NamedTuple):
 def check_jumps(curve: Curve, parameters: FloatArray, unit: str) -> None:
     """Raise `InvalidValue` if a curve jumps between parameters (K,).
 
-    A jump is a difference that does not shrink with the interval. The message has the parameters' `unit`.
+    A jump is a change of the curve that does not shrink with the interval of parameters. The message contains
+    the parameters' `unit`.
     """
     points = curve(parameters)
     steps = np.diff(lengths(points))

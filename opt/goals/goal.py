@@ -1,6 +1,6 @@
 """Goals of the end effector: fixed goals, moving goals, and goals derived from other goals.
 
-A place is the desired pose, or position only, of a frame of the robot at one time. Its error is a
+A place is the desired pose, or position only, of a frame of the robot. The pose error of the frame is a
 displacement, and a rotation if the place has an attitude.
 """
 
@@ -32,10 +32,10 @@ _OPPOSITE = 1e-8  # [rad] within this angle of the opposite direction the rotati
 
 
 class PoseError(NamedTuple):
-    """The pose error of a frame: displacement (3, S, K) [m] and rotation (3, S, K) [rad] in the place's axes.
+    """The pose error of a frame: displacement (3, S, K) [m] and rotation vector (3, S, K) [rad].
 
-    The displacement leads to the desired position, the rotation vector to the nearest admissible attitude.
-    `rotation` is None if any attitude is admissible.
+    The error is in the axes `Place.on`. The displacement leads to the desired position, the rotation vector
+    to the nearest admissible attitude. `rotation` is None if any attitude is admissible.
     """
 
     displacement: Variable
@@ -69,7 +69,7 @@ class PoseError(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Place:
-    """The desired pose of a frame of the robot at one time, or at K times with K as the last axis."""
+    """The desired pose of a frame of the robot at one time, or at K times as the last axis of the arrays."""
 
     position: FloatArray  # (3,) [m]
     rotation: FloatArray | None = None  # (3, 3); None: any attitude
@@ -95,7 +95,7 @@ class Place:
 
     @property
     def twist(self) -> FloatArray:
-        """The desired velocity and angular velocity (6,) [m/s; rad/s]; zero if the place has none."""
+        """The desired velocity and angular velocity (6,) [m/s; rad/s]; zero if they are not constrained."""
         parts = (self.velocity, self.angular_velocity)
         return np.concatenate([np.zeros(3) if part is None else part for part in parts])
 
@@ -114,7 +114,7 @@ class Place:
         )
 
     def pose_error(self, frame: FrameVariable) -> PoseError:
-        """Return the pose error of a frame (3, S, K) in the place's axes, see `Variables.frame`."""
+        """Return the pose error of a frame (3, S, K) that is in the axes `on`, see `Variables.frame`."""
         displacement: Variable = np.subtract(self.position.reshape(3, 1, -1), frame)  # type: ignore[assignment]
         if self.rotation is None:
             return PoseError(displacement)
@@ -132,9 +132,9 @@ class Place:
         return PoseError(displacement, across * (angle / sine))
 
     def without_free_axis(self, columns: FloatArray) -> FloatArray:
-        """Return angular velocities (3, ...) without their component along the free axis.
+        """Return angular velocities (3, ...) without their component along the free axis, if there is one.
 
-        If the place has no attitude, the result is empty (0, ...).
+        The place must be at one time. If it has no attitude, the result is empty (0, ...).
         """
         if self.rotation is None:
             return columns[:0]
@@ -145,11 +145,11 @@ class Place:
         return columns - about
 
     def in_axes(self, pose: Any, q: FloatArray) -> FrameVariable:
-        """Return a pose (pinocchio.SE3, inertial axes) as a frame in the place's axes; q is (nq,)."""
+        """Return a pose (pinocchio.SE3, inertial axes) as a frame in the axes `on`; q is (nq,)."""
         return frame_at(pin.XYZQUATToSE3(q[:7]).actInv(pose) if self.moves_with_base else pose)
 
     def error(self, pose: Any, q: FloatArray) -> tuple[float, float]:
-        """Return distance [m] and angle [rad] of a pose (pinocchio.SE3) from the place in configuration q."""
+        """Return distance [m] and angle [rad] of a pose (inertial axes) from the place; q is (nq,)."""
         errors = self.pose_error(self.in_axes(pose, q))
         return float(errors.distance[0, 0]), float(errors.angle[0, 0])
 
@@ -161,21 +161,24 @@ class Place:
         return replace(self.transformed(base.translation, base.rotation), on=INERTIAL)
 
     def transformed(self, shift: FloatArray, turn: FloatArray) -> Place:
-        """Return the place transformed by x -> turn x + shift, with turn (3, 3) and shift (3,)."""
+        """Return the place with its pose transformed by x -> turn x + shift, with turn (3, 3) and shift (3,).
+
+        Velocities are unchanged.
+        """
         return replace(self.moved(shift, turn), position=shift + turn @ self.position)
 
     def moved(self, shift: FloatArray, turn: FloatArray) -> Place:
         """Return the place with its position displaced by `shift` (3,) and its attitude rotated by `turn`.
 
-        `turn` is a rotation (3, 3). Both arrays may have K as their last axis.
+        `turn` is a rotation (3, 3). Both arrays may have K as their last axis. Velocities are unchanged.
         """
         rotation = None if self.rotation is None else np.einsum("xy...,yz...->xz...", turn, self.rotation)
         return replace(self, position=(self.position.T + shift.T).T, rotation=rotation)
 
     def aim(self, sms: SpaceManipulator, q: FloatArray) -> Place:
-        """Return a plain place for a step, see `plain`.
+        """Return the place for a step from the configuration q (nq,), see `plain`.
 
-        The rotation about a free axis is that of the end effector in the configuration q (nq,).
+        With a free axis, the attitude is the admissible attitude nearest to the end effector's attitude in q.
         """
         here = self.at(q)
         if here.free_axis is None:
@@ -185,9 +188,9 @@ class Place:
         return replace(here, rotation=pin.exp3(turn) @ pose.rotation, free_axis=None)
 
     def base_attitude(self, relative: FloatArray) -> FloatArray:
-        """Return the base's attitude (3, 3, ...) for which the frame has the desired attitude.
+        """Return the base attitude (3, 3, ...) with which a frame has the desired attitude, inertial axes.
 
-        `relative` (3, 3, ...) is the frame's attitude relative to the base.
+        `relative` (3, 3, ...) is the attitude of the frame relative to the base.
         """
         assert self.rotation is not None
         return np.asarray(np.einsum("xy,zy...->xz...", self.rotation, relative))
@@ -206,7 +209,7 @@ def frame_at(pose: Any) -> FrameVariable:
 
 
 def stacked_places(places: list[Place]) -> Place:
-    """Stack places, which are all positions or all poses; the stack has no velocities."""
+    """Stack places at different times, all positions or all poses; the stack has no velocities."""
     turns = [place.rotation for place in places if place.rotation is not None]
     return replace(
         places[0],
@@ -220,11 +223,11 @@ def stacked_places(places: list[Place]) -> Place:
 def deadzone(x: Variable, allowed: float, firm: bool = False) -> Variable:
     """Return vectors shortened by `allowed`; vectors shorter than `allowed` become zero.
 
-    With `firm` the slopes are those of the full vectors. The gradient of the square is the same. A
-    Gauss-Newton step then also penalises changes perpendicular to a vector, and changes of vectors shorter
-    than `allowed`. Without `firm` such changes cost nothing in a step, and most long steps fail.
+    With `firm` the slopes are those of the full vectors. The gradient of the squared result is the same, but
+    a Gauss-Newton step then fully penalises changes perpendicular to a vector, and changes of vectors shorter
+    than `allowed`. Without `firm` such changes cost little or nothing in a step, and most long steps fail.
     """
-    length = np.maximum(np.sqrt(dot(x.value, x.value)), 1e-12)  # a shorter vector has no direction
+    length = np.maximum(np.sqrt(dot(x.value, x.value)), _TINY)
     share, unit = np.maximum(1.0 - allowed / length, 0.0), x.value / length
     if firm:
         return Variable(share * x.value, lambda: x.slopes, x.where)
@@ -251,7 +254,8 @@ GOALS = f"{_PLACES}, a function of time [s] that returns one of these, or a goal
 class Goal(ABC):
     """The desired pose of the end effector at the deadline.
 
-    The pose must be within `tolerance` at the deadline, and within the reaches in the last tenth of the time.
+    The pose error must be within `tolerance` at the deadline, and within `reach` and `orientation_reach` in
+    the last tenth of the time.
 
     Attributes
     ----------
@@ -265,16 +269,17 @@ class Goal(ABC):
     moves : bool
         True if the place depends on time.
     exact : bool
-        True if `reached` requires errors within the tolerance at the deadline, also errors of velocities.
+        True if `Trajectory.reached` requires that the errors of pose and velocities at the deadline are
+        within `tolerance`.
     coupled : bool
-        True if the paper's cost is a term by default. This cost favours motions at an angle to the
-        displacement, so it does not suit goals that are approached along a line.
+        True if the paper's cost is a term by default. This cost favours velocities at an angle to the
+        direction of the goal, so it does not suit goals that are approached along a line.
     at_rest_with : Client, capture.ClientEstimate or None
-        A body with which the robot should be at rest after the capture. The body determines the default
-        momentum of a problem. With another momentum the plan has a note.
+        The body with which the robot should be at rest after the capture. It determines the default momentum
+        of a problem. A plan with another momentum has a note.
     coast : float or None
-        Time after the deadline for which the joints keep their rates before they brake [s]. The plan leaves
-        enough distance to the position limits for coasting and braking. None: no distance is left.
+        The time after the deadline for which the joints keep their rates before they brake [s]. The plan
+        leaves enough distance to the position limits for this motion. None: no distance is left.
     """
 
     tolerance: float = TOLERANCE
@@ -288,7 +293,7 @@ class Goal(ABC):
 
     @abstractmethod
     def place(self, t: float) -> Place:
-        """Return the place at a time [s]; its velocities are used at the deadline only."""
+        """Return the place at a time [s], with its velocities if they are constrained."""
 
     def places(self, times: FloatArray) -> Place:
         """Return the places at times (K,) [s] as a stack without velocities; K = 1 if the goal is fixed."""
@@ -305,11 +310,14 @@ class Goal(ABC):
         return self
 
     def approach(self, duration: float) -> list[tuple[float, Place]]:
-        """Return times [s] and places on the approach to the goal, for initial guesses of a search."""
+        """Return times [s] and places on the approach to the goal, for initial guesses of a search.
+
+        The default is an empty list.
+        """
         return []
 
     def limits(self, duration: float) -> tuple[Limit, ...]:
-        """Return the limits that a problem with this goal and duration [s] adds."""
+        """Return the limits that this goal adds to a problem of a duration [s]. Default: none."""
         return ()
 
 
@@ -336,14 +344,14 @@ class Fixed(Goal):
 
 @dataclass(frozen=True, eq=False)
 class Position(Fixed):
-    """A position of the end effector, in any attitude; for `tolerance` and `reach` see `Goal`.
+    """A position of the end effector, with any attitude; for `tolerance` and `reach` see `Goal`.
 
     Attributes
     ----------
     position : array_like, shape (3,)
         The desired position [m].
     velocity : array_like, shape (3,), optional
-        The desired velocity at the deadline, inertial axes [m/s]. Default: the arm comes to rest.
+        The desired velocity at the deadline, inertial axes [m/s]. Default: the joints come to rest.
     on : {"inertial", "base"}
         The axes of the position. With "base" they are those of the base link's frame, with which the goal
         moves.
@@ -372,7 +380,7 @@ class Pose(Fixed):
         The desired pose.
     twist : array_like, shape (6,), optional
         The desired velocity and angular velocity at the deadline, inertial axes [m/s; rad/s]. Default: the
-        arm comes to rest.
+        joints come to rest.
     free_axis : array_like, shape (3,), optional
         The axis, in the axes of the end-effector frame, about which rotation is free, for example the
         axis of a rotationally symmetric tool. Its length is ignored. Default: none.
@@ -426,7 +434,7 @@ class Moving(Goal):
 
     def place(self, t: float) -> Place:
         """Return the place at a time [s], with its velocities."""
-        h = 1e-3  # [s] step of differences, for a relative error of the velocity of 1e-7
+        h = 1e-3  # [s] step of the central differences
         behind, here, ahead = (as_goal(self.path(time)).place(time) for time in (t - h, t, t + h))
         return here.moving(behind, ahead, 2.0 * h)
 
@@ -444,8 +452,8 @@ class Moving(Goal):
 class Changed(Goal):
     """A goal that solvers derive from another goal, `goal`.
 
-    Its place at time t is the other goal's place at t + `time_offset` [s], mapped by `change`. This function
-    also accepts a stack of places. Tolerance and reaches default to those of the other goal.
+    The place at time t is the place of `goal` at t + `time_offset` [s], mapped by the function `change`,
+    which must also accept a stack of places. Tolerance and reaches default to those of `goal`.
     """
 
     goal: Goal
@@ -461,15 +469,15 @@ class Changed(Goal):
             object.__setattr__(self, name, getattr(self.goal, name))
 
     def place(self, t: float) -> Place:
-        """Return the place at a time [s], derived from that of the other goal."""
+        """Return the changed place of `goal` at t + `time_offset` [s]."""
         return self._changed(self.goal.place(t + self.time_offset))
 
     def places(self, times: FloatArray) -> Place:
-        """Return the places at times (K,) [s], derived from those of the other goal."""
+        """Return the changed places of `goal` at times (K,) + `time_offset` [s]."""
         return self._changed(self.goal.places(times + self.time_offset))
 
     def approach(self, duration: float) -> list[tuple[float, Place]]:
-        """Return the future part of the other goal's approach."""
+        """Return the changed approach of `goal`, without its part before `time_offset`."""
         ahead = [
             (t - self.time_offset, place) for t, place in self.goal.approach(duration + self.time_offset)
         ]
@@ -482,7 +490,7 @@ class Changed(Goal):
 def as_goal(value: Any, name: str = "goal", kinds: str = GOALS) -> Goal:
     """Return the goal for a value: a position (3,), a pose, a function of time, or a goal.
 
-    Error messages contain the value's `name`, and `kinds`, a description of the admissible types.
+    Error messages contain `name`, and the admissible types as described by `kinds`.
     """
     if isinstance(value, Goal):
         return value
@@ -512,6 +520,6 @@ def _still(value: Any, name: str, kinds: str) -> Goal:
 
 
 def check_reaches(goal: Goal) -> None:
-    """Raise `InvalidValue` if the tolerance or a reach of a goal is not above zero."""
+    """Raise `InvalidValue` if the tolerance or a reach of a goal is not a number above zero."""
     for name in _REACHES:
         checks.positive(f"goal.{name}", getattr(goal, name))

@@ -1,4 +1,4 @@
-"""The goal to meet a client: the end effector at a grasp on a free body, with the velocity of the grasp."""
+"""The goal to meet a client: the end effector reaches a grasp on a free body with the grasp's velocity."""
 
 from __future__ import annotations
 
@@ -28,8 +28,9 @@ _HALF_ANGLE = math.radians(20.0)
 class Meet(Goal):
     """A grasp frame on a client that the end effector meets at the deadline, without relative velocity.
 
-    Within `standoff` of the grasp the end effector stays in a corridor: a cone that is fixed to the client,
-    with its tip at the grasp. A problem with this goal has the limit "corridor" (`opt.Corridor`).
+    Within `standoff` of the grasp the end effector must stay in a corridor, a cone that is fixed to the
+    client, with its tip at the grasp. The goal adds the limits "corridor" (`opt.Corridor`) and, with
+    `misalignment`, "alignment" (`opt.Alignment`) to a problem.
 
     Raises
     ------
@@ -50,25 +51,25 @@ class Meet(Goal):
     each side at the default standoff, about the opening of a gripper."""
     misalignment: Annotated[Positive | None, Angle("rad", "any")] = None
     """The largest angle between axes of the end effector and of the grasp at the mouth of the corridor, at
-    most 90 degrees. The bound decreases linearly to a twentieth at the grasp, because a tilted probe jams in
-    a throat. Default: any rotation in the corridor."""
+    most 90 degrees. The bound decreases linearly to a twentieth at the grasp, because a tilted probe may jam.
+    Default: any rotation in the corridor."""
     axis: Annotated[Vector3, Unit()] = (0.0, 0.0, 1.0)
     """The direction of approach, in grasp axes; its length is ignored. Default: z, which points away from the
     flange in most tool frames."""
     tolerance: Annotated[Positive, Unit("m, rad, m/s, rad/s")] = TOLERANCE
-    """The tolerance at the contact, see `Goal`; a plan with a larger error has not `reached`."""
+    """The tolerance at the contact, see `Goal`. A plan with a larger error has `reached` False."""
     reach: Annotated[Positive, Unit("m")] = REACH
     """The position tolerance in the last tenth of the time."""
     orientation_reach: Annotated[Positive, Angle("rad")] = 0.2
-    """The attitude tolerance in the last tenth of the time; larger than for other goals, because a rotating
-    grasp may be out of reach then."""
+    """The attitude tolerance in the last tenth of the time. It is larger than for other goals, because the
+    attitude of a rotating grasp may be out of reach before the deadline."""
     rest_after: Annotated[bool, Unit()] = False
     """True if robot and client should be at rest after the capture. This determines the default `momentum` of
     a problem with this goal (`ffsms_pin.client.rest_momentum`)."""
     coast: float | None = None  # type: ignore[misc]  # a class attribute in the base class
     """The time [s] after the contact for which the joints keep their rates before they brake, for example
-    while a grip becomes rigid. The plan leaves enough distance to the position limits for coasting and
-    braking. Default: no distance is left."""
+    while a grip becomes rigid. The plan leaves enough distance to the position limits for this motion.
+    Default: no distance is left."""
     moves: ClassVar[bool] = True  # also for a client at rest
     exact: ClassVar[bool] = True  # a contact requires exact position and velocity
 
@@ -111,10 +112,10 @@ class Meet(Goal):
         return Place(grasps, np.moveaxis(attitudes @ self.grasp.rotation, 0, -1))
 
     def approach(self, duration: float) -> list[tuple[float, Place]]:
-        """Return times [s] and places on the corridor's axis, at decreasing speed; none without corridor."""
-        # The approach usually ends at 0.9 of the duration, which is 0.6 of the time in the corridor. The end
-        # effector then stays at the grasp in the last tenth of the duration. An approach that lasts until the
-        # deadline is used instead, if the end effector is then within half of the reach in this tenth.
+        """Return times [s] and places on the corridor's axis, at decreasing speed; none without one."""
+        # By default the approach ends at 0.9 of the duration, which is 0.6 of the time in the corridor. The
+        # end effector then stays at the grasp in the last tenth of the duration. If an approach until the
+        # deadline is within half of `reach` in this tenth, it is used instead.
         places, late = [], 0.6
         if 2.0 * (1.0 - late) ** 2 * self.standoff <= self.reach:
             late = 1.0
@@ -126,7 +127,7 @@ class Meet(Goal):
         return places
 
     def limits(self, duration: float) -> tuple[Limit, ...]:
-        """Return the corridor and the bound on the misalignment; none if the standoff is zero."""
+        """Return the corridor, and the bound on the misalignment if there is one; none without a standoff."""
         if not self.standoff:
             return ()
         common = self.axis, self.tolerance, (1.0 - _MOUTH) * duration

@@ -46,8 +46,8 @@ class CurvePlacement:
     def place(self, point: FloatArray, attitude: FloatArray | None = None) -> Any:
         """Return a point (3,) of the curve as a position (3,) or a pose, in the axes of the path's frame.
 
-        The argument `attitude` (3, 3) is used if neither the field `attitude` nor `faces` is set. Without any
-        attitude the result is a position.
+        The argument `attitude` (3, 3), in the curve's axes, is used if neither the field `attitude` nor
+        `faces` is set. Without any attitude the result is a position.
         """
         if self.attitude is not None:
             attitude = self.attitude
@@ -61,7 +61,7 @@ def _facing(along: FloatArray) -> FloatArray:
     """Return an attitude (3, 3) with its third axis along `along` (3,) and its second perpendicular to z."""
     length = float(np.linalg.norm(along))
     if length < 1e-9:
-        text = "requires a curve that does not meet the axis or centre: the vector to it must not be zero"
+        text = "requires a curve that does not meet the axis or centre, where the direction is undefined"
         raise InvalidValue("faces", along, text)
     ahead = along / length
     across = np.array([ahead[1], -ahead[0], 0.0])
@@ -100,7 +100,7 @@ class Line(NamedCurve):
 
 @dataclass(frozen=True, eq=False)
 class Circle(NamedCurve):
-    """A circle about the z axis of the curve's axes; it begins on the x axis."""
+    """A circle about the z axis of the curve's axes; it begins on the positive x axis."""
 
     radius: Annotated[Positive, Unit("m")]
     """The radius."""
@@ -120,7 +120,7 @@ class Circle(NamedCurve):
 
 @dataclass(frozen=True, eq=False)
 class Helix(NamedCurve):
-    """A helix about the z axis of the curve's axes; the origin is at half the height."""
+    """A helix about the z axis of the curve's axes, with the origin at half of its height."""
 
     radius: Annotated[Positive, Unit("m")]
     """The radius."""
@@ -143,12 +143,15 @@ class Helix(NamedCurve):
 
 @dataclass(frozen=True, eq=False)
 class RoundedSquare(NamedCurve):
-    """A square about the z axis of the curve's axes; it begins in the middle of the side at +x."""
+    """A square with rounded corners about the z axis of the curve's axes.
+
+    It begins in the middle of the side at +x and leads towards +y.
+    """
 
     side: Annotated[Positive, Unit("m")]
-    """The side of the square."""
+    """The side length of the square."""
     corner: Annotated[Positive, Unit("m")]
-    """The radius of the corners."""
+    """The radius of the corners, at most half of the side."""
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -1,4 +1,4 @@
-"""The goal to follow a path with the end effector during the whole motion."""
+"""The goal to follow a path with the end effector during the whole motion, and its limit."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ class Path(Goal):
     """The first and the last value of the function's parameter. The function is then a geometric curve.
     Default: (0, 1) for `opt.Line`, `Circle`, `Helix` and `RoundedSquare`."""
     tolerance: Annotated[Positive, Unit("m")] = TOLERANCE
-    """The largest distance from the path."""
+    """The largest distance from the path's point at the same time."""
     orientation_tolerance: Annotated[Positive, Angle("rad")] = 0.01
     """The largest angle from the attitude of a path of poses."""
     free_axis: Annotated[Vector3 | None, Unit("", "none")] = None
@@ -87,17 +87,17 @@ class Path(Goal):
     timing: Annotated[Literal["given", "fastest"], Unit()] = "given"
     """The time law of a geometric curve. "given": constant speed over the problem's duration, with a smooth
     start and end. "fastest": the least time, at most the problem's duration, within the limits that bound the
-    speed (`Limit.speed_bound`). By default these limits are on joint rates, accelerations and torques; limits
-    on wheels and on the base's angular speed also bound the speed if the problem has them."""
+    speed (`Limit.speed_bound`). These are limits on joint rates, accelerations and torques, and on wheels, on
+    the base's angular speed and on alpha if the problem has them."""
     approach_time: Annotated[NotNegative, Unit("s")] = 0.0
-    """The time before the path's start in which the end effector moves straight to the path and reaches the
-    path's velocity. Zero: the motion begins on the path."""
+    """The time before the path's start in which the end effector moves from rest to the path and reaches the
+    path's velocity, along a quintic polynomial. Zero: the motion begins on the path."""
     reach: Annotated[Positive, Unit("m")] = REACH
     """The position tolerance of a flown motion on the path."""
     orientation_reach: Annotated[Positive, Angle("rad")] = 0.05
     """The attitude tolerance of a flown motion on a path of poses."""
     duration: float | None = None  # the motion's duration [s]; a problem sets it together with `begin`
-    begin: Any = None  # the end effector's start pose (pinocchio.SE3) in the path's axes
+    begin: Any = None  # the end effector's start pose (pinocchio.SE3) in the axes `on`
     law: TimeLaw | None = None  # time law of a geometric curve, set by the planner; None: `even_shares`
     moves: ClassVar[bool] = True
     coupled: ClassVar[bool] = False  # the path determines the motion
@@ -179,7 +179,8 @@ class Path(Goal):
     def for_motion(self, sms: SpaceManipulator, q0: FloatArray, duration: float) -> Path:
         """Return the path for a motion from q0 (nq,) that lasts `duration` [s].
 
-        If the curve jumps, `InvalidValue` is raised.
+        `InvalidValue` is raised if the curve jumps, if its samples end before the motion, or if the motion
+        does not last longer than the approach.
         """
         if duration <= self.approach_time:
             remedy = f"must be shorter than the motion, which lasts {duration:g} s"
@@ -203,7 +204,7 @@ class Path(Goal):
 
     @property
     def rest(self) -> float:
-        """The time from the motion's deadline to the last sample [s]; zero if there are no times."""
+        """The time from the motion's deadline to the last sample [s]; zero if the samples have no times."""
         if callable(self.curve) or self.times is None or self.duration is None:
             return 0.0
         return max(float(self.times[-1]) - (self.duration - self.approach_time), 0.0)
@@ -243,7 +244,7 @@ class Path(Goal):
 
     def points(self, times: FloatArray) -> Points:
         """Return the points at times (K,) of the motion [s], the approach included."""
-        # After the deadline the point of the curve stays the same.
+        # After the deadline the point of the curve stays the same, but `frame` may move on.
         until = np.inf if self.duration is None else self.duration
         t = np.minimum(times, until) - self.approach_time
         on_path = self._in_axes(self.along(np.maximum(t, 0.0)), np.maximum(times, self.approach_time))
@@ -296,8 +297,8 @@ class Path(Goal):
     def _begin_rotation(self, first: FloatArray) -> FloatArray:
         """Return the initial attitude of an approach to the path's first attitude `first` (3, 3).
 
-        With a free axis, the result is the attitude nearest to `first` in which this axis has the same
-        direction as at the motion's start.
+        With a free axis, the result is the attitude nearest to `first` in which this axis has the direction
+        that it has at the motion's start.
         """
         if self.free_axis is None:
             return np.asarray(self.begin.rotation)
@@ -324,7 +325,10 @@ class Path(Goal):
         return PathMotion(self.places(times), velocities, angular_velocities)
 
     def place(self, t: float) -> Place:
-        """Return the place at a time of the motion, with its velocity."""
+        """Return the place at a time of the motion [s].
+
+        The place has its velocity and, without a free axis, its angular velocity. On the base it has neither.
+        """
         place, velocities, angular_velocities = self.motion(np.array([t]))
         rotation = None if place.rotation is None else place.rotation[..., 0]
         angular_velocity = (
@@ -354,23 +358,29 @@ class OnPath(PoseConstraint, Limit):
     def __init__(self, goal: Path) -> None:
         self.goal = goal
         self.tolerance, self.orientation_tolerance = goal.tolerance, goal.orientation_tolerance
-        # The penalty is soft, because a rollout after the descent brings the end effector back to the path.
-        # The margin in metres, `margin` times `scale`, equals the tolerance.
+        # The penalty is soft, because a rollout after the descent returns the end effector to the path. The
+        # margin in metres, `margin` times `scale`, equals the tolerance.
         self.scale = 5e4 * self.tolerance
         self.margin = self.tolerance / self.scale
 
     def rows(self, step: StepState) -> Rows | None:
-        """Return no rows, because single steps follow the path by their objective."""
+        """Return no rows, because the objective of single steps follows the path."""
         return None
 
     def residual(self, m: Variables) -> list[Variable]:
-        """Return the pose errors, also within the tolerances, so that only the redundant motion changes."""
+        """Return the pose errors without a deadzone, so that a descent changes only the redundant motion.
+
+        An error as large as its tolerance has a residual equal to `margin`.
+        """
         tolerances = (self.tolerance, self.orientation_tolerance)
         parts = zip(self.pose_error(m).parts, tolerances, strict=False)
         return [x * (self.margin / tolerance) for x, tolerance in parts]
 
     def violation(self, motion: Rollouts) -> Violation:
-        """Return the largest excess over a tolerance [m]; an angle's excess is converted to a length."""
+        """Return the largest excess over a tolerance [m].
+
+        The excess of an angle is multiplied by `tolerance` / `orientation_tolerance`.
+        """
         m = Variables(motion)
         error = self.pose_error(m)
         share = np.maximum(error.distance[0] / self.tolerance, error.angle[0] / self.orientation_tolerance)
@@ -381,7 +391,10 @@ class OnPath(PoseConstraint, Limit):
         return Violation(self.tolerance * float(share[k] - 1.0), instants, self._note(error, k, motion))
 
     def violation_in_flight(self, motion: RecordedRollouts) -> Violation:
-        """Return the largest excess over a reach of the goal [m]; an angle is converted to a length."""
+        """Return the largest excess over a reach of the goal [m].
+
+        The excess of an angle is multiplied by `reach` / `orientation_reach`.
+        """
         error, goal = self.pose_error(Variables(motion)), self.goal
         share = np.maximum(error.distance[0] / goal.reach, error.angle[0] / goal.orientation_reach)
         k = int(np.argmax(share))
@@ -393,7 +406,7 @@ class OnPath(PoseConstraint, Limit):
         return Violation(goal.reach * float(share[k] - 1.0), note=note)
 
     def _note(self, error: PoseError, k: int, motion: Rollouts) -> str:
-        """Return the message for a motion that leaves the path."""
+        """Return the message for a motion that is off the path at instant k."""
         by, most = length_text(error.distance[0, k]), length_text(self.tolerance)
         if self.goal.turned:
             by += f" and {np.degrees(error.angle[0, k]):.3g} deg"
@@ -403,15 +416,15 @@ class OnPath(PoseConstraint, Limit):
         return f"the end effector is {by} off the path at {time:.3g} s{part}, where {most} are allowed"
 
 
-_FINER = 5  # factor on the number of steps; with midpoints there are ten times as many instants
+_FINER = 5  # factor on the number of steps; with midpoints there are ten instants per step
 
 
 class PathErrors(NamedTuple):
-    """The errors of a motion along a path, evaluated at ten times the motion's resolution."""
+    """The errors of a motion along a path, evaluated at ten instants per step."""
 
     distance: FloatArray  # (N + 1,) the largest distance within half a step of each node [m]
     angle: FloatArray  # (N + 1,) the largest angle within half a step of each node [rad]
-    excess: float  # [m] the largest excess over a tolerance; an angle's excess is converted to a length
+    excess: float  # [m] the largest excess over a tolerance, as for `OnPath.violation`
     note: str  # a message about the largest errors
 
 

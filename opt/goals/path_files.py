@@ -17,7 +17,7 @@ _POSITION, _ATTITUDE = ("x", "y", "z"), ("qx", "qy", "qz", "qw")
 
 
 class PathSamples(NamedTuple):
-    """The samples of a path: positions (K, 3) [m], and attitudes (K, 3, 3) and times (K,) [s], if any."""
+    """The samples of a path: positions (K, 3) [m], and attitudes (K, 3, 3) and times (K,) [s] or None."""
 
     positions: FloatArray
     attitudes: FloatArray | None = None
@@ -27,8 +27,9 @@ class PathSamples(NamedTuple):
 def path_samples(path: str | os.PathLike[str]) -> PathSamples:
     """Read the samples of a path from a CSV file.
 
-    The file has the columns x, y, z [m] and, optionally, t [s] and quaternions qx, qy, qz, qw, named in its
-    first line. `ResultError` is raised if the file cannot be read or has other columns or values.
+    The first line of the file names the columns, which are x, y, z [m] and, optionally, t [s] and the
+    quaternion qx, qy, qz, qw. Quaternions are normalised. `ResultError` is raised if the file cannot be read,
+    has other columns, or has values that are not finite.
     """
     try:
         text = read_content(path).decode("utf-8-sig")
@@ -46,8 +47,8 @@ def path_samples(path: str | os.PathLike[str]) -> PathSamples:
         raise ResultError(path, remedy)
     columns = {name: np.asarray(table[name], dtype=np.float64) for name in table.dtype.names or ()}
     for name, numbers in columns.items():
-        if not (known := np.isfinite(numbers)).all():
-            row = int(np.argmin(known)) + 1
+        if not (finite := np.isfinite(numbers)).all():
+            row = int(np.argmin(finite)) + 1
             raise ResultError(path, f"has a wrong row: {name} of row {row} is not a finite number")
     positions, attitudes = np.column_stack([columns[name] for name in _POSITION]), None
     if turned:

@@ -1,4 +1,4 @@
-"""Pose constraints: frames of the robot at poses, at the deadline, at waypoints, or within a corridor."""
+"""Constraints on poses of robot frames: at the deadline, at waypoints, and in the corridor to a grasp."""
 
 from __future__ import annotations
 
@@ -25,14 +25,13 @@ if TYPE_CHECKING:
     from ffsms_pin.opt.trajectory import Trajectory
 
 AT_GRASP = 0.05  # share of the misalignment at the mouth that is allowed at the grasp
-_BINDING = 0.05  # a limit is active if its slack is below this share of the tolerance
+_BINDING = 0.05  # a limit is active if its slack is below this share of the reach (a waypoint: twice this)
 
 
 class PoseConstraint:
     """A constraint on the pose of a frame of the robot relative to the places of a goal.
 
-    It is the base class of waypoints, goals of other frames, corridors and paths. `goal` is evaluated at the
-    times of the motion plus `Problem.time_offset`.
+    The times of `goal` are those of the motion plus `Problem.time_offset`.
     """
 
     goal: Goal
@@ -63,8 +62,9 @@ class PoseConstraint:
 class PoseTolerance(PoseConstraint, Inequality):
     """The limit on a frame's pose error relative to a goal, at the deadline or in the last tenth of the time.
 
-    The slack is in metres; slacks of angles are multiplied by `reach` / `orientation_reach`. If the error is
-    within `share` of the reaches, the residual is zero. `message` is for a motion that misses the goal.
+    The reaches are the goal's tolerance at the deadline, and the goal's reaches in the last tenth of the
+    time. The slack is in metres; slacks of angles are multiplied by `reach` / `orientation_reach`. If the
+    error is within `share` of the reaches, less the additional margin of a search, the residual is zero.
     """
 
     def __init__(self, goal: Goal, frame: str, when: str) -> None:
@@ -80,11 +80,11 @@ class PoseTolerance(PoseConstraint, Inequality):
         self.absolute_margin, self.active_below = (1.0 - self.share) * self.reach, _BINDING * self.reach
 
     def among(self, missed: list[Variable]) -> list[tuple[Variable, float]]:
-        """Pair the parts of a pose error with their reaches."""
+        """Return the parts of a pose error, each with its reach."""
         return list(zip(missed, (self.reach, self.orientation_reach), strict=False))
 
     def errors_with_reaches(self, m: Variables) -> list[tuple[Variable, float]]:
-        """Return the parts of the frame's pose error, each with its reach."""
+        """Return the parts of the frame's pose error at the instants of `m`, each with its reach."""
         return self.among(self.pose_error(m).parts)
 
     def slack(self, m: Variables) -> Any:
@@ -94,14 +94,14 @@ class PoseTolerance(PoseConstraint, Inequality):
     def residual(self, m: Variables) -> list[Variable]:
         """Return the pose error beyond `share` of the reaches, as vectors.
 
-        Squared vectors have the curvature of the pose error in all directions; squared lengths do not.
+        A squared vector also has curvature perpendicular to the pose error; a squared length does not.
         """
         scale = self._scale_and_margin(m.rollouts)[0]
         residuals: list[Variable] = []
         for x, most in self.errors_with_reaches(self.at_active_instants(m)):
             part = self.reach / most
-            lack = deadzone(x, max(self.share * most - self.bounded_margin(m) / part, 0.0)) * (part / scale)
-            residuals += [lack.at_once()] if lack.value.any() else []
+            excess = deadzone(x, max(self.share * most - self.bounded_margin(m) / part, 0.0)) * (part / scale)
+            residuals += [excess.at_once()] if excess.value.any() else []
         return residuals
 
     def violation(self, motion: Rollouts) -> Violation:
@@ -122,8 +122,9 @@ def arrivals(goal: Goal, frame: str = "tip") -> list[PoseTolerance]:
 class FrameGoal(AllOf):
     """A goal of another frame of the robot at the deadline, in addition to the end effector's goal.
 
-    The frame must be within the goal's `tolerance` at the deadline, and within the goal's `reach` in the last
-    tenth of the time. A plan that misses the goal has not `reached`, and the plan's `note` has the error.
+    The pose error of the frame must be within the goal's `tolerance` at the deadline, and within the goal's
+    `reach` and `orientation_reach` in the last tenth of the time. A plan that misses the goal has `reached`
+    False, and its `note` contains the error.
 
     Attributes
     ----------
@@ -147,7 +148,7 @@ class FrameGoal(AllOf):
         set_frozen(self, goal=standing_goal(self.goal, "goal"), name=self.name or f"also {self.frame}")
 
     def for_robot(self, sms: SpaceManipulator) -> FrameGoal:
-        """Return the goal with the frame of a robot, and with the margin as a share of the arm's length."""
+        """Return the goal with the frame of a robot, and with the margin as a share of the arm length."""
         end, _ = arrivals(self.goal, self.frame)
         ends = [FrameEnd(RobotFrame.of(sms.arm_stack(), self.frame), self.goal.place(0.0))]
         return replace(self, margin=(1.0 - end.share) * end.reach / sms.arm_stack().length, ends=ends)
@@ -165,7 +166,7 @@ class FrameGoal(AllOf):
         return pose_errors(self.goal, Variables(motion), self.frame)
 
     def violation_in_flight(self, motion: RecordedRollouts) -> Violation:
-        """Return the excess over the reaches at the last row, as a length [m]."""
+        """Return a violation by the goal's `reach` [m] if the frame exceeds a reach at the last row."""
         error = self.pose_errors(motion)[-1]
         note = end_miss(self.goal, error, f"'{self.frame}'")
         return Violation(self.goal.reach if note else 0.0, note=note)
@@ -175,7 +176,7 @@ class FrameGoal(AllOf):
 class Waypoint(PoseTolerance):
     """A waypoint of the end effector, at a given time or at any time before the deadline.
 
-    Each of several waypoints needs its own `name`. Waypoints without a time are passed in any order.
+    Several waypoints need different names. The order of waypoints without a time is free.
 
     Raises
     ------
@@ -187,7 +188,7 @@ class Waypoint(PoseTolerance):
     """The fixed position (3,) [m] or pose, inertial axes."""
     time: Annotated[NotNegative | None, Unit("s", "any")] = None
     """The time of the waypoint from the start of the motion. Single steps ignore a waypoint without a time,
-    because a step cannot determine if the waypoint was passed."""
+    because a step cannot determine whether the waypoint was passed."""
     reach: Annotated[Positive, Unit("m")] = 0.01  # half of the paper's r_th
     """The position tolerance."""
     orientation_reach: Annotated[Positive, Angle("rad")] = ORIENTATION_REACH
@@ -219,7 +220,10 @@ class Waypoint(PoseTolerance):
         return replace(self, margin=(1.0 - self.share) * self.reach / sms.arm_stack().length)
 
     def timed(self, plan: Trajectory) -> Waypoint:
-        """Return the waypoint with the time at which a plan comes nearest, for re-planning."""
+        """Return the waypoint with the time at which a plan is nearest to its position, for re-planning.
+
+        `InvalidValue` is raised if the waypoint is a pose.
+        """
         if np.isfinite(self.place.attitude).all():
             raise InvalidValue("place", self.place, "must be a position if the waypoint has no `time`")
         distances = np.linalg.norm(plan.end_effector - self.place.position, axis=1)
@@ -235,7 +239,7 @@ class Waypoint(PoseTolerance):
         return -1.0 if self.time is None else self.time - step.time_offset - step.time
 
     def rows(self, step: StepState) -> Rows | None:
-        """Return the rows until the waypoint's time; none without a time."""
+        """Return the rows of the limit until the waypoint's time; none without a time."""
         return super().rows(step) if self.time_until_active(step) >= 0.0 else None
 
     def errors_with_reaches(self, m: Variables) -> list[tuple[Variable, float]]:
@@ -243,9 +247,9 @@ class Waypoint(PoseTolerance):
         return [] if self.time is not None and self.time < m.time_offset else super().errors_with_reaches(m)
 
     def at_active_instants(self, m: Variables) -> Variables:
-        """Return each motion at the waypoint's time, or at the motion's point nearest to the waypoint.
+        """Return each motion at the waypoint's time, or without a time, where it is nearest to the waypoint.
 
-        The motion is interpolated between instants.
+        From the nearest instant, the motion is extrapolated at constant velocities.
         """
         times, motion = m.times, np.arange(m.count)
         if self.time is None:
@@ -260,9 +264,9 @@ class Waypoint(PoseTolerance):
         return at
 
     def _nearest(self, m: Variables) -> tuple[Indices, FloatArray]:
-        """Return the instants (S,) nearest to the waypoint, and delays (S,) [s] to the nearest points.
+        """Return the instants (S,) nearest to the waypoint, and the delays (S,) [s] to the nearest points.
 
-        Distances and angles are compared as shares of their reaches.
+        Distances and angles are measured as shares of their reaches.
         """
         speeds = (m.velocity.value, self.place.without_free_axis(m.angular_velocity.value))
         parts = zip(self.errors_with_reaches(m), speeds, strict=False)
@@ -282,7 +286,10 @@ _STANDING = "a position (3,) [m], a pinocchio.SE3 or a matrix (4, 4), an opt.Pos
 
 
 def standing_goal(value: Any, name: str, kinds: str = _STANDING) -> Goal:
-    """Return the goal for a position, a pose or a goal, which must be fixed and have no velocity."""
+    """Return the goal for a position, a pose or a goal.
+
+    `InvalidValue` is raised if the goal moves or has a velocity.
+    """
     goal = as_goal(value, name, kinds)
     if goal.moves or not goal.place(0.0).rests:
         raise InvalidValue(name, value, "must be fixed, without a velocity")
@@ -290,7 +297,7 @@ def standing_goal(value: Any, name: str, kinds: str = _STANDING) -> Goal:
 
 
 def inertial_place(value: Any, name: str, kinds: str = _STANDING) -> Place:
-    """Return the place for a position, a pose or a goal, which must be fixed in inertial axes."""
+    """Return the place of a goal as for `standing_goal`; raise `InvalidValue` if it is on the base."""
     place = standing_goal(value, name, kinds).place(0.0)
     if place.moves_with_base:
         raise InvalidValue(name, value, "must be in inertial axes")
@@ -302,9 +309,9 @@ class GoalErrors(NamedTuple):
 
     distance: FloatArray  # (N + 1,) from the desired position at the nodes [m]
     angle: FloatArray  # (N + 1,) from the desired attitude at the nodes [rad]
-    contact: FloatArray  # (6,) the end effector's twist at the deadline relative to the desired twist
-    misses: str  # message of errors at the end beyond the tolerance; else empty
-    late: str  # message of errors in the last tenth of the time beyond the reaches; else empty
+    contact: FloatArray  # (6,) twist at the deadline relative to the desired twist [m/s; rad/s]
+    misses: str  # the message if errors at the deadline exceed the tolerance; else empty
+    late: str  # the message if errors in the last tenth of the time exceed the reaches; else empty
 
 
 def verdict(goal: Goal, motion: Rollouts) -> GoalErrors:
@@ -333,7 +340,7 @@ def pose_errors(goal: Goal, m: Variables, frame: str) -> FloatArray:
 
 
 def end_miss(goal: Goal, error: FloatArray, frame: str) -> str:
-    """Return a message if a final distance and angle (2,) exceed a goal's reaches; else an empty text."""
+    """Return a message if a final distance or angle, `error` (2,), exceeds the goal's reach; else empty."""
     if error[0] <= goal.reach and error[1] <= goal.orientation_reach:
         return ""
     turned = goal.place(0.0).rotation is not None
@@ -345,7 +352,7 @@ def end_miss(goal: Goal, error: FloatArray, frame: str) -> str:
 def end_errors(goal: Goal, distance: float, angle: float, contact: FloatArray, duration: float) -> FloatArray:
     """Return errors of position, attitude and both velocities at the deadline (4,) [m, rad, m/s, rad/s].
 
-    The error of an unconstrained velocity is zero; for `contact` see `GoalErrors`.
+    The error of an unconstrained velocity is zero, unless the goal is exact. For `contact` see `GoalErrors`.
     """
     place, velocities = goal.place(duration), np.linalg.norm(np.split(contact, 2), axis=1)
     constrained = [goal.exact or v is not None for v in (place.velocity, place.angular_velocity)]
@@ -353,7 +360,7 @@ def end_errors(goal: Goal, distance: float, angle: float, contact: FloatArray, d
 
 
 def end_misses(goal: Goal, errors: FloatArray) -> str:
-    """Return a message of the errors at the end; empty if all are within the tolerance."""
+    """Return a message with `errors` of `end_errors`; empty if all are within the tolerance."""
     if not errors.max() > goal.tolerance:
         return ""
     units = zip(errors, (1e3, math.degrees(1.0)) * 2, ("mm", "deg", "mm/s", "deg/s"), strict=True)
@@ -368,8 +375,8 @@ def end_misses(goal: Goal, errors: FloatArray) -> str:
 class Corridor(PoseConstraint, Inequality):
     """The limit that keeps the end effector inside a cone, fixed to a grasp, while it is near the grasp.
 
-    The forbidden region is a ball around the grasp, except the cone. The slack is the larger of two values:
-    the depth inside the cone, and the distance outside the ball.
+    The forbidden region is a ball around the grasp, except the cone. The slack [m] is the larger of the depth
+    inside the cone and the distance outside the ball.
 
     Attributes
     ----------
@@ -399,8 +406,7 @@ class Corridor(PoseConstraint, Inequality):
     refusal = "the start is outside the corridor: {note}; move the start, or set a shorter standoff"
     margin = 4e-3  # [arm lengths] because a motion may cut the cone's edge between two instants
     step_margin = 0.0
-    # [m] the accepted violation, because a motion may cut the cone's edge between two instants. It is also
-    # added to the margin.
+    # [m] the accepted violation, for the same reason; it is also added to the margin
     accuracy = 5e-5
     active_below = 1e-3
 
@@ -410,7 +416,10 @@ class Corridor(PoseConstraint, Inequality):
         return np.maximum(cone, far - self.length)
 
     def margin_violation(self, m: Variables) -> Any:
-        """Return the violation of the margin by whole motions; the margin vanishes at the cone's tip."""
+        """Return the violation of the margin by whole motions.
+
+        The margin decreases linearly to `accuracy` at the cone's tip.
+        """
         cone, far = self._depth_and_distance(m)
         late = m.times + m.time_offset >= self.deadline - self.inside
         ball = far - np.where(late, math.inf, self.length)[None]
@@ -418,7 +427,7 @@ class Corridor(PoseConstraint, Inequality):
         return self.accuracy + absolute_margin * np.minimum(far / self.length, 1.0) - np.maximum(cone, ball)
 
     def _depth_and_distance(self, m: Variables) -> tuple[Variable, Variable]:
-        """Return the depth of the end effector inside the cone, and its distance from the grasp."""
+        """Return the depth of the end effector inside the cone, and its distance from the grasp [m]."""
         grasp = self.reference(m)
         displacement, axis = m.frame(self.frame) - grasp, grasp.axis(self.axis)
         along = displacement.dot(axis)
@@ -433,7 +442,7 @@ class Corridor(PoseConstraint, Inequality):
 
 
 def compared_axes(axis: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the axis of approach (3,) and a unit vector (3,) perpendicular to it."""
+    """Return `axis` (3,), the unit vector of approach, and a unit vector (3,) perpendicular to it."""
     across = np.cross(axis, np.eye(3)[int(np.argmin(np.abs(axis)))])
     return axis, across / np.linalg.norm(across)
 
@@ -444,8 +453,8 @@ class Alignment(Corridor):
 
     The bound applies to the angle between the axes of approach of both frames, and to the angle between two
     axes perpendicular to them. It is `half_angle` at the distance `length` from the grasp, and decreases
-    linearly to a twentieth of this value at the grasp. An angle is approximated by the distance between unit
-    vectors, which is smaller for large angles. The slack is an angle times `length` [m].
+    linearly to a twentieth of this value at the grasp. An angle is approximated by the distance between the
+    unit vectors of its axes, which is smaller for large angles. The slack is an angle times `length` [m].
     """
 
     name = "alignment"
@@ -453,7 +462,7 @@ class Alignment(Corridor):
     refusal = "the start is misaligned in the corridor: {note}; move the start, or set a shorter standoff"
 
     def _depth_and_distance(self, m: Variables) -> tuple[Variable, Variable]:
-        """Return the allowed minus the present angle, times `length`, and the distance from the grasp [m]."""
+        """Return the allowed minus the present angle, times `length` [m], and the distance from the grasp."""
         grasp, tip = self.reference(m), m.frame(self.frame)
         far = (tip - grasp).norm()
         along, across = ((tip.axis(axis) - grasp.axis(axis)).norm() for axis in compared_axes(self.axis))
@@ -462,7 +471,7 @@ class Alignment(Corridor):
         return allowed - self.length * turned, far
 
     def note(self, slack: float, time: float) -> str:
-        """Return the message for a motion that is turned too far in the corridor."""
+        """Return the message for an end effector that is misaligned in the corridor."""
         turned = f"{math.degrees(-slack / self.length):.3g} deg more than its distance from the grasp allows"
         limit = f"{math.degrees(self.half_angle):.3g} deg at {self.length:.3g} m"
         return f"the end effector is turned by {turned} at {time:.3g} s ({limit})"
