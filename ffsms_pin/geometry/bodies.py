@@ -1,4 +1,4 @@
-"""Pairs of bodies and their distances, measured between shapes, or between joints and the base's box."""
+"""The distances of pairs of bodies, between their shapes or between the joints and the base's box."""
 
 from __future__ import annotations
 
@@ -20,19 +20,19 @@ from ffsms_pin.geometry.obstacle import Obstacle
 from ffsms_pin.kernel import kernel
 
 MODES = ("auto", "points", "hulls", "shapes", "off")
-_FAR = 0.05  # [m] distances up to this value beyond the clearance are measured exactly in `_judged`
+_FAR = 0.05  # [m] `_judged` measures distances up to this value beyond the clearance
 # [m] Shapes may be nearer to a piece of an obstacle than they are in the grasp pose, by at most _GUIDED,
-# because contacts deform and plans miss the grasp by some millimetres. _GUIDED_MARGIN is the margin of plans
-# to a piece.
+# because contacts deform and plans miss the grasp by some millimetres. _GUIDED_MARGIN is then the largest
+# safety margin to the piece.
 _GUIDED, _GUIDED_MARGIN = 0.01, 4e-3
-_THIN = 1e-6  # [m] radius of points and lines; also the largest |a x b| of unit vectors taken as parallel
+# [m] radius of lines, and largest change of a constant distance; also the largest |a x b| of parallel axes
+_THIN = 1e-6
 
 
 class Body(NamedTuple):
     """A body with its convex parts and its original shapes.
 
-    `carrier` is the index of the joint that carries the body, -1 for the base, or the index of an obstacle
-    (see `ClearanceStack`).
+    `carrier` is the index of the body as in `ClearanceStack`.
     """
 
     name: str
@@ -47,10 +47,16 @@ class Body(NamedTuple):
 
 
 class BodyStack(ClearanceStack):
-    """The distances of pairs of bodies, by convex parts ("hulls") or by the shapes themselves ("shapes").
+    """The distances of pairs of bodies, between convex parts or, in the mode "shapes", between shapes.
 
-    With obstacles each pair is a body of the robot and an obstacle, and the obstacle's margin is subtracted
-    from their distance. Without obstacles the pairs are those of the robot's own bodies.
+    Without obstacles the pairs are those of the robot's bodies, and a payload belongs to the body that
+    carries it. With obstacles each pair has an obstacle and a body of the robot, or an obstacle and the
+    payload. The obstacle's margin is subtracted from the distance.
+
+    Raises
+    ------
+    InvalidValue
+        Without obstacles: no two bodies can collide, or the clearance is larger than all distances.
     """
 
     def __init__(
@@ -66,7 +72,7 @@ class BodyStack(ClearanceStack):
         self.obstacles = tuple(obstacles)
         held = [] if payload is None else [payload]  # a separate body in pairs with obstacles
         own = robot_bodies(sms, mode, [] if obstacles else held)
-        # True if a shape is not convex. The distances of its convex parts are then lower bounds only.
+        # If a shape is not convex, the distances of its convex parts are only lower bounds.
         self._refines = not all(part.convex for body in own for part in body.whole)
         if obstacles:
             own += [Body.of("payload", part) for part in held]
@@ -106,7 +112,7 @@ class BodyStack(ClearanceStack):
         self.reaches = self._parts.reaches
 
     def _take(self, pairs: list[tuple[Body, Body]]) -> None:
-        """Set the pairs of bodies, and the arrays with a row for each pair."""
+        """Set the pairs of bodies, their names, and the arrays with a row for each pair."""
         self._bodies, self.names = pairs, [f"{a.name} - {b.name}" for a, b in pairs]
         self._parts = PartPairs(self.arm, [(a.parts, b.parts) for a, b in pairs])
         self.bodies, self.sizes = self._parts.bodies[:, [0, 1, 0]], self._parts.sizes
@@ -121,13 +127,13 @@ class BodyStack(ClearanceStack):
         return PartPairs(self.arm, [(a.whole, b.whole) for a, b in self._bodies])
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return BodyStack, self._settings  # the shapes are read again
+        return BodyStack, self._settings  # the parts are computed again
 
     def nearest(self, poses: Poses, where: Entries, near: FloatArray | float = np.inf) -> Nearest:
         """Return distances and nearest points; see `ClearanceStack.nearest`.
 
-        The distances of convex parts are lower bounds. In the mode "shapes", distances below `near` are then
-        measured between the original shapes.
+        For shapes that are not convex, the distances are those of their convex parts, which are lower bounds.
+        In the mode "shapes", distances below `near` are measured between the original shapes.
         """
         margins = self.margins[where[0]]
         most = near + margins
@@ -146,18 +152,17 @@ class BodyStack(ClearanceStack):
             return values
         distances = self._shapes.nearest(poses, where).distance
         exact = distances - self.margins[where[0]]
-        # For overlapping shapes the measured distance may be zero instead of negative. Then the smaller value
-        # is returned.
+        # For overlapping meshes the measured distance may be zero, so the smaller value is returned.
         return np.asarray(np.where(distances > 0.0, np.maximum(values, exact), np.minimum(values, exact)))
 
     def _judged(self, clearance: float) -> FloatArray:
         """Remove pairs that are always near, and return the largest distances (m,) of the other pairs [m].
 
-        The distances are measured in eight postures: the zero posture, the middle of the joint ranges, and
-        six random postures. A pair that is nearer than the clearance in all postures is near by construction
-        and is moved to `left_out`. Convex parts are slightly larger than their shapes. If the parts of a pair
-        overlap in one of the first two postures but the shapes do not, later distances of the pair are
-        measured between the shapes.
+        The distances are measured in eight postures within the joint limits: the posture nearest to zero, the
+        middle of the joint ranges, and six random postures. A pair whose shapes are nearer than the clearance
+        in all postures is near by construction and is moved to `left_out`. Convex parts may be larger than
+        their shapes. If the parts of a pair overlap in one of the first two postures but the shapes do not,
+        the distances of the pair are measured between the shapes from then on.
         """
         limits, rng = self.sms.limits, np.random.default_rng(0)
         low = np.where(np.isfinite(limits.lower), limits.lower, -np.pi)
@@ -192,12 +197,13 @@ class BodyStack(ClearanceStack):
 class PointStack(ClearanceStack):
     """The distances between the paper's points d_i, and from these points to the base's box.
 
-    The points are the joints' origins and the end effector. A pair of points is used if its distance can
-    change (the distance of adjacent joints is constant). A point and the box are a pair if the point moves
-    relative to the base (the paper's i >= 2). The paper requires all three inequalities const5 to const7.
-    Here a single inequality is sufficient, because a point is outside the box if one inequality holds. The
-    inequalities are in base axes. Each row of `ends` (m, 2) has the index of a point (joints in order, the
-    end effector last) and the index of the second point, or -1 for the box.
+    The points are the joints' origins and the end effector. Two points are a pair if their distance can
+    change. A point and the box are a pair if the point moves relative to the base (the paper's i >= 2). The
+    distance to the box is the largest signed distance to the plane of a face, negative inside. The paper
+    requires all three inequalities const5 to const7. Here a single inequality is sufficient, because a point
+    is outside the box if one inequality holds. The inequalities are in the axes of the box. Each row of
+    `ends` (m, 2) has the index of a point (joints in order, the end effector last) and the index of the
+    second point, or -1 for the box.
 
     Raises
     ------
@@ -205,7 +211,7 @@ class PointStack(ClearanceStack):
         The base has no box.
     """
 
-    # Finished motions are checked at nodes and midpoints only. The tolerance is negative, because clearances
+    # Finished motions are checked at nodes and midpoints only. The tolerance is negative, because distances
     # at other instants may be a few micrometres smaller.
     mode, tolerance = "points", -1e-5
 
@@ -216,7 +222,7 @@ class PointStack(ClearanceStack):
         super().__init__(sms)
         n, placed = sms.n, sms.base_box_placement
         self._box = np.vstack([placed.rotation, placed.translation, 0.5 * np.array(sms.base_size)])
-        # Pairs whose distance is the same in four random postures are left out.
+        # Leave out points with the same distance, or at the same position, in four random postures.
         first, second = np.triu_indices(n + 1, 1)
         ends = [*zip(second, first, strict=True), *((i, -1) for i in range(n + 1))]
         poses = Poses.of(np.random.default_rng(0).uniform(-1.0, 1.0, (n, 4)))
@@ -248,7 +254,7 @@ def _as_met(sms: ShapedMechanism, body: Body, obstacle: Obstacle, clearance: flo
 
     On the body that carries the end effector, shapes that are nearer than the clearance in the grasp pose are
     kept clear of the obstacle's pieces only. All other shapes are kept clear of the whole obstacle. For other
-    bodies the returned distance is infinite.
+    bodies, and for an obstacle without a grasp pose, the returned distance is infinite.
     """
     frame = sms.model.frames[sms.frame_id]
     if obstacle.grasp is None:
@@ -275,8 +281,8 @@ def _as_met(sms: ShapedMechanism, body: Body, obstacle: Obstacle, clearance: flo
 def robot_bodies(sms: ShapedMechanism, mode: str, held: list[Part]) -> list[Body]:
     """Return the robot's bodies with their shapes and the payloads `held`.
 
-    In the mode "points" the shapes are the lines between the paper's points, and the base's box. The same
-    shapes represent an arm without collision shapes in the modes "auto" and "off".
+    In the mode "points" the shapes are the lines between the paper's points, and the base's box. The modes
+    "auto" and "off" use these shapes if the arm has no readable collision shapes.
     """
     whole: list[Part] = []
     if mode != "points" and sms.description is not None:
@@ -313,8 +319,8 @@ def body_pairs(sms: ShapedMechanism, indices: Sequence[int]) -> list[tuple[int, 
 def chosen_mode(sms: ShapedMechanism) -> str:
     """Return the mode for "auto": "hulls" if bodies with collision shapes can collide, else "points".
 
-    For a planar arm the mode is "points", as in the paper. If the shapes cannot be read, the mode is
-    "points", with a warning.
+    For an arm with parallel revolute joints the mode is "points", as in the paper. If the shapes cannot be
+    read, the mode is "points", with a warning.
     """
     model = sms.model
     turns = pin.computeJointJacobians(model, model.createData(), pin.neutral(model))[3:, 6:].T
@@ -331,7 +337,7 @@ def chosen_mode(sms: ShapedMechanism) -> str:
 
 
 def _lines(sms: ShapedMechanism) -> list[Part]:
-    """Return the lines between the paper's points as thin capsules, and the base's box."""
+    """Return the lines between the paper's points as thin capsules, and the base's box if there is one."""
     parts = [part_of(line, body, place, True) for body, place, line in joint_lines(sms.arm_stack(), _THIN)]
     if sms.base_size is not None:
         parts.append(part_of(coal.Box(*sms.base_size), -1, sms.base_box_placement, True))
@@ -341,7 +347,10 @@ def _lines(sms: ShapedMechanism) -> list[Part]:
 def clearance_stack(
     sms: ShapedMechanism, collision: str, clearance: float = 0.0, payload: Part | None = None
 ) -> ClearanceStack | None:
-    """Return the pairs of the robot's own bodies in a mode; None for "off" or if there are no pairs."""
+    """Return the pairs of the robot's own bodies in a mode; None for "off", or if no two points are a pair.
+
+    The mode "points" ignores the payload. `BodyStack` and `PointStack` list the errors.
+    """
     mode = one_of("collision", collision, MODES)
     if mode == "auto":
         mode = sms._once(chosen_mode, lambda: chosen_mode(sms), of_shapes=True)

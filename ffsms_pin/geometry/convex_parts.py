@@ -20,11 +20,11 @@ from ffsms_pin.checks import LARGEST, FloatArray
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.system.batch.arm import ArmStack
 
-# The thickness of a slab as a share of the bounding box's second longest side. The value keeps bounding balls
-# small and approximates bent shapes well.
+# The approximate thickness of a slab as a share of the bounding box's second longest side. The value keeps
+# bounding balls small and approximates bent shapes well.
 _THICKNESS = 0.7
 _MOST = 8  # largest number of parts of a mesh
-_LEAST_HALF = 1e-6  # [m] half the thickness of a box around a flat mesh
+_LEAST_HALF = 1e-6  # [m] smallest half side of a box around points; a shorter line has no direction
 _ROUND = coal.Sphere | coal.Ellipsoid | coal.Capsule | coal.Cylinder | coal.Cone
 _CONVEX = coal.Box | coal.ConvexBase | _ROUND
 
@@ -38,7 +38,7 @@ class Part:
     shape : coal.CollisionGeometry
         The shape, in its own axes.
     body : int
-        Index of the joint that carries the shape; -1 for the base.
+        Index of the joint that carries the shape; -1 for the base, from n on for obstacles.
     place : coal.Transform3s
         Pose of the shape in the body.
     centre, radius : ndarray, shape (3,), and float
@@ -46,7 +46,7 @@ class Part:
     axes, half : ndarray, shape (3, 3), (3,)
         Bounding box with the same centre: its axes as columns, and half its sides [m].
     convex : bool
-        True for a convex coal shape, False for a mesh, which coal treats as a surface.
+        True for a convex shape, False for a mesh, which coal treats as a surface.
     """
 
     shape: Any
@@ -81,7 +81,7 @@ def _is_mesh(shape: Any) -> bool:
 
 
 def part_of(shape: Any, body: int, placed: Any, convex: bool) -> Part:
-    """Return a coal shape fixed to a body (-1: the base) at a pose, with its bounding box and ball."""
+    """Return a coal shape fixed to a body (see `Part.body`) at a pose, with its bounding box and ball."""
     shape.computeLocalAABB()
     low, high = np.array(shape.aabb_local.min_), np.array(shape.aabb_local.max_)
     half = 0.5 * (high - low)
@@ -98,19 +98,19 @@ def part_of(shape: Any, body: int, placed: Any, convex: bool) -> Part:
 
 
 def _hull(corners: FloatArray, body: int, placed: Any) -> Part:
-    """Return the part that is the convex hull of points (k, 3), or a flat box if the points are coplanar."""
+    """Return the convex hull of points (k, 3) as a part, or the box around the points if qhull fails."""
     low, high = corners.min(axis=0), corners.max(axis=0)
     centre = 0.5 * (low + high)
     try:
         part = part_of(hull_of(corners), body, placed, True)
-    except Exception:  # qhull refuses points in a plane, with exception types of its own
+    except Exception:  # qhull has its own exception types
         box = coal.Box(np.maximum(high - low, 2.0 * _LEAST_HALF))
         return part_of(box, body, placed * pin.SE3(np.eye(3), centre), True)
     return replace(part, radius=float(np.linalg.norm(corners - centre, axis=1).max()))
 
 
 def hull_of(corners: FloatArray) -> Any:
-    """Return the convex hull of points (k, 3); qhull raises its own exceptions if they are coplanar."""
+    """Return the convex hull of points (k, 3), which must not be coplanar."""
     points = coal.StdVec_Vec3s()
     points.extend(list(corners))
     return coal.ConvexBase.convexHull(points, True, "Qt")
@@ -123,7 +123,7 @@ def mesh_triangles(mesh: Any) -> tuple[FloatArray, Any]:
 
 
 def _slabs(mesh: Any) -> list[FloatArray]:
-    """Return points (k, 3) for each slab of a mesh: its vertices, and the edges' crossings of its cuts."""
+    """Return points (k, 3) for each slab of a mesh: vertices, and points at which edges cross its cuts."""
     vertices, faces = mesh_triangles(mesh)
     low, high = vertices.min(axis=0), vertices.max(axis=0)
     sides = high - low
@@ -154,14 +154,17 @@ def _crossings(here: FloatArray, there: FloatArray, axis: int, cut: float) -> Fl
 
 
 def convex_shape(name: str, shape: Any) -> Any:
-    """Check a shape and return it, or the hull of a convex mesh; raise `InvalidValue` if it is not convex."""
+    """Check a shape and return it, or the hull of a convex mesh.
+
+    Raises `InvalidValue` if the shape is not convex or has no finite size.
+    """
     if not isinstance(shape, coal.CollisionGeometry):
         message = "must be a coal shape: coal.Box, Sphere, Capsule, Cylinder, Convex, or a convex mesh"
         raise InvalidValue(name, shape, message)
     if _is_mesh(shape):
         return _checked_hull(name, shape)
     if not isinstance(shape, _CONVEX):
-        message = "must be a box, sphere, capsule, cylinder or convex mesh"
+        message = "must be a box, sphere, ellipsoid, capsule, cylinder, cone or convex mesh"
         raise InvalidValue(name, type(shape).__name__, message)
     shape.computeLocalAABB()
     size = float(np.linalg.norm(np.array(shape.aabb_local.max_) - np.array(shape.aabb_local.min_)))
@@ -171,21 +174,21 @@ def convex_shape(name: str, shape: Any) -> Any:
 
 
 def _checked_hull(name: str, mesh: Any) -> Any:
-    """Return the hull of a mesh; raise `InvalidValue` if the mesh is not convex."""
+    """Return the hull of a mesh; raise `InvalidValue` if the mesh is not convex or has no finite corners."""
     vertices, faces = mesh_triangles(mesh)
     if not len(faces) or not np.isfinite(vertices).all():
         raise InvalidValue(name, mesh, "must be a mesh with triangles whose corners are finite")
     corners = vertices[np.unique(faces)]
     try:
         hull = hull_of(corners)
-    except Exception as error:  # qhull refuses points in a plane, with exception types of its own
+    except Exception as error:  # qhull has its own exception types
         message = "must be a mesh with a volume; give a thin coal.Box instead"
         raise InvalidValue(name, mesh, message) from error
     triangles = vertices[faces]
     across = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     area = np.linalg.norm(across, axis=1)
     normals, first = (across / np.maximum(area, 1e-300)[:, None])[area > 0.0], triangles[area > 0.0, 0]
-    # In a convex mesh all corners are on one side of each face, to rounding. Either winding is accepted.
+    # In a convex mesh all corners are on one side of each face, to rounding. Faces may have either winding.
     heights = corners @ normals.T - np.sum(normals * first, axis=1)
     out = float(np.minimum(heights.max(axis=0), -heights.min(axis=0)).max(initial=0.0))
     size = float(np.ptp(corners, axis=0).max())
@@ -197,7 +200,7 @@ def _checked_hull(name: str, mesh: Any) -> Any:
 
 
 def joint_lines(arm: ArmStack, radius: float) -> list[tuple[int, Any, Any]]:
-    """Return a capsule for each line from a joint to the next joint or to the end effector.
+    """Return a capsule for each line from a joint to a next joint or to the end effector.
 
     Each entry has the index of the body, the pose of the capsule in the body, and the capsule. Lines on the
     base are left out. If the two ends coincide, the length of the capsule is zero.
@@ -213,7 +216,7 @@ def joint_lines(arm: ArmStack, radius: float) -> list[tuple[int, Any, Any]]:
 
 
 def outline(shape: Any) -> FloatArray:
-    """Return points (k, 3) on a shape, in its own axes [m]; figures and the viewer draw their hull."""
+    """Return points (k, 3) on a convex shape, in its own axes [m]; figures and the viewer draw their hull."""
     if isinstance(shape, coal.Box):
         signs = np.array(list(itertools.product((-1.0, 1.0), repeat=3)))
         return np.asarray(signs * shape.halfSide)

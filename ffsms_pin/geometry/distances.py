@@ -1,12 +1,12 @@
 """The distances of pairs of bodies at many configurations at once, and along motions.
 
 The kernel bounds the distances by balls and boxes around the bodies and their parts, and measures the convex
-parts for which these bounds are not sufficient; coal measures overlapping shapes and meshes.
+parts for which these bounds are not sufficient. Coal measures overlapping parts, meshes, ellipsoids and
+cones.
 
 Between two instants of a motion, a distance changes at most by the joints' displacements times their reaches
 (`ClearanceStack.reaches`), plus the displacement of the obstacle in base axes. If this bound does not decide
-whether the clearance is violated, the interval is halved. Intervals between adjacent instants are halved only
-until the clearance is proven.
+whether the clearance is violated, the interval is halved.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ Entries: TypeAlias = tuple[Indices, ...]  # indices of V pairs (V,) and of their
 _STRIDE = 16  # spacing of the instants that are measured first
 _MOST = 5000  # largest number of clearances measured between instants
 # An obstacle rotates by a few hundredths of a radian between instants. The path of a point of the obstacle is
-# then longer than the chord by less than this share.
+# then longer than the chord by less than this share of the chord.
 _CHORD = 0.02
 
 
@@ -70,15 +70,15 @@ class JointMotion(Protocol):
 
     @property
     def base_angular_velocity(self) -> FloatArray:
-        """The angular velocity of the base (3, S, K) [rad/s]."""
+        """The angular velocity of the base (3, S, K), inertial axes [rad/s]."""
 
     @property
     def com(self) -> FloatArray:
-        """The centre of mass of the system (3, K) [m]."""
+        """The centre of mass (3, K) of the system, or of a base with held position, inertial axes [m]."""
 
     @property
     def drift(self) -> FloatArray:
-        """The velocity of the centre of mass of the system (3,) [m/s]."""
+        """The constant velocity (3,) of `com` [m/s]."""
 
 
 class Poses(NamedTuple):
@@ -93,16 +93,17 @@ class Poses(NamedTuple):
 
     @classmethod
     def of(cls, joints: FloatArray) -> Poses:
-        """Return the poses of an arm at joint positions (n, ...), without obstacles."""
+        """Return a stack of joint positions (n, ...), without obstacles."""
         return cls(np.ascontiguousarray(joints).reshape(len(joints), -1))
 
 
 class Nearest(NamedTuple):
     """The distances (V,) of pairs [m], negative if the bodies overlap, and the nearest points (V, 3, 3).
 
-    Each entry of `points` has three rows: the point on the first body, the point on the second body, and the
-    unit normal. The distance grows fastest if the second body moves along the normal. The rows are in the
-    axes of the third body of `ClearanceStack.bodies`.
+    A `ClearanceStack` subtracts the obstacles' margins from the distances. Each entry of `points` has three
+    rows: the point on the first body, the point on the second body, and the unit normal. The distance grows
+    fastest if the second body moves along the normal. The rows are in the axes of the third body of
+    `ClearanceStack.bodies`.
     """
 
     distance: FloatArray
@@ -123,11 +124,12 @@ class ClearanceStack(ABC):
     bodies : ndarray of int, shape (m, 3)
         The two bodies of each pair, and the body in whose axes the nearest points are.
     largest : ndarray, shape (m,)
-        The largest distance of each pair in sample postures or the grasp pose [m]; infinite if unknown.
+        An estimate of the largest distance that each pair can reach, from sample postures or the grasp pose
+        [m]; infinite if unknown. It limits the safety margin of `opt.Clearance`.
     margins : ndarray, shape (m,)
         The obstacles' margins, which are subtracted from the pairs' distances [m].
     sizes : ndarray, shape (m, 2)
-        The largest distance of a point of each body from the body's origin [m].
+        An upper bound of the distance of a body's points from the body's origin [m]; not set for "points".
     reaches : ndarray, shape (m, n), or None
         An upper bound of the rate of each distance per unit rate of each joint [m/rad, or 1]; None if no
         bound is known.
@@ -136,7 +138,7 @@ class ClearanceStack(ABC):
     obstacles : tuple of Obstacle
         The obstacles, which are second bodies of pairs.
     tolerance : float
-        The violation up to which a clearance is taken as satisfied [m].
+        The violation up to which a clearance counts as satisfied [m]; may be negative.
     left_out : sequence of str
         The names of pairs that are nearer than the clearance by construction.
     """
@@ -161,11 +163,11 @@ class ClearanceStack(ABC):
         """Return the distances and nearest points at V entries (pair, configuration).
 
         `near` is a number or has shape (V,) [m]. A distance of `near` or more may be replaced by a lower
-        bound that is at least `near`.
+        bound that is at least `near`, without nearest points.
         """
 
     def refined(self, poses: Poses, where: Entries, values: FloatArray) -> FloatArray:
-        """Return the distances at entries (V,) with the highest accuracy available."""
+        """Return the distances (V,) at entries, refined from `values` (V,) if the stack has exact shapes."""
         return values
 
     def below(self, poses: Poses, near: FloatArray | float) -> tuple[Entries, Nearest]:
@@ -180,7 +182,7 @@ class ClearanceStack(ABC):
         return (columns[close], at[close]), Nearest(*(values[close] for values in nearest))
 
     def values(self, poses: Poses, near: FloatArray | float = np.inf) -> FloatArray:
-        """Return the distances (m, B) [m]; distances of `near` or more may be lower bounds.
+        """Return the distances (m, B) [m] of all pairs; distances of `near` or more may be lower bounds.
 
         `near` is a number or has shape (m,) [m].
         """
@@ -191,8 +193,8 @@ class ClearanceStack(ABC):
     def slopes(self, poses: Poses, where: Entries, nearest: Nearest) -> tuple[FloatArray, FloatArray]:
         """Return the gradients (n, V) of distances by the joint positions, and the nearest points (3, 3, V).
 
-        The base and the obstacles are at rest. The second array has, in base axes, the nearest points on the
-        first and the second body, and the normal.
+        The base and the obstacles are at rest. The first axis of the second array has the nearest points on
+        the first and the second body, and the normal, in the root frame.
         """
         columns, at = where
         return kernel.distance_slopes(self.arm.tree, poses.joints, self.bodies, columns, at, nearest.points)
@@ -204,7 +206,7 @@ class ClearanceStack(ABC):
         return columns, at
 
     def along(self, motions: JointMotion) -> Poses:
-        """Return the poses at the S K configurations of motions, in base axes."""
+        """Return the poses at the S K configurations of motions, relative to the root frame."""
         if not self.obstacles:
             return Poses.of(motions.joints)
         R, times = motions.base_attitude, np.tile(motions.time_offset + motions.times, motions.count)
@@ -212,7 +214,7 @@ class ClearanceStack(ABC):
         return self._among(motions.joints, times, R.reshape(3, 3, -1), root.reshape(3, -1))
 
     def at(self, q: FloatArray, time: float) -> Poses:
-        """Return the poses, in base axes, at one configuration q (nq,) and one time [s]."""
+        """Return the poses relative to the root frame at one configuration q (nq,) and one time [s]."""
         joints = self.sms.layout.positions(q)[:, None]
         if not self.obstacles:
             return Poses(joints)
@@ -220,7 +222,10 @@ class ClearanceStack(ABC):
         return self._among(joints, np.array([time]), R[..., None], q[:3, None])
 
     def between(self, motion: JointMotion, k: Indices, after: FloatArray) -> Poses:
-        """Return the poses of one motion, in base axes, at times `after` (V,) [s] after instants k (V,)."""
+        """Return the poses relative to the root frame at times `after` (V,) [s] after instants k (V,).
+
+        `motion` is a single motion. Its rates and the rotation of its base are interpolated.
+        """
         u, steps = motion.rates[:, 0], np.diff(motion.times)[k]
         slope = (u[:, k + 1] - u[:, k]) / steps
         joints = motion.joints[:, 0, k] + after * (u[:, k] + 0.5 * after * slope)
@@ -234,7 +239,7 @@ class ClearanceStack(ABC):
         return self._among(joints, motion.time_offset + (motion.times[k] + after), here, root)
 
     def _among(self, joints: FloatArray, times: FloatArray, R: FloatArray, root: FloatArray) -> Poses:
-        """Return the poses at times (B,) [s] relative to the root frames.
+        """Return the poses relative to the root frames at times (B,) [s].
 
         R (3, 3, B) and `root` (3, B) are the attitudes and positions of the root frames, inertial axes.
         """
@@ -251,10 +256,9 @@ class ClearanceStack(ABC):
 
 
 class PartPairs:
-    """A set of m pairs of bodies, each given by the parts of the first body and those of the second.
+    """A set of m pairs of bodies, each with the parts of the first and of the second body.
 
-    `bodies` (m, 2) are the indices of the two bodies; nearest points are in the axes of the first. For
-    `sizes` (m, 2) see `ClearanceStack`.
+    `bodies` (m, 2) are the indices of the two bodies; for `sizes` (m, 2) see `ClearanceStack`.
     """
 
     def __init__(self, arm: ArmStack, pairs: Sequence[tuple[list[Part], list[Part]]]) -> None:
@@ -285,10 +289,7 @@ class PartPairs:
         )
 
     def nearest(self, poses: Poses, where: Entries, near: FloatArray | float = np.inf) -> Nearest:
-        """Return distances as `ClearanceStack.nearest`, and nearest points in the first body's axes.
-
-        Points are set only for distances below `near`.
-        """
+        """Return distances as `ClearanceStack.nearest`, and nearest points in the first body's axes."""
         columns, at = where
         most = near if isinstance(near, np.ndarray) else np.full(columns.shape, near)
         distance, points, left = kernel.near_parts(self.arm.tree, *poses, columns, at, most, *self._table)
@@ -316,7 +317,7 @@ class PartPairs:
 
     @cached_property
     def reaches(self) -> FloatArray:
-        """The bounds `ClearanceStack.reaches` (m, n), for prismatic joints within their limits.
+        """The bounds `ClearanceStack.reaches` (m, n), for prismatic joints with finite limits.
 
         A joint between two bodies moves one body relative to the other. A revolute joint changes their
         distance at most by its displacement times the largest distance from the joint to a point of the body.
@@ -328,7 +329,7 @@ class PartPairs:
         steps = np.linalg.norm(arm.offset, axis=1) + np.where(arm.revolute, 0.0, slides)
         others = max(0, int(self.bodies.max(initial=-1)) + 1 - n)
         carried = np.vstack([arm.carries.T, np.zeros((others + 1, n))])
-        # Lengths of the stretched chain of links from each joint to each body, plus the size of the body.
+        # Lengths of the stretched chain of links from each body to each joint, plus the size of the body.
         chains = carried[self.bodies]
         lengths = np.abs(chains[:, :, None] - carried[None, None, :n]) @ steps
         lengths += np.where(self.bodies < n, self.sizes, np.inf)[..., None]
@@ -339,7 +340,7 @@ class PartPairs:
 def _around(parts: Sequence[Part]) -> list[float]:
     """Return a bounding ball and a bounding box with the same centre for all parts of a body.
 
-    The result has 17 numbers: the body's index, the centre, the radius, half the box's sides, and its axes.
+    The result has 17 numbers: body index, centre, radius, half sides and axes of the box.
     """
     reach = [np.abs(part.axes) @ part.half for part in parts]
     low = np.min([part.centre - far for part, far in zip(parts, reach, strict=True)], axis=0)
@@ -352,8 +353,9 @@ def _around(parts: Sequence[Part]) -> list[float]:
 def _hull(part: Part) -> tuple[FloatArray, list[float]]:
     """Return the corners (k, 3) of a part in its body's axes, and the ball or disc around each corner.
 
-    The last corner is repeated until k is a multiple of four. The second result has five numbers: the radius
-    of the ball, the radius of the disc, and the disc's axis. Both radii are zero for a polyhedron.
+    The last corner is repeated until k is a multiple of four; k is zero for a shape that the kernel cannot
+    measure. The second result has five numbers: the radius of the ball, the radius of the disc, and the
+    disc's axis. Both radii are zero for a polyhedron.
     """
     shape, local, ball, disc = part.shape, np.zeros((0, 3)), 0.0, 0.0
     if isinstance(shape, coal.Box):
@@ -401,7 +403,7 @@ def least_of(stack: ClearanceStack, motion: JointMotion, clearance: float, bindi
 class _Search:
     """A search for a distance below `floor`, and for instants with a distance below `near` [m].
 
-    A `place` is a position on the motion's time axis, in time steps: an integer is the index of an instant.
+    A `place` is a fractional index of an instant.
     """
 
     def __init__(self, stack: ClearanceStack, motion: JointMotion, poses: Poses, floor: float, near: float):
@@ -409,8 +411,8 @@ class _Search:
         self.floor, self.near, self.steps = floor, near, np.diff(motion.times)
         self.change = changes(stack, motion, poses)
         self.travel = np.pad(np.cumsum(self.change, axis=1), ((0, 0), (1, 0)))
-        # The poses between two instants assume a constant angular velocity of the base. The error of the
-        # angle is at most the change of the angular velocity times the time step over 8.
+        # Poses between two instants are interpolated with a constant angular velocity of the base. The error
+        # of the angle is at most the change of the angular velocity times the time step, divided by 8.
         turn = np.linalg.norm(np.diff(motion.base_angular_velocity[:, 0]), axis=0) * self.steps / 8.0
         self.bend = (stack.passes * (stack.arm.length + stack.sizes[:, 0]))[:, None] * turn
         # The least distance, its pair and place, and True if it is below `floor` with certainty.
@@ -418,7 +420,7 @@ class _Search:
         self.close = np.zeros(len(motion.times), dtype=bool)
 
     def least(self) -> Least:
-        """Return the least clearance, after halving intervals until every interval is decided."""
+        """Return the least clearance, after halving intervals until all are decided or `_MOST` is reached."""
         pairs, count = self.travel.shape
         cuts = np.append(np.arange(0, count - 1, _STRIDE), count - 1)
         pair, place = np.tile(np.arange(pairs), len(cuts)), np.repeat(cuts, pairs)
@@ -430,7 +432,7 @@ class _Search:
         while True:
             change = self.travelled(pair, spans[:, 1]) - self.travelled(pair, spans[:, 0])
             low, high = (0.5 * (spans[:, 2] + spans[:, 3] + side * change) for side in (-1.0, 1.0))
-            # Between two adjacent instants only `floor` is checked, not `near`.
+            # Between two adjacent instants, distances are compared with `floor` only, not with `near`.
             inside = spans[:, 1] - spans[:, 0] > 1.0
             sure = inside & (high < self.near) & (low >= self.worst[0])
             for first, last in spans[sure, :2].astype(np.intp):
@@ -457,12 +459,15 @@ class _Search:
         return Least(float(value), int(which), when, times[self.close], exact)
 
     def travelled(self, pair: Indices, place: FloatArray) -> FloatArray:
-        """Return bounds (V,) of the changes of the pairs' distances from the start to places (V,) [m]."""
+        """Return bounds (V,) of the changes of the pairs' distances from instant 0 to places (V,) [m]."""
         k = np.minimum(place.astype(np.intp), len(self.steps) - 1)
         return np.asarray(self.travel[pair, k] + (place - k) * self.change[pair, k])
 
     def measure(self, pair: Indices, place: FloatArray, near: FloatArray) -> FloatArray:
-        """Return the distances (V,) of pairs at places; distances above `near` (V,) may be lower bounds."""
+        """Return the distances (V,) of pairs at places.
+
+        Distances above `near` (V,), and all distances between instants, may be lower bounds.
+        """
         stack, k = self.stack, place.astype(np.intp)
         values, most, between = np.empty(len(pair)), np.empty(len(pair)), place > k
         for some in (np.flatnonzero(~between), np.flatnonzero(between)):

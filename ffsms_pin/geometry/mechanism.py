@@ -60,12 +60,12 @@ class ShapedMechanism(Mechanism):
 
     @property
     def joint_damping(self) -> FloatArray:
-        """The viscous friction (n,) of the joints, from the robot's file [N m s/rad or N s/m]."""
+        """The viscous friction (n,) of the joints, from the robot's model [N m s/rad or N s/m]."""
         return np.array(self.model.damping[6:])
 
     @property
     def joint_friction(self) -> FloatArray:
-        """The dry friction (n,) of the joints, from the robot's file [N m or N]."""
+        """The dry friction (n,) of the joints, from the robot's model [N m or N]."""
         return np.array(self.model.upperDryFrictionLimit[6:])
 
     def arm_stack(self, mode: str = "floating") -> ArmStack:
@@ -76,7 +76,7 @@ class ShapedMechanism(Mechanism):
     def _once(self, key: Any, make: Callable[[], _Made], of_shapes: bool = False) -> _Made:
         """Return the result of `make`, cached under `key`.
 
-        If `of_shapes` is True, the result depends on shapes alone, and copies of the robot with other masses
+        With `of_shapes`, copies of the robot with other masses, limits, actuators or another end effector
         share the result.
         """
         kept: dict[Any, _Made] = self._geometry if of_shapes else self._made
@@ -95,13 +95,12 @@ class ShapedMechanism(Mechanism):
         Returns
         -------
         pinocchio.GeometryModel
-            The geometry of `model`; create data with `pinocchio.GeometryData`. Copy the geometry before you
-            change it.
+            The geometry of `model`. Copy it before you change it.
 
         Raises
         ------
         GeometryError
-            A mesh is missing or cannot be read, or the model has no shapes.
+            A collision mesh is missing, a shape cannot be read, or the robot has no source of shapes.
         """
         one_of("kind", kind, ("visual", "collision"))
         if self.description is None:

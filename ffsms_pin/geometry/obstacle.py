@@ -41,7 +41,7 @@ class Obstacle:
     shape : coal.CollisionGeometry
         A `coal.Box`, `Sphere`, `Capsule`, `Cylinder`, `Ellipsoid`, `Cone`, `Convex`, or a convex mesh [m].
     pose : pinocchio.SE3 or array_like, shape (4, 4)
-        Pose of the shape in the frame that `on` selects. Default: the frame's origin and axes.
+        Pose of the shape in the frame that `on` selects. Default: the identity.
     on : "inertial", "base", or a client
         The frame to which the obstacle is fixed: the inertial frame, the robot's base link, or a client. A
         client is a `ffsms_pin.Client` or another object with `pose(t)` and
@@ -49,21 +49,22 @@ class Obstacle:
     margin : float
         Distance that is added to the clearance for this obstacle [m].
     name : str
-        Name in messages. Default: the kind of the shape and the obstacle's number in the list, such as
-        "box 2".
+        Name in messages. Default: the kind of the shape and the obstacle's number in the list of obstacles,
+        such as "box 2".
     grasp : pinocchio.SE3, optional
-        Pose of the end-effector frame at the grasp, in the frame that `on` selects. Shapes that are fixed to
-        the end-effector frame and nearer than the clearance in this pose may touch the obstacle. Default: all
+        Pose of the end-effector frame at the grasp, in the frame that `on` selects. Shapes on the body of the
+        end effector that are nearer than the clearance in this pose may touch the obstacle. Default: all
         shapes are kept clear of the obstacle.
     piece_of : Obstacle, optional
-        The whole obstacle, if this obstacle is a piece such as a wall of a nozzle. Only the shapes that may
-        touch the whole obstacle are kept clear of the piece. Their required distance is the clearance, or the
-        distance in the grasp pose minus 10 mm if that is smaller.
+        The whole obstacle, if this obstacle is a piece such as a wall of a nozzle; both need a `grasp`. Only
+        the shapes that may touch the whole obstacle are kept clear of the piece. Their required distance is
+        the clearance, or the distance in the grasp pose minus 10 mm if that is smaller.
 
     Raises
     ------
     InvalidValue
-        The shape is not convex, the pose is invalid, `on` is unknown, or the margin is negative.
+        The shape is not convex, a pose is invalid, `on` is unknown, the margin is negative, or a grasp is
+        missing.
     """
 
     shape: Any
@@ -102,10 +103,10 @@ class Obstacle:
         radius : float
             Radius [m].
         at : array_like, shape (3,) or (4, 4), or pinocchio.SE3
-            Position of the centre [m] (the shape then has the axes of the frame that `on` selects), or pose,
-            in the frame that `on` selects. Default: the origin.
+            Pose in the frame that `on` selects, or position of the centre [m], with axes parallel to those of
+            the frame. Default: the origin.
         **options
-            `on`, `margin` and `name`.
+            Other attributes, such as `on` and `margin`.
         """
         return cls(coal.Sphere(checks.positive("radius", radius, "m")), _centred("at", at), **options)
 
@@ -180,10 +181,10 @@ class Obstacle:
         Parameters
         ----------
         file : str or path
-            File of the mesh in metres, such as an STL or OBJ file. In a scenario file the path is relative
-            to the folder of the scenario file.
+            File of the mesh, such as an STL or OBJ file. In a scenario file the path is relative to the
+            folder of the scenario file.
         scale : float
-            Scale factor.
+            Scale factor from the units of the file to metres.
         at, **options
             As for `sphere`.
         """
@@ -200,12 +201,12 @@ class Obstacle:
 
     @property
     def on_base(self) -> bool:
-        """True if the obstacle moves with the robot's base."""
+        """True if the obstacle is fixed to the robot's base."""
         return isinstance(self.on, str) and self.on == "base"
 
     @property
     def moves(self) -> bool:
-        """True if the obstacle moves in inertial space independently of the robot."""
+        """True if the obstacle is fixed to a client."""
         return not isinstance(self.on, str)
 
     def track(self, times: checks.FloatArray) -> tuple[checks.FloatArray, checks.FloatArray]:
@@ -242,7 +243,7 @@ class Obstacle:
 
 
 def _centred(name: str, value: Any) -> Any:
-    """Return a pose (pinocchio.SE3) from a position (3,), with the identity as attitude, or from a pose."""
+    """Return a pose (pinocchio.SE3) from a position (3,) with identity rotation, or from a pose."""
     if isinstance(checks.from_homogeneous(name, value), pin.SE3):
         return checks.pose(name, value)
     return pin.SE3(np.eye(3), checks.vector(name, value, 3, "m"))
@@ -251,7 +252,7 @@ def _centred(name: str, value: Any) -> Any:
 def named(name: str, obstacles: Any) -> tuple[Obstacle, ...]:
     """Check obstacles, and return them with default names for obstacles without a name.
 
-    Raises `InvalidValue` if two obstacles have the same name.
+    Raises `InvalidValue` if `obstacles` is no sequence of obstacles, or two have the same name.
     """
     if not isinstance(obstacles, Sequence) or not all(isinstance(item, Obstacle) for item in obstacles):
         raise InvalidValue(name, obstacles, "must be a sequence of opt.Obstacle")

@@ -17,11 +17,13 @@ from ffsms_pin.geometry.obstacle import Obstacle, named
 from ffsms_pin.system.dynamics import frame_pose
 
 _STEPS, _FARTHEST = 40, 0.1  # steps of the search for a clear posture, and the largest step [rad or m]
-_BESIDE = 5e-3  # [m] distance that a step of the search adds to the requested distance
+_BESIDE = 5e-3  # [m] distance that the search adds to the requested distance
 
 
 class HeldClient:
-    """The shapes of a grasped client, and their distances to the servicer's bodies and to obstacles.
+    """The shapes of a grasped client, and the distances of client, servicer and obstacles.
+
+    The client is paired with all bodies of the servicer except the body that carries the end effector.
 
     Parameters
     ----------
@@ -32,8 +34,7 @@ class HeldClient:
     clearance, collision : float, str
         The requested distance [m] without the obstacles' margins, and the mode, as for `opt.Clearance`.
     q, pose : ndarray, shape (nq,), pinocchio.SE3
-        The configuration of the servicer at the grasp, and the pose of the client. The pairs include all
-        bodies of the servicer except the body that carries the end effector.
+        The configuration of the servicer at the grasp, and the pose of the client.
     obstacles : sequence of Obstacle
         The obstacles in inertial space and on the base.
     """
@@ -58,8 +59,8 @@ class HeldClient:
     def least(self, q: FloatArray) -> tuple[float, str]:
         """Return the least distance [m] at configurations (K, nq), and the name of its pair.
 
-        The distance is that of the client, minus the margin of the pair. If two bodies of the servicer are
-        nearer to each other than this distance and than the requested distance, their distance is returned.
+        The margins of the pairs are subtracted. A distance between two bodies of the servicer counts only if
+        it is smaller than the requested distance.
         """
         nearest = [(np.inf, "")]
         for stack in self._stacks:
@@ -73,10 +74,10 @@ class HeldClient:
         return min(nearest)
 
     def away(self, joints: FloatArray, more: float = 0.0) -> FloatArray:
-        """Return a posture (n,) near `joints` in which all distances are at least the requested distance.
+        """Search for a posture (n,) near `joints` with all distances 5 mm above the requested distance.
 
-        `more` [m] is added to the requested distance of the client. If the search fails, its last posture is
-        returned.
+        `more` [m] is added to the requested distance, except between two bodies of the servicer. If the
+        search fails, its last posture is returned.
         """
         limits, q = self._sms.limits, self._q.copy()
         for _ in range(_STEPS):
@@ -97,7 +98,7 @@ class HeldClient:
 
 
 class _HeldStack(BodyStack):
-    """The pairs of payload and robot, of robot and obstacles, and of payload and obstacles."""
+    """The pairs of robot and payload, of robot and obstacles, and of payload and obstacles."""
 
     def __init__(self, sms: ShapedMechanism, mode: str, held: list[Any], around: Sequence[Obstacle]) -> None:
         ClearanceStack.__init__(self, sms)

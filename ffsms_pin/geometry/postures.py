@@ -1,4 +1,4 @@
-"""The search for start postures without self-collision."""
+"""The random search for postures without self-collision."""
 
 from __future__ import annotations
 
@@ -15,8 +15,12 @@ def clear_postures(sms: ShapedMechanism, count: int, seed: int, clearance: float
     """Return k >= `count` random postures (k, n) whose bodies are at least `clearance` [m] apart.
 
     Blocks of 256 postures are drawn from the middle `share` of the joint ranges. The range of a revolute
-    joint is cut to half a turn each way. `InvalidValue` is raised if fewer than one posture in 64 blocks has
-    the clearance.
+    joint is limited to [-pi, pi].
+
+    Raises
+    ------
+    InvalidValue
+        Fewer than one posture in 64 blocks has the clearance, or the range of a joint is unbounded or empty.
     """
     block, blocks = 256, 64
     number("clearance", clearance)
@@ -33,8 +37,8 @@ def clear_postures(sms: ShapedMechanism, count: int, seed: int, clearance: float
     tried = 0
     while len(clear) < count:
         if tried == blocks * (len(clear) + 1):
-            message = f"is too large: {len(clear)} of {tried * block} postures have it; reduce it, or widen"
-            message += " the joint limits"
+            message = f"is too large: only {len(clear)} of {tried * block} postures have it; reduce it, or"
+            message += " widen the joint limits"
             raise InvalidValue("clearance", clearance, message)
         drawn = middle + half * rng.uniform(-1.0, 1.0, (block, sms.n))
         if stack is not None:

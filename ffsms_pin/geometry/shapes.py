@@ -50,8 +50,7 @@ class ShapeSource(ABC):
 class Description(ShapeSource):
     """The <robot> element of a URDF as the source of shapes.
 
-    Names of mesh files are relative to the folder of `path`; `package://` names are searched in
-    `package_dirs` first.
+    `find_mesh` finds mesh files relative to `path` and in `package_dirs`.
     """
 
     robot: Element
@@ -70,6 +69,11 @@ class Description(ShapeSource):
         With an SRDF the collision shapes have all collision pairs that the SRDF does not disable; without an
         SRDF there are no collision pairs. Missing visual meshes are left out, with a single warning
         (`FfsmsWarning`).
+
+        Raises
+        ------
+        GeometryError
+            A collision mesh is missing, or a shape or the SRDF cannot be read.
         """
         robot, count = self._shapes_alone(kind)
         type_ = pin.GeometryType.VISUAL if kind == "visual" else pin.GeometryType.COLLISION
@@ -92,8 +96,8 @@ class Description(ShapeSource):
     def _shapes_alone(self, kind: ShapeKind) -> tuple[Element, int]:
         """Return a <robot> with joints and the checked shapes of one kind only, and the number of shapes.
 
-        The shapes are checked because Pinocchio's parser drops unreadable shapes silently, which would hide
-        collisions. Other elements are removed because the parser prints messages about them to the terminal.
+        The shapes are checked because Pinocchio's parser silently drops shapes that it cannot read, which
+        would hide collisions. Other elements are removed because the parser prints messages about them.
         """
         robot = copy.deepcopy(bare(self.robot, kind))
         colours = {item.get("name"): item.find("color") for item in self.robot.findall("material")}
@@ -166,11 +170,12 @@ def shape_problem(shape: Element) -> str | None:
 
 
 def find_mesh(name: str, urdf: Path, package_dirs: tuple[Path, ...] = ()) -> Path | None:
-    """Return the absolute path of a mesh file that a URDF names, or None if it does not exist.
+    """Return the path of a mesh file that a URDF names, or None if it does not exist.
 
-    A plain name is relative to the URDF's folder. The package of a `package://` name is searched in
-    `package_dirs`, in the folders of ROS_PACKAGE_PATH, and in the URDF's folder and its parent folders. A
-    folder in `package_dirs`, or the URDF's folder or one of its parents, may also be the package itself.
+    A plain or `file://` name is relative to the URDF's folder. The package of a `package://` or `model://`
+    name is searched in `package_dirs`, in the folders of ROS_PACKAGE_PATH, and in the URDF's folder and its
+    parent folders. A folder in `package_dirs`, or the URDF's folder or one of its parents, may also be the
+    package itself.
     """
     name = name.replace("\\", "/").strip()
     if not name:
@@ -208,7 +213,7 @@ def _colour(shape: Element, colours: dict[str | None, Element | None]) -> Elemen
 class GivenShapes(ShapeSource):
     """The visual and collision shapes (pinocchio.GeometryModel) of a robot from a Pinocchio model.
 
-    The collision pairs of the shapes are not used. All pairs of bodies that no joint connects are checked.
+    Collision pairs of the shapes are ignored, because all pairs of bodies that no joint connects are checked.
     """
 
     visual: Any
@@ -221,7 +226,7 @@ class GivenShapes(ShapeSource):
         return shapes
 
     def __reduce__(self) -> tuple[Any, ...]:
-        # A copy reads each mesh from its file again, because a mesh is far larger than its path.
+        # Unpickling reads each mesh from its file, because a mesh is far larger than its path.
         return _rebuilt, tuple(_without_meshes(shapes) for shapes in (self.visual, self.collision))
 
 
@@ -231,7 +236,7 @@ def _in_file(item: Any) -> bool:
 
 
 def _without_meshes(shapes: Any) -> tuple[Any, list[int]]:
-    """Return a copy with points in place of meshes that come from files, and the indices of these meshes."""
+    """Return a copy with points in place of meshes from files, and the indices of these meshes."""
     light, meshes = shapes.copy(), [k for k, item in enumerate(shapes.geometryObjects) if _in_file(item)]
     for k in meshes:
         light.geometryObjects[k].geometry = coal.Sphere(0.0)
@@ -247,7 +252,10 @@ def _rebuilt(*light: tuple[Any, list[int]]) -> GivenShapes:
 
 
 def visual_shapes(sms: ShapedMechanism) -> Any:
-    """Return a robot's visual shapes (pinocchio.GeometryModel), or plain shapes if it has none."""
+    """Return a robot's visual shapes (pinocchio.GeometryModel), or plain shapes if it has none.
+
+    If the base has no visual shape, its box is added.
+    """
     shapes = pin.GeometryModel() if sms.description is None else sms.geometry("visual")
     if shapes.ngeoms == 0:
         return _plain_shapes(sms)
@@ -258,7 +266,7 @@ def visual_shapes(sms: ShapedMechanism) -> Any:
 
 
 def _plain_shapes(sms: ShapedMechanism) -> Any:
-    """Return shapes for a robot without visual shapes: the base as a box, the arm as capsules."""
+    """Return shapes for a robot without visual shapes: the base as a box, the links as capsules."""
     shapes = pin.GeometryModel()
     if sms.base_size is not None:
         shapes.addGeometryObject(_box(sms))
