@@ -1,4 +1,4 @@
-"""The classes `Fault` and `Change`, and the search for numbers in a URDF that readers drop or refuse."""
+"""Faults of a URDF and their repair, and the search for numbers that are not plain decimals."""
 
 from __future__ import annotations
 
@@ -17,7 +17,17 @@ from ffsms_pin.system.urdf_elements import INERTIA_KEYS, UNLIMITED, is_number, l
 
 @dataclass(frozen=True)
 class Change:
-    """A change by a repair: the link, joint or file, the problem, and the remedy."""
+    """A change that a repair made to a link, a joint or the file.
+
+    Attributes
+    ----------
+    where : str
+        The link, joint or file.
+    problem : str
+        The problem.
+    remedy : str
+        The change.
+    """
 
     where: str
     problem: str
@@ -29,7 +39,7 @@ class Change:
 
 @dataclass(frozen=True)
 class Fault:
-    """A fault or a doubtful statement in a file.
+    """A fault or a doubtful entry in a file.
 
     Attributes
     ----------
@@ -40,9 +50,9 @@ class Fault:
     blocks : bool
         True if `load` refuses the file because of the fault.
     remedy : str or None
-        The change that a repair makes; None if only the file's author can decide.
+        The change that a repair makes; None if the repair does not change it.
     mend : callable or None
-        The function that makes the change described by `remedy`.
+        The function that makes this change.
     """
 
     where: str
@@ -57,14 +67,14 @@ class Fault:
 
 @dataclass(frozen=True)
 class Settings:
-    """The file, and the limits of rate [rad/s, m/s] and effort [N m, N] for joints without limits."""
+    """The path of the file, and the rate [rad/s, m/s] and effort [N m, N] for joints without these limits."""
 
     path: Path
     rate: float
     effort: float
 
 
-# The numeric attributes of elements, and how many numbers each attribute has.
+# The numeric attributes of elements, and the number of values of each attribute.
 _ATTRIBUTES: dict[str, dict[str, int]] = {
     "mass": {"value": 1},
     "inertia": dict.fromkeys(INERTIA_KEYS, 1),
@@ -79,7 +89,7 @@ _ATTRIBUTES: dict[str, dict[str, int]] = {
     "sphere": {"radius": 1},
     "mesh": {"scale": 3},
 }
-# Elements whose unreadable numbers do not prevent `load` from loading the file.
+# Elements whose unreadable numbers are not reported as blocking.
 _NOT_READ = {"cylinder", "capsule", "sphere", "mesh", "mimic"}
 _COMMA = re.compile(r"[+-]?\d+,\d+", re.ASCII)
 _FORMULA = re.compile(r"(?:[\d.+\-*/() \t]|[eE](?=[+-]?\d)|math\.pi|M_PI|PI|pi)+", re.ASCII)
@@ -96,7 +106,7 @@ _LONGEST = 100
 
 
 def elements(robot: ElementTree.Element) -> Iterator[tuple[str, ElementTree.Element]]:
-    """Yield every link and joint with its label for messages."""
+    """Yield all links, then all joints, each with its label for messages."""
     for kind in ("link", "joint"):
         for item in robot.findall(kind):
             yield label(item), item
@@ -125,7 +135,7 @@ def faults_in(item: ElementTree.Element, where: str) -> Iterator[Fault]:
 
 
 def mended_number(text: str) -> str | None:
-    """Return the plain decimal number that `text` represents, or None if it is ambiguous.
+    """Return the plain decimal number that `text` represents, or None if it represents no finite number.
 
     Surrounding blanks, a decimal comma, and formulas of numbers and pi ("pi/2", "${-pi/4}") are accepted.
     """
@@ -157,9 +167,9 @@ def _value(node: ast.AST) -> float:
     raise ValueError
 
 
-def _mended(text: str, count: int, what: str) -> str | None:
+def _mended(text: str, count: int, attribute: str) -> str | None:
     if count == 1:
-        if what.startswith("limit") and text.strip().lower().lstrip("+-") in ("inf", "infinity"):
+        if attribute.startswith("limit") and text.strip().lower().lstrip("+-") in ("inf", "infinity"):
             return "-" + UNLIMITED if text.strip().startswith("-") else UNLIMITED
         return mended_number(text)
     for parts in (text.split(), text.replace(",", " ").split()):

@@ -13,11 +13,11 @@ from ffsms_pin.checks import FloatArray
 from ffsms_pin.inspection.faults import Fault, Settings
 from ffsms_pin.system import urdf_elements as urdf
 
-_ALUMINIUM = 2700.0  # [kg/m^3]
+_ALUMINIUM = 2700.0  # [kg/m^3] density
 
 
 def inertial_numbers(link: ElementTree.Element) -> tuple[float | None, FloatArray | None]:
-    """Return the mass [kg] and inertia (3, 3) [kg m^2] of a link; each is None if missing or not numeric."""
+    """Return the mass [kg] and inertia (3, 3) [kg m^2] of a link, each None if missing or not numeric."""
     mass, inertial = link.find("inertial/mass"), link.find("inertial")
     kilograms = None
     if mass is not None and urdf.is_number(mass.get("value", "")):
@@ -26,7 +26,7 @@ def inertial_numbers(link: ElementTree.Element) -> tuple[float | None, FloatArra
 
 
 def inertia_faults(robot: ElementTree.Element, settings: Settings) -> Iterator[Fault]:
-    """Find inertias that no rigid body has, and <inertial> elements that are incomplete."""
+    """Find negative masses, inertias that no rigid body has, and incomplete <inertial> elements."""
     for link in robot.findall("link"):
         inertial = link.find("inertial")
         if inertial is None:
@@ -70,13 +70,13 @@ def _tensor_faults(inertial: ElementTree.Element, tensor: FloatArray, where: str
 
 
 def mass_faults(robot: ElementTree.Element, settings: Settings) -> Iterator[Fault]:
-    """Find bodies without mass that move or are the base."""
+    """Find a base without mass, and moving bodies without mass; links fixed to each other are one body."""
     joints = robot.findall("joint")
     tree = [urdf.joint_of(joint) for joint in joints]
     carrier_of = {joint.child: (joint, item) for joint, item in zip(tree, joints, strict=True)}
     whole = all(joint.find(end) is not None for joint in joints for end in ("parent", "child"))
     if not whole or len(carrier_of) < len(joints):
-        return  # the links are no tree, which the strict check reports
+        return  # the links are not a tree; `refusal` reports this fault
     weights = {link.get("name", ""): inertial_numbers(link)[0] for link in robot.findall("link")}
     for name in weights:
         carrier, item = carrier_of.get(name, (None, None))
@@ -97,7 +97,7 @@ def mass_faults(robot: ElementTree.Element, settings: Settings) -> Iterator[Faul
 
 
 def thicken(robot: ElementTree.Element, group_of: str) -> Iterator[Fault]:
-    """Find the rods and point masses among the link `group_of` and the links that are fixed to it."""
+    """Find thin rods and point masses among the link `group_of` and the links that are fixed to it."""
     tree = map(urdf.joint_of, robot.findall("joint"))
     group = urdf.reached(group_of, (joint for joint in tree if not joint.moves))
     for link in robot.findall("link"):
@@ -122,6 +122,6 @@ def _not_definite(tensor: FloatArray) -> str:
 
 
 def solid_sphere(mass: float) -> FloatArray:
-    """Return the inertia (3, 3) [kg m^2] of a solid aluminium sphere."""
+    """Return the inertia (3, 3) [kg m^2] of a solid aluminium sphere with a mass [kg]."""
     radius = float((3.0 * mass / (4.0 * math.pi * _ALUMINIUM)) ** (1.0 / 3.0))
     return 0.4 * mass * radius**2 * np.eye(3)

@@ -1,4 +1,4 @@
-"""The search for faults of a URDF's name, root, joints and shapes, and for unused declarations."""
+"""The search for faults of a URDF's name, root, joints and shapes, and for unused elements."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def name_faults(robot: ElementTree.Element, settings: Settings) -> Iterator[Faul
 
 
 def root_faults(robot: ElementTree.Element, settings: Settings) -> Iterator[Fault]:
-    """Find floating joints, and chains of virtual joints that make the base float."""
+    """Find floating joints, and a chain of massless links that makes the base float."""
     items = robot.findall("joint")
     tree = [joint_of(item) for item in items]
     children, parents = {joint.child for joint in tree}, [joint.parent for joint in tree]
@@ -61,7 +61,7 @@ def root_faults(robot: ElementTree.Element, settings: Settings) -> Iterator[Faul
 
 
 def declaration_faults(robot: ElementTree.Element, settings: Settings) -> Iterator[Fault]:
-    """Find declarations that are not used, and a root link that is too light for a satellite."""
+    """Find elements that are not used, and a root link that is too light for a satellite."""
     for where, problem in unused_declarations(robot):
         yield Fault(where, problem, False)
     if reason := light_base(robot):
@@ -69,11 +69,11 @@ def declaration_faults(robot: ElementTree.Element, settings: Settings) -> Iterat
 
 
 def joint_faults(robot: ElementTree.Element, settings: Settings) -> Iterator[Fault]:
-    """Find joints that mimic other joints, joints without usable limits, and empty <dynamics>."""
+    """Find joints that mimic other joints, or have an invalid axis, invalid limits or an empty <dynamics>."""
     for joint in robot.findall("joint"):
         where = label(joint)
         if joint.get("type") not in MOVING or any(faults_in(joint, where)):
-            continue  # `number_faults` has reported the number
+            continue  # `number_faults` reports unreadable numbers
         mimic = joint.find("mimic")
         if mimic is not None:
             yield _mimic_fault(robot, joint, mimic, where)
@@ -142,7 +142,10 @@ def _limit_faults(
 
 
 def _is_wheel(robot: ElementTree.Element, joint: ElementTree.Element) -> bool:
-    """Return whether a joint's child is a wheel: on the base, balanced, and symmetric about the axis."""
+    """Return whether a joint's child is a reaction wheel.
+
+    A wheel is a single link on the base, balanced and symmetric about the joint's axis.
+    """
     tree = [joint_of(item) for item in robot.findall("joint")]
     own = joint_of(joint)
     roots = {link.get("name", "") for link in robot.findall("link")} - {other.child for other in tree}
@@ -174,7 +177,7 @@ def _mimic_fault(
     robot: ElementTree.Element, joint: ElementTree.Element, mimic: ElementTree.Element, where: str
 ) -> Fault:
     leaders = [other.get("name", "") for other in robot.findall("joint") if other is not joint]
-    blocks = mimic.get("joint", "") not in leaders  # if the leader exists, `load` itself locks the joint
+    blocks = mimic.get("joint", "") not in leaders  # if this joint exists, `load` locks the mimicking joint
     problem = f"it mimics '{mimic.get('joint', '')}', which is not supported"
     if _axis_length(joint) <= 1e-9:
         return Fault(where, problem, True)
@@ -184,7 +187,7 @@ def _mimic_fault(
 
 
 def shape_faults(robot: ElementTree.Element, settings: Settings) -> Iterator[Fault]:
-    """Find shapes that cannot be built, and missing meshes."""
+    """Find shapes that cannot be loaded, and missing meshes."""
     for where, item in elements(robot):
         for kind in ("visual", "collision"):
             for shape in item.findall(kind):
@@ -208,6 +211,6 @@ def _remove(robot: ElementTree.Element, items: list[ElementTree.Element]) -> Non
 
 
 def _axis_length(joint: ElementTree.Element) -> float:
-    """Return the length of a joint's axis."""
+    """Return the length of a joint's axis vector."""
     axis = joint.find("axis")
     return 1.0 if axis is None else math.hypot(*map(float, axis.get("xyz", "0 0 0").split()))

@@ -1,7 +1,7 @@
 """The functions `inspect` and `repair` for URDF files.
 
-The rules are applied in turn to a copy of the robot. A fault is repaired before the next rule is applied, so
-that the fault does not hide other faults.
+The rules are applied in turn to the parsed <robot>. Each fault is repaired before the next rule is applied,
+so that it does not hide other faults.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ from ffsms_pin.system.urdf_file import DEFAULT_EFFORT, DEFAULT_RATE, UrdfFile, l
 
 
 def thin_bodies(robot: ElementTree.Element, settings: Settings) -> Iterator[Fault]:
-    """Find rods and point masses that make the strict check refuse a body."""
+    """Find thin rods and point masses because of which `load` refuses a body."""
     refused = refusal(settings.path, robot)
     return thicken(robot, refused.link) if isinstance(refused, InvalidInertia) else iter(())
 
@@ -62,10 +62,10 @@ class Examination(NamedTuple):
 
 
 def examine(robot: ElementTree.Element, settings: Settings) -> Examination:
-    """Find the faults of a <robot>, and repair them in place if possible."""
+    """Find the faults of a <robot>, and repair it in place if possible."""
     faults: list[Fault] = []
     lasting: set[tuple[str, str]] = set()
-    # A repair may uncover another fault, such as a massless body that no longer carries a moving joint.
+    # A repair may cause another fault, such as a massless body that no longer carries a moving joint.
     for _ in range(len(robot) + 2):
         mends = 0
         for rule in _RULES:
@@ -73,7 +73,7 @@ def examine(robot: ElementTree.Element, settings: Settings) -> Examination:
                 if fault.mend is not None:
                     fault.mend()
                     mends += 1
-                elif (fault.where, fault.problem) in lasting:  # each pass finds a fault without repair again
+                elif (fault.where, fault.problem) in lasting:  # each pass finds faults without repair again
                     continue
                 else:
                     lasting.add((fault.where, fault.problem))
@@ -90,14 +90,14 @@ def examine(robot: ElementTree.Element, settings: Settings) -> Examination:
 def refusal(path: Path, robot: ElementTree.Element) -> FfsmsError | None:
     """Return the error that `load` raises for a robot, or None.
 
-    If no joint moves, return the error of `Client.from_urdf`. If there are several last links, the first of
-    them is taken as the end effector.
+    If no joint moves, return the error of `Client.from_urdf`. If the tree has several last links, the end
+    effector is the first of them.
     """
     try:
         copied = copy.deepcopy(robot)
         lenient(copied, path)
         urdf = UrdfFile(path, copied)
-        if not any(joint.moves for joint in urdf.joints):  # the file describes a client, a single rigid body
+        if not any(joint.moves for joint in urdf.joints):  # the file describes a client
             model_of(urdf)
             return None
         build(urdf, LoadOptions(next(iter(urdf.tips()), urdf.root)))
@@ -108,7 +108,7 @@ def refusal(path: Path, robot: ElementTree.Element) -> FfsmsError | None:
 
 @dataclass(frozen=True)
 class LinkReport:
-    """A link with the values of the file.
+    """The values of a link in the file.
 
     Attributes
     ----------
@@ -118,9 +118,9 @@ class LinkReport:
         Mass [kg]; None if it is missing or not a number.
     principal_inertias : tuple of float or None
         Principal inertias about the centre of mass, ascending [kg m^2]; None if they are missing or not
-        numbers.
+        numbers, or if the link has no mass.
     verdict : str
-        "valid", "frame" (a link without mass, which is valid if it is only a frame), or a short name of the
+        "valid", "valid for a thin rod or a point only", "frame" (a link without mass), or a short name of the
         fault.
     """
 
@@ -132,7 +132,7 @@ class LinkReport:
 
 @dataclass(frozen=True)
 class JointReport:
-    """A joint with the values of the file; a limit is the text in the file, or None if it is missing."""
+    """The values of a joint in the file; a limit is the text in the file, or None if it is missing."""
 
     name: str
     type: str
@@ -155,11 +155,12 @@ class Report:
     loads : bool
         True if `ffsms_pin.load` accepts the file, or `ffsms_pin.Client.from_urdf` if no joint moves.
     refusal : str or None
-        The message of the error that `load` or `Client.from_urdf` raises.
+        The message of the error that `load` or `Client.from_urdf` raises; None if there is none.
     repairable : bool
-        True if `repair` can write a file that loads.
+        True if `repair` can write a file that loads, also if the file already loads.
     moves : bool
-        True if any joint moves. If no joint moves, the file describes a client, a single rigid body.
+        True if any joint moves after a repair. If no joint moves, the file describes a client, a single rigid
+        body.
     links, joints : tuple of LinkReport, of JointReport
         The links and joints, in the order of the file.
     faults : tuple of Fault
@@ -188,9 +189,9 @@ def inspect(path: str | os.PathLike[str]) -> Report:
     Raises
     ------
     ModelNotFound
-        The file does not exist.
+        If the file does not exist.
     InvalidUrdf
-        The file cannot be read, or is not XML with a <robot> element.
+        If the file cannot be read, or is not XML with a <robot> element.
     """
     file = robot_file(path, "path")
     robot = read_robot(file)
@@ -238,18 +239,18 @@ def repair(
     rate: float = DEFAULT_RATE,
     effort: float = DEFAULT_EFFORT,
 ) -> list[Change]:
-    """Write a URDF that `ffsms_pin.load` accepts, and return the changes.
+    """Write a URDF that `ffsms_pin.load` or `ffsms_pin.Client.from_urdf` accepts, and return the changes.
 
-    The repair changes only faults that prevent loading, numbers that readers drop, and assumptions that
-    `load` makes with a warning. If a fault cannot be repaired from the file alone (a negative mass, a base
-    without mass, two roots), nothing is written.
+    The repair changes only faults that prevent loading, numbers that readers drop, entries for which `load`
+    makes an assumption with a warning, and mesh paths that are relative to the old folder. If a fault cannot
+    be repaired from the file alone (a negative mass, a base without mass, two roots), nothing is written.
 
     Parameters
     ----------
     path : str or path
-        The file to repair; it is not changed unless `out` is the same path.
+        A file, or the name of a packaged robot. The file is not changed unless `out` is the same path.
     out : str or path
-        The file to write; a comment at its beginning lists the changes.
+        The file to write. A comment at the beginning of its <robot> element lists the changes, if any.
     rate : float
         Rate limit for joints without a rate limit [rad/s or m/s].
     effort : float
@@ -258,14 +259,14 @@ def repair(
     Returns
     -------
     list of Change
-        The changes; empty if the file needs no repair.
+        The changes; empty if none is needed.
 
     Raises
     ------
     InvalidUrdf
-        A fault cannot be repaired.
+        If a fault cannot be repaired, or the file cannot be read.
     ModelNotFound, InvalidValue, ResultError
-        The file does not exist, `rate` or `effort` is invalid, or `out` cannot be written.
+        If the file does not exist, an argument is invalid, or `out` cannot be written.
     """
     if not isinstance(out, (str, os.PathLike)):
         raise InvalidValue("out", out, "must be a path")
@@ -289,7 +290,7 @@ def repair(
 
 
 def _move_meshes(robot: ElementTree.Element, source: Path, out: Path) -> list[Change]:
-    """Make mesh paths relative to the folder of `out` instead of the folder of `source`."""
+    """Make mesh paths relative to the folder of `out` instead of `source`, and return the changes."""
     moved: dict[Change, None] = {}
     for mesh in robot.iter("mesh"):
         name = mesh.get("filename", "")
