@@ -1,23 +1,23 @@
 """Functions for poses, inertia, momentum, accelerations, and the reaction of the base to joint motion.
 
 The inertia matrix M, N = [-M_b^-1 M_bm; I] and the velocity effects (the Coriolis and centrifugal force) are
-in Pinocchio's velocity coordinates: the base's velocity is that of the root frame, in its own axes. The
-reduced inertia matrix H_q and the reduced Coriolis and centrifugal torque C_q follow from N. They do not
-depend on the coordinates of the base's velocity. Twists are in inertial axes, ordered [linear; angular]. The
-reference points of the twists are the base body's centre of mass and the origin of the end-effector frame.
+in Pinocchio's velocity coordinates. The reduced inertia matrix H_q and the reduced Coriolis and centrifugal
+torque C_q follow from N and do not depend on the coordinates of the base's velocity. Twists are in inertial
+axes, ordered [linear; angular]. The reference points of the twists are the base body's centre of mass and the
+origin of the end-effector frame.
 
 No external force acts on a floating base, so the momentum of the system is constant. With Pinocchio's inertia
-matrix M = [[M_b, M_bm], [M_bm^T, M_m]], root velocity v_b and joint rates qd, the momentum about the root is
-h = M_b v_b + M_bm qd. Therefore
+matrix M = [[M_b, M_bm], [M_bm^T, M_m]], root velocity v_b and joint rates qd, the momentum about the root
+frame's origin is h = M_b v_b + M_bm qd in root axes. Therefore
 
     v_b = -M_b^-1 M_bm qd + M_b^-1 h.
 
-M and the matrices that are computed from M depend on the joint positions alone.
+M and the matrices that are computed from M alone depend on the joint positions only.
 
-Pinocchio's base velocity is that of the root frame's origin, in the root's own axes. The paper's is that of
-the base's centre of mass, in inertial axes. With R the base's attitude and c its centre of mass in the root
-frame, v_root = A x_b where x_b is the paper's base twist and A = [[R^T, [c]x R^T], [0, R^T]] is the action on
-motions of the rigid transformation (R^T, c).
+Pinocchio's base velocity v_b is that of the root frame's origin, in root axes. The paper's base twist x_b is
+that of the base's centre of mass, in inertial axes. With the base's attitude R and centre of mass c in the
+root frame, v_b = A x_b, where A = [[R^T, [c]x R^T], [0, R^T]] is the action on motions of the rigid
+transformation (R^T, c).
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ _AXES = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
 class Frame:
     """The pose and Jacobians of a frame at a state, in inertial axes.
 
-    The twists are those of the frame's origin, ordered [linear; angular].
+    The twists [linear; angular] are those of the frame's origin.
 
     Attributes
     ----------
@@ -82,9 +82,9 @@ def frame_pose(robot: Mechanism, q: FloatArray, frame: int | None = None) -> Any
 
 
 def frame_jacobian(robot: Mechanism, q: FloatArray, frame: int | None = None) -> FloatArray:
-    """Return the Jacobian (6, 6 + n) of a frame, by default of the end-effector frame.
+    """Return the Jacobian (6, 6 + n) from v to the twist of a frame, by default the end-effector frame.
 
-    The Jacobian maps Pinocchio's velocity v to the frame's twist in inertial axes.
+    The velocity v is in Pinocchio's coordinates, and the twist of the frame's origin in inertial axes.
     """
     frame = robot.frame_id if frame is None else frame
     return np.asarray(pin.computeFrameJacobian(robot.model, scratch(robot), at_origin(q), frame, _AXES))
@@ -101,7 +101,7 @@ def velocity_effects(robot: Mechanism, q: FloatArray, v: FloatArray) -> FloatArr
 
 
 def reduced_coriolis_matrix(robot: Mechanism, q: FloatArray, N: FloatArray, rates: FloatArray) -> FloatArray:
-    """Return the reduced Coriolis matrix C (n, n) [N m s], at joint rates (n,) and zero momentum.
+    """Return the reduced Coriolis matrix C (n, n) [N m s], from N (6 + n, n) and joint rates qd (n,).
 
     C qd = C_q if the total momentum is zero; dH_q/dt - 2 C is skew-symmetric at any momentum.
 
@@ -110,8 +110,8 @@ def reduced_coriolis_matrix(robot: Mechanism, q: FloatArray, N: FloatArray, rate
     N maps joint rates to Pinocchio's velocity v = N qd, and C_M is Pinocchio's Coriolis matrix. Then
     tau = N^T (M dv/dt + C_M v) = H_q qdd + N^T (M dN/dt + C_M N) qd with H_q = N^T M N. Only the base rows of
     N change, and N^T M is zero in the base's columns, so N^T M dN/dt = 0 and C = N^T C_M N. For the same
-    reason dH_q/dt = N^T (dM/dt) N. Hence dH_q/dt - 2 C = N^T (dM/dt - 2 C_M) N. It is skew-symmetric because
-    dM/dt - 2 C_M is skew-symmetric.
+    reason dH_q/dt = N^T (dM/dt) N. Hence dH_q/dt - 2 C = N^T (dM/dt - 2 C_M) N, which is skew-symmetric
+    because dM/dt - 2 C_M is skew-symmetric.
 
     Reference for C_M: S. Echeandia and P. M. Wensing, "Numerical methods to compute the Coriolis matrix and
     Christoffel symbols for rigid-body systems", Journal of Computational and Nonlinear Dynamics 16 (2021).
@@ -153,11 +153,10 @@ def bias_accelerations(
 ) -> tuple[FloatArray, FloatArray]:
     """Return the accelerations (6,) of a floating base and of the end effector at zero joint accelerations.
 
-    They are the time derivatives, in inertial axes, of the twists of the base's centre of mass and of the
-    end-effector frame's origin. The linear part is the classical acceleration of the point, not the spatial
-    acceleration. At zero momentum the accelerations are dC_bm/dt qd and dJ*/dt qd. The root's acceleration
-    follows from the base rows of the equations of motion without an external force. Forward kinematics then
-    gives both results.
+    The accelerations are the time derivatives, in inertial axes, of the twists of the base's centre of mass
+    and of the end-effector frame's origin. The linear parts are classical accelerations of these points, not
+    spatial accelerations. At zero momentum the results are dC_bm/dt qd and dJ*/dt qd. The root's acceleration
+    follows from the base rows of the equations of motion without an external force.
     """
     model, data = robot.model, scratch(robot)
     acceleration = np.zeros(robot.nv)
@@ -237,7 +236,7 @@ def mode_coupling(H_b: FloatArray, H_bm: FloatArray, mode: str) -> FloatArray:
 
 
 def mode_reaction(M: FloatArray, base_com: FloatArray, mode: str) -> FloatArray:
-    """Return the root's velocity per joint rate (6, n) in a mode, in root axes; see `mode_coupling`."""
+    """Return the root's velocity per joint rate (6, n) in a mode at zero momentum, in root axes."""
     if mode == "floating":
         return root_reaction(M)
     to_root = np.eye(6)  # maps a twist of the base's centre of mass, root axes, to the root's velocity
@@ -260,7 +259,7 @@ def root_drift(M: FloatArray, q: FloatArray, momentum: FloatArray, mode: str = "
 
 
 def whole_body(M: FloatArray) -> Any:
-    """Return the inertia (pinocchio.Inertia) of the system with locked joints in the root frame, from M_b.
+    """Return the inertia (pinocchio.Inertia) of the system with locked joints, in the root frame, from M.
 
     M_b = [[m 1, -m [c]x], [m [c]x, I - m [c]x [c]x]], where m is the mass, c the centre of mass, and I the
     inertia about c.

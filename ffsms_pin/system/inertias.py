@@ -1,4 +1,4 @@
-"""Functions that refuse, keep or repair an inertia that no rigid body has."""
+"""Functions that refuse, keep or repair inertias that no rigid body has."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ Inertias = Literal["check", "keep", "repair"]
 
 
 def settle(model: str | Path, body: str, tensor: FloatArray, inertias: Inertias) -> tuple[FloatArray, str]:
-    """Return the inertia (3, 3) [kg m^2] to use for a body, and the text of a warning or "".
+    """Return the inertia (3, 3) [kg m^2] to use for a body, and a text for `settled`, "" for a valid inertia.
 
-    `model` and `body` are the names of the robot (or its file) and of the link for error messages.
+    For error messages, `model` is the name of the robot or its file, and `body` is the name of the body.
 
     Raises
     ------
     InvalidInertia
-        The inertia is refused.
+        The inertia has a fault that `inertias` does not allow.
     """
     problem = urdf.inertia_problem(tensor)
     if problem and inertias == "repair":
@@ -35,7 +35,7 @@ def settle(model: str | Path, body: str, tensor: FloatArray, inertias: Inertias)
 
 
 def settled(changes: Mapping[str, str], inertias: Inertias) -> str:
-    """Return the sentence of a warning; `changes` maps names of bodies to the texts of `settle`."""
+    """Return a sentence for a warning; `changes` maps the names of bodies to the texts of `settle`."""
     message = "principal inertias [kg m^2] set to the nearest that a rigid body can have:"
     if inertias == "keep":
         message = "inertias that break the triangle inequality, which no rigid body has, are kept as"
@@ -45,10 +45,10 @@ def settled(changes: Mapping[str, str], inertias: Inertias) -> str:
 
 
 def positive(tensor: FloatArray) -> FloatArray:
-    """Return the nearest positive definite inertia (3, 3) [kg m^2] of a rigid body.
+    """Return the inertia (3, 3) [kg m^2] of a rigid body that is nearest to `tensor` and positive definite.
 
-    The nearest inertia may be that of a thin rod, with one zero principal inertia. It is then replaced by an
-    inertia with small positive principal second moments.
+    If the result of `nearest_inertia` has a zero principal inertia, such as that of a thin rod, the principal
+    second moments are raised to a small positive minimum.
     """
     nearest = urdf.nearest_inertia(tensor, 0.0)
     principal = np.linalg.eigvalsh(nearest)

@@ -1,4 +1,4 @@
-"""The classes `Mechanism` (a model with a free-flyer root), `JointLayout` and `RobotLimits`."""
+"""The classes `Mechanism` (a Pinocchio model with a free-flyer root), `JointLayout` and `RobotLimits`."""
 
 from __future__ import annotations
 
@@ -37,13 +37,13 @@ from ffsms_pin.system.urdf_elements import tool_among
 from ffsms_pin.threads import Unchanging
 
 FOUR_TURNS = 25.2  # [rad] a larger position limit of a revolute joint is read as no limit
-# A URDF has no acceleration limits. The paper's limits are 28.65 deg/s^2 and 22.92 deg/s.
+# URDFs have no acceleration limits; the ratio is that of the paper's limits, 28.65 deg/s^2 and 22.92 deg/s.
 ACCELERATION_PER_VELOCITY = 1.25  # [1/s]
 _LAST = (pin.FrameType.BODY, pin.FrameType.OP_FRAME)
 
 
 class JointUnit(NamedTuple):
-    """A display unit, and the number of these units in one radian or metre."""
+    """A unit for display, and the factor from radians or metres to the unit."""
 
     name: str
     factor: float
@@ -149,7 +149,7 @@ class JointLayout:
         return np.where(self.continuous, wrapped, difference)
 
     def check_circles(self, name: str, q: FloatArray) -> None:
-        """Check that the cosine and sine of every continuous joint in q (nq,) have unit norm."""
+        """Check that the cosine and sine of every continuous joint in q (nq,) have unit norm to 1e-6."""
         for k, circle, joint in zip(self.index, self.continuous, self.names, strict=True):
             if circle and abs(np.hypot(q[k], q[k + 1]) - 1.0) > 1e-6:
                 part = f"{name}[{k}:{k + 2}], the cosine and sine of joint '{joint}',"
@@ -157,7 +157,10 @@ class JointLayout:
 
     @staticmethod
     def body_name(model: Any, joint: int) -> str:
-        """Return the name of the first link on a joint, or the joint's name if no link is on it."""
+        """Return the name of the first link or other frame on a joint, or the joint's name if there is none.
+
+        Frames with the name of a joint do not count.
+        """
         for frame in model.frames:
             if frame.parentJoint == joint and frame.name not in model.names:
                 return str(frame.name)
@@ -168,9 +171,9 @@ class JointLayout:
 class RobotLimits:
     """The limits of a robot's n joints, each an array of shape (n,); infinite if there is no limit.
 
-    URDFs contain various large numbers that mean "no limit". A limit above 1e12 becomes infinite. In a robot,
-    a position limit of a revolute joint beyond four turns becomes infinite, too. A limit of rate,
-    acceleration or torque below 1e-12 is refused, because no joint could move.
+    URDFs contain various large numbers that mean "no limit". A limit whose magnitude is above 1e12 becomes
+    infinite. In a robot, a position limit of a revolute joint beyond four turns becomes infinite, too. Limits
+    of rate, acceleration and torque below 1e-12, and lower limits not below the upper limits, are refused.
 
     Attributes
     ----------
@@ -220,10 +223,9 @@ class RobotLimits:
 
 
 def limits_of(model: Any, layout: JointLayout, acceleration: ArrayLike | None) -> RobotLimits:
-    """Return the limits of a Pinocchio model's joints.
+    """Return the limits of the joints of a Pinocchio model.
 
-    `acceleration` is the argument of `SpaceManipulator`. By default the acceleration limits are proportional
-    to the rate limits.
+    `acceleration` is the argument of `SpaceManipulator`; None means 1.25 /s times the rate limits.
     """
     unlimited, index = np.where(layout.continuous, np.inf, 0.0), layout.index
     lower, upper = model.lowerPositionLimit[index] - unlimited, model.upperPositionLimit[index] + unlimited
@@ -238,9 +240,9 @@ def limits_of(model: Any, layout: JointLayout, acceleration: ArrayLike | None) -
 
 
 def within_turns(limits: RobotLimits, turns: NDArray[np.bool_]) -> RobotLimits:
-    """Return the limits, with infinite position limits in place of limits beyond four turns.
+    """Return the limits, with infinite position limits in place of those beyond four turns.
 
-    Only the limits of joints for which `turns` (n,) is True are replaced.
+    Only the limits of revolute joints, for which `turns` (n,) is True, are replaced.
     """
     lower, upper = (
         np.where(turns & (np.abs(bound) > FOUR_TURNS), np.copysign(np.inf, bound), bound)
@@ -263,8 +265,8 @@ def _entries(name: str, value: Any) -> FloatArray:
 class Mechanism(Unchanging):
     """An immutable model with a free-flyer root and an end-effector frame.
 
-    The functions of `ffsms_pin.system.dynamics` take a mechanism as first argument. Users work with the
-    subclass `SpaceManipulator`.
+    Functions of `ffsms_pin.system.dynamics` take a mechanism. Users work with the subclass
+    `SpaceManipulator`.
 
     Attributes
     ----------
@@ -311,7 +313,7 @@ class Mechanism(Unchanging):
         Raises
         ------
         AmbiguousEndEffector
-            The robot has several last links, and no end effector was chosen (`with_end_effector`).
+            The robot has several last frames, and no end effector was chosen (`with_end_effector`).
         """
         if self._end_effector is None:
             raise AmbiguousEndEffector(self.end_effectors)
@@ -331,11 +333,18 @@ class Mechanism(Unchanging):
 
     @property
     def end_effectors(self) -> list[str]:
-        """The names of the end-effector frame and of the other arms' last frames."""
+        """The names of the last frames of the arms, see `last_frames`.
+
+        If the end-effector frame is on the last joint of an arm, it replaces the last frame of that arm.
+        """
         return last_frames(self.model, self._frame_id)
 
     def checked_configuration(self, name: str, q: ArrayLike) -> FloatArray:
-        """Check the shape, finite values and unit quaternion of `q` and return a copy (nq,)."""
+        """Check a configuration and return a copy (nq,).
+
+        The numbers must be finite. The quaternion, and the cosine and sine of each continuous joint, must
+        have unit norm to 1e-6.
+        """
         if np.asarray(q, dtype=object).shape == (self.n,):
             text = f"must have {self.nq} entries, the base first; sms.configuration(joints) returns them"
             raise InvalidValue(name, q, f"{text} for {self.n} joint positions")
@@ -350,7 +359,7 @@ class Mechanism(Unchanging):
 
 
 class _Scratch(threading.local):
-    """The Pinocchio data of a model, a separate object in each thread."""
+    """The Pinocchio data of a model, one object per thread."""
 
     def __init__(self, model: Any) -> None:
         self.data = model.createData()
@@ -359,8 +368,8 @@ class _Scratch(threading.local):
 def _check_bodies(model: Any, layout: JointLayout) -> None:
     """Check the bodies of a model.
 
-    Raises `InvalidInertia` for an inertia that no rigid body has, or for a body that makes the inertia matrix
-    singular; `InvalidUrdf` if two joints are too far apart.
+    Raises `InvalidInertia` for a mass, inertia or centre of mass that no rigid body has, or for a body that
+    makes the inertia matrix singular; `InvalidUrdf` if the joint of a body with mass is too far away.
     """
     for j in range(1, model.njoints):
         body = model.inertias[j]
@@ -385,10 +394,10 @@ def _check_bodies(model: Any, layout: JointLayout) -> None:
 
 
 def _carried(model: Any, j: int) -> bool:
-    """Return whether the inertia matrix stays regular although the body of joint j has no mass.
+    """Return whether the inertia matrix is regular although the body of joint j has no mass.
 
-    The joints from j to the next body with a mass must move that body independently. Two coaxial revolute
-    joints or two parallel prismatic joints do not.
+    The joints from j to the next body with a mass must move that body independently, unlike two coaxial
+    revolute joints or two parallel prismatic joints.
     """
     carried = [k for k in range(j + 1, model.njoints) if model.parents[k] == j]
     if len(carried) != 1:
@@ -425,8 +434,8 @@ def scratch(robot: Mechanism) -> Any:
 def last_frames(model: Any, chosen: int | None = None) -> list[str]:
     """Return the names of the last frames of the arms, which are on joints that carry no other joint.
 
-    If such a joint has several last frames, the result has the frame with index `chosen` if that frame is on
-    the joint, else the frame with a tool's name, else all last frames of the joint.
+    For each such joint the result has the frame with index `chosen` if that frame is on the joint, else the
+    last frame if it is the only one or the one with a tool's name, else all last frames of the joint.
     """
     carriers = set(model.parents)
     onward = {frame.parentFrame for frame in model.frames}
@@ -445,7 +454,10 @@ def last_frames(model: Any, chosen: int | None = None) -> list[str]:
 
 
 def frame_index(model: Any, name: str) -> int:
-    """Return the index of the frame `name`; a link has precedence over a joint with the same name."""
+    """Return the index of the frame `name`; a link has precedence over a joint with the same name.
+
+    Raises `FrameNotFound` if no frame on the base or an arm has this name.
+    """
     frames = [(i, frame) for i, frame in enumerate(model.frames) if frame.parentJoint > 0]
     named = [(i, frame) for i, frame in frames if isinstance(name, str) and frame.name == name]
     if not named:

@@ -35,7 +35,8 @@ class MomentumFilter:
     Attributes
     ----------
     sums : ndarray, shape (k + 7, k + 7)
-        The sums Z^T W Z of the equations Z (6, k + 7), with columns for x, p and 1, and their weights W.
+        The sum of Z^T W Z over the samples, with the equations Z (6, k + 7), whose columns belong to x, p and
+        1, and their weights W (6, 6).
     samples : int
         The number of samples.
     """
@@ -57,7 +58,10 @@ class MomentumFilter:
         self._model, self._data = robot.model, robot.model.createData()
 
     def linearise_about(self, robot: Mechanism, x: FloatArray) -> None:
-        """Compute h from `robot`, whose parameters are those of the first model plus `basis` x."""
+        """Compute h of later samples from `robot`, whose parameters are those of the model plus `basis` x.
+
+        The unknowns x (k,) of the equations remain relative to the first model.
+        """
         self._use(robot)
         self._offset = x
 
@@ -78,8 +82,9 @@ class MomentumFilter:
     ) -> tuple[FloatArray, FloatArray]:
         """Return the equations Z (6, k + 7) of a sample, and the momentum map (6, 6 + n) of the model.
 
-        The momentum is about the origin of q (nq,), in inertial axes, ordered [linear; angular]. `spins` (3,)
-        is the sum of the wheels' spin momenta in the base's axes [N m s]. The next call overwrites Z.
+        The momentum is about the origin of the inertial frame of q (nq,), in inertial axes, ordered [linear;
+        angular]. `spins` (3,) is the sum of the wheels' spin momenta in base axes [N m s]. The next call
+        overwrites Z.
         """
         data, Z, Y, wide = self._data, self._Z, self._local, self._wide
         A, _ = self.momentum_map(q)
@@ -105,7 +110,7 @@ class MomentumFilter:
     def slopes(self, q: FloatArray, A: FloatArray) -> FloatArray:
         """Return the derivatives (k + 7, 6, 6 + n) of the equations with respect to the velocity.
 
-        `A` (6, 6 + n) is the momentum map at q.
+        `A` (6, 6 + n) is the momentum map at q. The term due to `linearise_about` is not included.
         """
         model, data = self._model, self._data
         pin.computeJointJacobians(model, data, q)
@@ -120,7 +125,7 @@ class MomentumFilter:
         return rows
 
     def add(self, Z: FloatArray, weight: FloatArray) -> None:
-        """Add the equations Z (6, k + 7) of a sample with `weight` (6, 6), zero for unused rows."""
+        """Add the equations Z (6, k + 7) of a sample with `weight` (6, 6), whose unused rows are zero."""
         self.sums += Z.T.dot(weight.dot(Z))
         self.samples += 1
         self._count += int(np.count_nonzero(weight.diagonal()))
@@ -151,7 +156,7 @@ class MomentumFilter:
         return int(np.count_nonzero(np.diag(self.sums)[-7:-1]))
 
     def without_momentum(self, at_rest: bool) -> FloatArray:
-        """Return the sums (k + 1, k + 1) for x and 1: with p = 0 if `at_rest`, otherwise with the best p."""
+        """Return the sums (k + 1, k + 1) for x and 1, with p = 0 if `at_rest`, else the least-squares p."""
         sums, rest, k = self.sums, self._rest, self.basis.shape[1]
         own = sums[np.ix_(rest, rest)]
         if at_rest:

@@ -34,9 +34,9 @@ def inertial_parameters(robot: Mechanism) -> FloatArray:
 
 
 def pseudo_inertia(parameters: FloatArray) -> FloatArray:
-    """Return the pseudo-inertia (4, 4) of a body's inertial parameters (10,).
+    """Return the pseudo-inertia [[S, m c], [m c^T, m]] (4, 4) of a body's inertial parameters (10,).
 
-    It is [[S, m c], [m c^T, m]] with the second moments S = tr(I) / 2 - I.
+    S = tr(I) / 2 - I are the second moments of mass about the frame's origin.
     """
     m, cx, cy, cz, xx, xy, yy, xz, yz, zz = parameters.tolist()
     half = 0.5 * (xx + yy + zz)
@@ -118,7 +118,7 @@ class MovingFrames(NamedTuple):
 
 
 def moving_frames(robot: Mechanism, q: FloatArray, v: FloatArray) -> list[MovingFrames]:
-    """Return the motions of all bodies' frames, the base first, in states q (N, nq) and v (N, 6 + n)."""
+    """Return the motion of each body's frame, the base first, at states q (N, nq) and v (N, 6 + n)."""
     model, layout = robot.model, robot.layout
     q, v = q.T, v.T
     frames = [MovingFrames(rotations(q[3:7]), q[:3], v[:3], v[3:6])]

@@ -20,7 +20,7 @@ class State(Unchanging):
     """The kinematics and dynamics of the system at one (q, v), in the paper's convention.
 
     Quantities are in inertial axes, with twists and momenta ordered [linear; angular]; the reference point of
-    the base is the base body's centre of mass. Each quantity is computed at its first use and kept read-only.
+    the base is the base body's centre of mass. Each array is computed at its first use and kept read-only.
     `SpaceManipulator.at` returns a state; the formulas are in `ffsms_pin.system.dynamics`.
 
     Attributes
@@ -47,7 +47,7 @@ class State(Unchanging):
     def __repr__(self) -> str:
         return f"State of '{self._robot.model.name}': joints {np.array2string(self.q[7:], precision=4)}"
 
-    # -- intermediate results, in Pinocchio's velocity coordinates
+    # -- intermediate results
     @cached_property
     def _M(self) -> FloatArray:
         return frozen(dynamics.inertia_matrix(self._robot, self.q))
@@ -114,7 +114,7 @@ class State(Unchanging):
         return frozen(self._J_e.dot(self._N))
 
     def frame(self, name: str) -> dynamics.Frame:
-        """Return the pose and Jacobians of a frame of the robot, given the name of a link or a joint.
+        """Return the pose and Jacobians of the frame `name` of the robot, such as that of a link or a joint.
 
         Raises
         ------
@@ -271,7 +271,7 @@ class State(Unchanging):
         Raises
         ------
         InvalidValue
-            The length is not above zero, the point is not three numbers, or `rows` is unknown.
+            The length is not above zero, the point is not three finite numbers, or `rows` is unknown.
         """
         offset = np.zeros(3)
         if reference is not None:

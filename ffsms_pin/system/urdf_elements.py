@@ -1,6 +1,6 @@
 """Functions that read, change and write the XML elements of a URDF, and checks of inertias.
 
-A number that is not decimal, not finite or too large raises an error that names the element.
+A number that is not decimal, not finite or too large raises `Unreadable`, whose text names the attribute.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ from ffsms_pin.files import read_content
 UNLIMITED = "1.7976931348623157e+308"
 MOVING = ("revolute", "continuous", "prismatic")  # the types of joint that have a degree of freedom
 
-# Endings of the names of tool frames, in order of preference. Examples: "tool0" and "hand_tcp" (first entry),
-# "ee_link" (second entry), "left_hand" (third entry).
+# Endings of the names of tool frames, in order of preference, such as "tool0" and "hand_tcp" (first entry),
+# "ee_link" (second entry) and "left_hand" (third entry).
 _ENDINGS = (r"tool\d*|tcp", r"eef?|end[_\-. ]?effector", r"hand")
 _TOOL_NAMES = [
     re.compile(rf"(.*[_\-.\s/])?({ending})([_\-.]?(link|frame|site))?", re.IGNORECASE) for ending in _ENDINGS
@@ -42,7 +42,7 @@ ROUNDING = 1e-6  # relative error of numbers in files, which are rounded to few 
 
 
 class Unreadable(ValueError):
-    """The error about an unreadable element; callers put the name of the link or joint before its text."""
+    """An unreadable element; callers put the name of the link or joint before the error's text."""
 
 
 class Joint(NamedTuple):
@@ -72,7 +72,7 @@ def label(item: Element) -> str:
 
 
 def read_robot(path: Path) -> Element:
-    """Return the <robot> element of a file; comments are kept."""
+    """Return the <robot> element of a file, with comments."""
     parser = ElementTree.XMLParser(target=_Builder(insert_comments=True))
     try:
         robot = ElementTree.fromstring(read_content(path), parser)
@@ -95,7 +95,8 @@ def number_of(
 ) -> float:
     """Return the number in an element's attribute `key`, or `default` if the attribute is missing.
 
-    Raises `Unreadable` if the attribute and the default are both missing.
+    Raises `Unreadable` if the attribute is not a number of magnitude `largest` or less, or if the attribute
+    and the default are both missing.
     """
     text = element.get(key)
     if text is not None:
@@ -117,7 +118,7 @@ def triple_of(
 
 
 def origin_of(parent: Element, largest: float = LARGEST_POSITIVE) -> Any:
-    """Return the pose (pinocchio.SE3) of an element's <origin>; the identity if it has none."""
+    """Return the pose (pinocchio.SE3) of an element's <origin>; the identity if there is none."""
     origin = parent.find("origin")
     xyz, rpy = (triple_of(origin, key, largest=largest) for key in ("xyz", "rpy"))
     return pin.SE3(pin.rpy.rpyToMatrix(rpy), xyz)
@@ -135,8 +136,8 @@ def _parse(text: str, key: str, largest: float) -> float:
 def tool_among(frames: Sequence[str]) -> str | None:
     """Return the end effector among the last frames of one body, or None if no frame can be chosen.
 
-    The only frame of a body is chosen. Of several frames, the frame whose name has the most preferred ending
-    is chosen, unless several names have this ending.
+    A single frame is chosen. Of several frames, the frame whose name has the most preferred ending of a tool
+    frame is chosen, unless several names have this ending.
     """
     if len(frames) == 1:
         return frames[0]
@@ -147,7 +148,7 @@ def tool_among(frames: Sequence[str]) -> str | None:
 
 
 class _Builder(ElementTree.TreeBuilder):
-    """A builder of elements that limits their depth and number."""
+    """A builder of elements that limits the depth and number of elements."""
 
     depth = count = 0
 
@@ -180,10 +181,10 @@ def reached(start: str, joints: Iterable[Joint]) -> set[str]:
 
 
 def bare(robot: Element, part: str) -> Element:
-    """Return a copy of a <robot> with its joints, and with only elements of the tag `part` in its links.
+    """Return a <robot> with the joints of `robot`, and with only elements of the tag `part` in its links.
 
     Other elements are left out because Pinocchio's parser prints messages about them to the terminal. The
-    copied elements are not checked.
+    children of links and joints are shared with `robot`.
     """
     copy, kept = Element("robot", robot.attrib), {"link": (part,), "joint": ("parent", "child", "origin")}
     for item in robot:
@@ -201,7 +202,7 @@ def spelt(numbers: object) -> str:
 def fix_joint(joint: Element, position: float) -> None:
     """Turn a revolute, continuous or prismatic joint into a fixed joint at `position` [rad or m].
 
-    The links keep their masses; elements of moving joints (axis, limits, <mimic>) are removed. If the axis or
+    Elements of moving joints (axis, limits, <mimic>) are removed. If `position` is not zero and the axis or
     origin of the joint cannot be read, `Unreadable` is raised and the joint is not changed.
     """
     if position != 0.0:
@@ -221,7 +222,7 @@ def fix_joint(joint: Element, position: float) -> None:
 
 
 def tensor_of(inertial: Element) -> FloatArray | None:
-    """Return the inertia (3, 3) [kg m^2] of an <inertial>; None if missing, not numeric or too large."""
+    """Return the inertia (3, 3) [kg m^2] of an <inertial>; None if it is missing, not numeric or >= 1e30."""
     element = inertial.find("inertia")
     if element is None or not all(is_number(element.get(key, "")) for key in INERTIA_KEYS):
         return None
@@ -232,14 +233,14 @@ def tensor_of(inertial: Element) -> FloatArray | None:
 
 
 def set_inertia(inertial: Element, tensor: FloatArray) -> None:
-    """Write an inertia (3, 3) [kg m^2] into an <inertial>."""
+    """Write an inertia (3, 3) [kg m^2] into the <inertia> of an <inertial>, which is added if missing."""
     element = _child(inertial, "inertia")
     for key, place in INERTIA_KEYS.items():
         element.set(key, spelt(tensor[place]))
 
 
 def add_origin(parent: Element, pose: Any) -> None:
-    """Write a pose (pinocchio.SE3) into an element's <origin>, which is added if it is missing."""
+    """Write a pose (pinocchio.SE3) into an element's <origin>, which is added if missing."""
     origin = _child(parent, "origin")
     origin.set("xyz", spelt(pose.translation))
     origin.set("rpy", spelt(pin.rpy.matrixToRpy(pose.rotation)))
@@ -259,7 +260,10 @@ def add_inertial(link: Element, mass: float, com: object, tensor: FloatArray) ->
 
 
 def inertia_problem(tensor: FloatArray) -> str | None:
-    """Return the fault of an inertia (3, 3) [kg m^2], "negative" or "triangle"; None for a valid one."""
+    """Return the fault of an inertia (3, 3) [kg m^2], "negative" or "triangle"; None without a fault.
+
+    Violations within the rounding of numbers in files (`ROUNDING`) do not count.
+    """
     a, b, c = (float(x) for x in np.linalg.eigvalsh(tensor))
     rounding = ROUNDING * max(abs(a), abs(c))
     if a < -rounding:
@@ -268,10 +272,10 @@ def inertia_problem(tensor: FloatArray) -> str | None:
 
 
 def nearest_inertia(tensor: FloatArray, least: float) -> FloatArray:
-    """Return the inertia (3, 3) [kg m^2] nearest to `tensor` with principal second moments >= `least`.
+    """Return the inertia (3, 3) [kg m^2] with principal second moments >= `least` nearest to `tensor`.
 
-    The second moments of mass are tr(I) / 2 - I. Their principal values are positive for a rigid body with
-    volume.
+    The second moments of mass are S = tr(I) / 2 - I; their principal values are positive for a rigid body
+    with volume. The distance is the Frobenius norm of the change of S, not of I.
     """
     moments = 0.5 * np.trace(tensor) * np.eye(3) - tensor
     values, axes = np.linalg.eigh(moments)
@@ -281,14 +285,14 @@ def nearest_inertia(tensor: FloatArray, least: float) -> FloatArray:
 
 
 def principal_text(tensor: FloatArray) -> str:
-    """Return the principal inertias in ascending order as text for messages."""
+    """Return the principal inertias of a tensor (3, 3) as text, in ascending order."""
     return ", ".join(f"{x:.6g}" for x in np.linalg.eigvalsh(tensor))
 
 
 def refusal(tensor: FloatArray, any_tensor: bool = False) -> str:
     """Return the reason to refuse an inertia (3, 3) [kg m^2], with the remedy; "" if it is accepted.
 
-    With `any_tensor` the inertia may break the triangle inequality.
+    If `any_tensor` is True, the inertia may break the triangle inequality.
     """
     a, b, c = (float(x) for x in np.linalg.eigvalsh(tensor))
     problem = inertia_problem(tensor)

@@ -1,9 +1,9 @@
-"""Functions that complete and check a URDF; Pinocchio's parser ignores many faults silently.
+"""Functions that complete and check a URDF, because Pinocchio's parser ignores many faults silently.
 
-Published URDFs lack data that their authors' tools do not need, mostly joint limits. `lenient`
-adds these data, locks joints, fixes joints that mimic others, and treats inertias that no rigid body has. It
-changes the <robot> element and returns sentences for warnings. Texts that are not numbers stay; `UrdfFile`
-checks them and names the element in its error.
+Published URDFs lack data that their authors' tools do not need, mostly joint limits. `lenient` adds limits,
+locks joints, fixes joints that mimic others, and keeps or repairs inertias that no rigid body has. It changes
+the <robot> element and returns sentences for warnings. Texts that are not numbers stay; `UrdfFile` checks
+them and names the link or joint in its error.
 
 A file with unused declarations or wrong units loads, but the robot differs from the intended robot: a xacro
 macro that was not expanded adds no mass, a misspelt element is ignored, and limits in degrees are read as no
@@ -27,7 +27,7 @@ from ffsms_pin.system.inertias import Inertias, settle, settled
 from ffsms_pin.system.urdf_elements import is_number, joint_of, label, reached
 
 # Limits of joints without limits in the file; the rate is typical of arms in space and in laboratories.
-DEFAULT_RATE = 0.5  # [rad/s]
+DEFAULT_RATE = 0.5  # [rad/s or m/s]
 DEFAULT_EFFORT = 100.0  # [N m or N]
 
 _XACRO = re.compile(r"\{[^}]*xacro[^}]*\}(.*)")
@@ -43,10 +43,10 @@ _PARTS = {
     },
     "inertial": {"origin", "mass", "inertia"},
 }
-# Limits between _TURNS (four turns in radians) and _MOST_DEGREES look like degrees. Larger limits mean "no
-# limit".
+# Position limits above _TURNS (four turns in radians) up to _MOST_DEGREES look like degrees. Larger limits
+# mean "no limit".
 _TURNS, _MOST_DEGREES = 25.2, 720.0
-_SHARE = 1.0 / 3.0  # a root link with less than this share of the total mass is taken for the foot of an arm
+_SHARE = 1.0 / 3.0  # a root link with less than this share of the total mass looks like the base of an arm
 _MOST_NAMES = 6  # names listed in a sentence
 _UNITS = {"velocity": "rad/s", "effort": "N m"}
 _LIMITED = {"revolute", "prismatic"}
@@ -59,10 +59,10 @@ def lenient(
     inertias: Inertias = "check",
     overridden: Collection[str] = (),
 ) -> list[str]:
-    """Prepare a <robot> for the strict check; return a sentence on each kind of assumption.
+    """Prepare a <robot> in place for the checks of `UrdfFile`; return a sentence on each kind of assumption.
 
-    `locked` maps names of joints to the positions at which they are fixed [rad or m]; `overridden` names the
-    limits ("velocity", "effort") that arguments of the caller replace for all joints.
+    `locked` maps names of joints to the positions [rad or m] at which they are fixed. `overridden` names the
+    limits ("velocity", "effort") that the caller replaces later for all joints.
     """
     sentences = [*_lock(robot, path, locked or {}), *_fill_limits(robot, overridden)]
     return sentences if inertias == "check" else [*sentences, *_inertias(robot, path, inertias)]
@@ -94,7 +94,9 @@ def _lock(robot: Element, path: Path, locked: Mapping[str, float]) -> list[str]:
         try:
             urdf.fix_joint(moving[name], place)
         except urdf.Unreadable:
-            message = f"joint '{name}' cannot be locked: its axis or its origin is not three numbers"
+            message = (
+                f"joint '{name}' cannot be locked: its axis is zero, or axis or origin is not three numbers"
+            )
             raise InvalidUrdf(path, message) from None
     message = "joints that mimic a moving joint cannot follow it; they are locked at their offset:"
     return [f"{message} {', '.join(sentences)}"] if sentences else []
@@ -103,9 +105,10 @@ def _lock(robot: Element, path: Path, locked: Mapping[str, float]) -> list[str]:
 def _leader(
     moving: Mapping[str, Element], name: str, locked: Mapping[str, float]
 ) -> tuple[str, float, float]:
-    """Return the joint at the end of a chain of <mimic>, and the total multiplier and offset.
+    """Return the joint that the joint `name` follows by <mimic>, and the total multiplier and offset.
 
-    If the chain is a loop or has an unreadable number, the joint itself is returned.
+    A chain of <mimic> is followed to its end or to the first locked joint. If the chain is a loop or has an
+    unreadable number, `name` is returned.
     """
     start, factor, offset, passed = name, 1.0, 0.0, {name}
     while name in moving and name not in locked:
@@ -182,7 +185,7 @@ def unused_declarations(robot: Element) -> Iterator[Unused]:
     for where, lower, upper in _degrees(robot):
         problem = f"its limits of {lower:g} to {upper:g} rad look like degrees; limits beyond four turns are"
         radians = f"lower={math.radians(lower):.6g}, upper={math.radians(upper):.6g}"
-        yield Unused(where, f"{problem} read as no limits; in radians they are {radians}")
+        yield Unused(where, f"{problem} read as no limits; if they are in degrees, write {radians}")
 
 
 def declaration_warnings(robot: Element) -> Iterator[str]:
@@ -245,9 +248,10 @@ def _listed(names: list[str]) -> str:
 
 
 def light_base(robot: Element) -> str:
-    """Return a sentence if the root link, which is read as the satellite, is light for a satellite; else "".
+    """Return a sentence if the root link is too light for a satellite, else "".
 
-    The caller appends a call that mounts the arm on a satellite.
+    The mass of the root link includes the links that are fixed to it. The caller completes the sentence with
+    a call that mounts the arm on a satellite.
     """
     masses = {item.get("name", ""): _mass(item) for item in robot.iterfind("link")}
     joints = [joint_of(item) for item in robot.iterfind("joint")]
@@ -268,8 +272,8 @@ def light_base(robot: Element) -> str:
 def virtual_base(robot: Element) -> list[Element]:
     """Return the links and joints of a chain of massless links that makes the base float, or an empty list.
 
-    In files for simulators without a free-flyer, two or three prismatic and one to three revolute joints
-    connect the root to the first link with a mass.
+    In files for simulators without a free-flyer, two or three prismatic and one to three revolute or
+    continuous joints connect the root to the first link with a mass.
     """
     items = {item.get("name", ""): item for item in robot.iterfind("link")}
     joints = [(item, joint_of(item)) for item in robot.iterfind("joint")]
@@ -309,7 +313,10 @@ _Read = TypeVar("_Read")
 
 
 class Link(NamedTuple):
-    """The mass of a link [kg], and the edges [m] and pose of the first box among its shapes, or None."""
+    """The mass [kg] of a link, and the edges [m] and pose of its first collision box or else visual box.
+
+    The mass is None without an <inertial>, and edges and pose are None without a box.
+    """
 
     mass: float | None
     box: tuple[FloatArray, Any] | None
@@ -318,10 +325,11 @@ class Link(NamedTuple):
 class UrdfFile:
     """A checked URDF file: its links by name, its joints, and its root link, the satellite's base.
 
-    `robot` is the <robot> element if it differs from the file at `path`. With `any_tensor` inertias may
-    violate the triangle inequality. Raises `InvalidUrdf` for faults of XML, numbers, limits and the tree of
-    links, `InvalidInertia` for a mass or an inertia that no rigid body has, and `UnsupportedJoint` for a
-    joint that is not fixed, revolute, continuous or prismatic.
+    `robot` is the <robot> element if it differs from the file at `path`. If `any_tensor` is True, inertias
+    may violate the triangle inequality. Raises `InvalidUrdf` for faults of XML, numbers, limits and the tree
+    of links, `InvalidInertia` for a mass or an inertia that no rigid body has and for a moving body without a
+    mass, and `UnsupportedJoint` for a joint of another type than fixed, revolute, continuous or prismatic,
+    for a joint with <mimic>, and for joints that make the base float.
     """
 
     def __init__(self, path: Path, robot: Element | None = None, any_tensor: bool = False) -> None:
@@ -453,7 +461,9 @@ def _check_axis_and_limits(item: Element, kind: str) -> None:
     lower, upper = (urdf.number_of(limit, key, 0.0, math.inf) for key in ("lower", "upper"))
     if kind in _LIMITED and lower == upper:
         if not {"lower", "upper"} & set(limit.attrib):
-            raise urdf.Unreadable("has a <limit> without lower and upper: write both, or make it continuous")
+            raise urdf.Unreadable(
+                "has a <limit> without lower and upper: write both, or make a revolute joint continuous"
+            )
         wheel = f"a reaction wheel is named in load(..., wheels=['{item.get('name', '')}'])"
         message = "has equal lower and upper limits of"
         raise urdf.Unreadable(f"{message} {lower:g}: make the joint fixed, or widen the limits; {wheel}")
