@@ -228,10 +228,10 @@ def other_motion(
 
     `mass` [kg] and `inertia` (3, 3) [kg m^2], if given, replace the body's mass and inertia without a check.
     """
-    made, tensor = copy(body), body.inertia if inertia is None else frozen(inertia)
+    moved, tensor = copy(body), body.inertia if inertia is None else frozen(inertia)
     start, motion = checks.pose("pose", pose), checks.vector("twist", twist, 6)
     checks.set_frozen(
-        made,
+        moved,
         mass=body.mass if mass is None else float(mass),
         inertia=tensor,
         start_pose=start,
@@ -239,7 +239,7 @@ def other_motion(
         _rotation=torque_free(tensor, np.array(start.rotation), motion[3:]),
         _cache={},
     )
-    return made
+    return moved
 
 
 def carried(pose: Any, twist: FloatArray, frame: Any) -> tuple[Any, FloatArray]:
