@@ -19,9 +19,9 @@ from ffsms_pin.opt.step.state import StepState
 class AlphaBox(Inequality):
     """The paper's |alpha_i| <= 1, with joint rates = V alpha.
 
-    Single steps always have this limit, as in the paper. Whole motions have it if it is among the problem's
-    limits. V is orthogonal, so the limit bounds the joint rate in each principal direction of the coupling by
-    1 rad/s.
+    By default single steps have this limit, as in the paper. Whole motions have it if it is among the
+    problem's limits. V is orthogonal, so the limit bounds the joint rate in each principal direction of the
+    coupling by 1 rad/s.
     """
 
     name = "alpha box"
@@ -33,7 +33,7 @@ class AlphaBox(Inequality):
         """Return the slack of each |alpha_i| <= 1.
 
         The slopes of alpha_i with respect to joint rates are the column v_i of V. The v_i are eigenvectors of
-        C^T C with eigenvalues lambda_i, where C = C_bm. The differential dv_i is the sum over j of
+        C^T C with eigenvalues lambda_i, where C = C_bm. The differential dv_i is the sum over j != i of
         v_j (v_j^T d(C^T C) v_i) / (lambda_i - lambda_j).
         """
         rates, C = m.rollouts.rates, m.rollouts.arm.coupling
@@ -46,7 +46,7 @@ class AlphaBox(Inequality):
             CV = np.einsum("kmb,bmi->kib", C, V)
             s = np.pad(sigma, ((0, n - len(sigma)), (0, 0)))
             difference = s[:, None] - s
-            # The sum excludes j = i, and directions with equal singular values.
+            # The sum also excludes directions with equal singular values.
             gap = np.where(np.abs(difference) <= 1e-8 * s[0], np.inf, difference * (s[:, None] + s))
             along = np.einsum("bmj,ijb->imb", V, alpha / gap)
             slope = np.einsum("kib,imb->ikmb", CV, along)
@@ -61,15 +61,16 @@ class AlphaBox(Inequality):
     def rows(self, step: StepState) -> Rows:
         """Return the rows -1 <= V^T u <= 1 of the paper.
 
-        V rotates from step to step, so fast joint rates that were inside the box may now be outside. If
-        the rates at the step's end are inside the box after the hardest braking, the rows are hard.
-        Otherwise the slack of the step (`Step.slack`) relaxes the rows as little as possible.
+        V rotates from step to step, so fast joint rates that were inside the box may now be outside. The rows
+        are hard if the norm of the present rates is at most 1 rad/s, or if the rates after the hardest
+        braking satisfy the rows. Otherwise the slack of the step (`Step.slack`) relaxes them as little as
+        possible.
         """
         ones = np.ones(step.sms.n)
-        # V is orthogonal, so all rates within the ball of radius 1 are in the box.
+        # V is orthogonal, so rates with a norm of at most 1 are in the box.
         slow = step.rates.dot(step.rates) <= 1.0
         kept = slow or np.abs(step.V.T.dot(np.clip(0.0, *step.bounds))).max() <= 1.0
-        # With this softness [rad/m] the clearances, which share the slack, are relaxed by centimetres per
+        # With the softness of 10 rad/m the clearances, which share the slack, are relaxed by centimetres per
         # second at most. A violation still costs several times its benefit in speed or direction.
         return Rows(step.V.T, -ones, ones, 0.0 if kept else 10.0)
 
@@ -89,7 +90,7 @@ class AlphaBox(Inequality):
         return Violation(largest - 1.0, binds, _note(largest))
 
     def violation_in_flight(self, motion: RecordedRollouts) -> Violation:
-        """Return the largest excess of |alpha_i| over 1, zero if control errors may cause it."""
+        """Return the largest excess of |alpha_i| over 1; zero if it is at most `RATE_MARGIN`."""
         largest = 1.0 - float(self.slacks(Variables(motion)).value.min())
         return Violation(largest - 1.0, note=_note(largest)) if largest > 1.0 + RATE_MARGIN else Violation()
 

@@ -16,8 +16,8 @@ from ffsms_pin.opt.rollouts import Rollouts
 from ffsms_pin.options import Angle, Bound, Unit
 
 _UNITS = {"attitude": "rad", "attitude_rate": "rad/s", "translation": "m", "final_attitude": "rad"}
-# [rad] The scale of a smaller bound on a rotation is computed from this value. Otherwise the penalty for
-# a bound of 0.1 degree would be too stiff during a search.
+# [rad] The least bound from which the scale of a rotation's residual is computed. Otherwise the penalty for a
+# bound of 0.1 degree would be too stiff during a search.
 _NARROW = 0.02
 _STEP_SHARE = 0.03  # safety margin of single steps as a share of a limit, for the motion within a step
 
@@ -27,8 +27,8 @@ class _Most(Inequality):
 
     margin = SCALE * SHARE
     largest_extra_margin = 0.0  # because the violation of `BaseLimits` may be of another quantity
-    softness = 0.1  # [rad/m] stiffer than a clearance, because the base rotates far less than the arm moves
-    trusted = 0.02  # [rad/s] rate at which a base rotation is assumed to be reversible before the deadline
+    softness = 0.1  # [rad/m] less than for a clearance, because the base rotates far less than the arm moves
+    trusted = 0.02  # [rad/s] the rate at which a step may assume that later steps reduce a base rotation
 
     def __init__(self, name: str, most: float) -> None:
         self.name, self.most, self.unit = name, most, _UNITS[name]
@@ -43,10 +43,10 @@ class _Most(Inequality):
         if self.name == "attitude_rate":
             return self.most - m.base_angular_velocity.norm()
         allowed: Any = self.most
-        if self.name == "final_attitude":  # active at the deadline; the bound of steps decreases before it
-            if m.step is None:
+        if self.name == "final_attitude":
+            if m.step is None:  # active at the deadline only
                 allowed = np.where(m.rollouts.times >= m.duration, self.most, math.inf)[None]
-            else:  # active from ten steps before the deadline
+            else:  # the bound decreases until ten steps before the deadline
                 allowed = self.most + self.trusted * np.maximum(m.duration - 10.0 * m.step.dt - m.time, 0.0)
         return allowed - m.base.angle_from(m.rollouts.rotation_start)
 
@@ -67,7 +67,7 @@ class BaseLimits(AllOf):
     """
 
     attitude: Annotated[Bound, Angle("rad")] = math.inf
-    """The largest rotation of the base from its attitude at the start, at any time."""
+    """The largest rotation of the base from its attitude at the start, during the whole motion."""
     attitude_rate: Annotated[Bound, Angle("rad/s")] = math.inf
     """The largest angular speed of the base."""
     translation: Annotated[Bound, Unit("m")] = math.inf
@@ -96,7 +96,7 @@ class BaseLimits(AllOf):
     def in_braking(self) -> BaseLimits | None:  # type: ignore[override]  # a class attribute in `Limit`
         """The limit while the arm brakes, because rows of a step do not bound null-space accelerations.
 
-        The limit's margin is half of the rows' margin. The limit does not include `final_attitude`.
+        The margin of this limit is half of the margin of the rows. `final_attitude` is not included.
         """
         share = 1.0 - 0.5 * _STEP_SHARE
         most = [share * bound for bound in (self.attitude, self.attitude_rate, self.translation)]
@@ -116,5 +116,5 @@ class BaseLimits(AllOf):
         return SpeedBound(np.zeros(1), speed[None], np.array([self.attitude_rate]), np.array([math.inf]))
 
     def joined(self, notes: list[str]) -> str:
-        """Return the message for a motion that violates the limit."""
+        """Return the message for a motion that violates some of the bounds."""
         return f"the base limit is violated: {'; '.join(notes)}"

@@ -1,4 +1,4 @@
-"""The limit on distances within the arm, to the base and to obstacles."""
+"""The limit on distances within the arm, from the arm to the base, and from both to obstacles."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.system.batch.stacks import apply, cross, dot
 
 _BODY_MARGIN = 3e-3  # [arm lengths] safety margin between bodies, see `Clearance.margin`
-_BINDING = 1e-3  # [m] the limit is active up to this distance beyond its margin
+_BINDING = 1e-3  # [m] the limit is active if a distance exceeds clearance and margin by less than this
 _STEP = 1e-3  # [s] step of finite differences for the velocity of a moving obstacle
 
 
@@ -35,7 +35,8 @@ class Clearance(Limit):
     Raises
     ------
     InvalidValue
-        If the collision mode is unknown, or the clearance is no number.
+        If the collision mode is unknown, the clearance is not a number, or an obstacle or the payload is
+        invalid.
     """
 
     clearance: Annotated[NotNegative, Unit("m")] = 0.01
@@ -49,12 +50,12 @@ class Clearance(Limit):
     from the lines between them."""
     margin: float = 0.01
     """The safety margin of whole motions during a search [arm lengths], in addition to the clearance. With
-    shapes it is 3e-3, because neighbouring bodies are close in every posture."""
+    "hulls" or "shapes" it is 3e-3, because neighbouring bodies are close in every posture."""
     obstacles: Sequence[Obstacle] = ()
     """The obstacles."""
     payload: tuple[Any, Any] | None = None
-    """The grasped convex shape, and its pose (pinocchio.SE3) in the end-effector frame. The clearance
-    of the body that carries the shape also applies to the shape."""
+    """The grasped convex shape (coal), and its pose (pinocchio.SE3) in the end-effector frame. The shape
+    becomes a part of the body that carries the end effector."""
     name = "clearance"
     rate, step_margin, softness = 2.0, 2e-3, 1.0
     blocks = True
@@ -99,8 +100,8 @@ class Clearance(Limit):
         """Return distances minus the clearance (c, S, K) of all pairs, a variable for each stack."""
         return [self._slack(stack, m) for stack in self._stacks]
 
-    # The class does not inherit `rows`, `residual` and `violation` from `opt.Inequality`, because the
-    # evaluation of near pairs alone is much faster.
+    # The class does not derive `rows`, `residual` and `violation` from the slack, as `opt.Inequality` does,
+    # because the evaluation of near pairs alone is much faster.
 
     def _slack(self, stack: ClearanceStack, m: Variables) -> Variable:
         poses = stack.along(m.rollouts)
@@ -129,7 +130,7 @@ class Clearance(Limit):
             if stack.obstacles and stack.passes.any():
                 moved = _Passing(stack, step, poses)
                 closing += moved.fastest(fastest)
-            # Beyond this distance no row can be active, even at the fastest joint rates.
+            # At larger distances a row is satisfied even at the fastest joint rates.
             near = kept + closing / self.rate
         every = stack.every(poses)
         nearest = stack.nearest(poses, every, near)
@@ -141,10 +142,10 @@ class Clearance(Limit):
         return Rows(G, least, np.full(len(least), UNBOUNDED), self.softness)
 
     def residual(self, m: Variables) -> list[Variable]:
-        """Return the violation of the clearance and its margin, in arm lengths."""
+        """Return the violation of clearance plus margin by the pairs below it, in arm lengths."""
         length, required, residuals = m.stack.length, self.clearance + m.extra_margin, []
         for stack in self._stacks:
-            # Bodies that are close in every posture cannot have the full margin.
+            # Bodies that are close in every posture have a smaller margin.
             kept = np.minimum(required + self.margin * length, 0.5 * (required + stack.largest))
             poses = stack.along(m.rollouts)
             entries, nearest = stack.below(poses, kept)
@@ -157,7 +158,7 @@ class Clearance(Limit):
         return residuals
 
     def violation(self, motion: Rollouts) -> Violation:
-        """Return the largest violation at nodes and midpoints, and for shapes at all times between them."""
+        """Return the largest violation at nodes and midpoints and, except for "points", between them."""
         near = self.margin * motion.stack.length + _BINDING
         minima = [(least_of(stack, motion, self.clearance, near), stack) for stack in self._stacks]
         if not minima:
@@ -179,18 +180,18 @@ class Clearance(Limit):
         return kept._replace(amount=amount, note=note, overlap=overlap)
 
     def violation_in_flight(self, motion: RecordedRollouts) -> Violation:
-        """Return no violation, because `flown.judge` checks the least clearance of all pairs."""
+        """Return no violation, because `opt.flown.judge` checks the least clearance of all pairs."""
         return Violation()
 
 
 def _slopes(
     stack: ClearanceStack, m: Variables, poses: Poses, entries: Entries, nearest: Nearest
 ) -> dict[str, FloatArray]:
-    """Return the slopes (..., V) of distances at V entries; an entry is a pair of bodies at an instant."""
+    """Return the slopes (..., V) of the distances of V entries, each a pair of bodies at an instant."""
     gradients, placed = stack.slopes(poses, entries, nearest)
     slopes = {"by_joints": gradients}
     if stack.obstacles:
-        # The nearest point of the body moves with the base, the nearest point of the obstacle does not.
+        # The nearest point of the body moves with the base, that of an obstacle in space does not.
         R = m.rollouts.base_attitude.reshape(3, 3, -1)[..., entries[1]]
         normal = stack.passes[entries[0]] * apply(R, placed[2])
         lever = apply(R, placed[0] - m.rollouts.stack.base_com[:, None])
@@ -201,7 +202,7 @@ def _slopes(
 
 
 class _Passing:
-    """The motion of obstacles relative to the base in a step, due to the motions of both."""
+    """The motion of obstacles relative to the base in a step, due to the motions of base and obstacles."""
 
     def __init__(self, stack: ClearanceStack, step: StepState, poses: Poses) -> None:
         index = stack.bodies[:, 1] - stack.sms.n
@@ -217,7 +218,7 @@ class _Passing:
             self._rotating = (after.turns - before.turns)[:, :, index, 0] / (2.0 * _STEP)
 
     def fastest(self, rates: FloatArray) -> FloatArray:
-        """Return upper bounds (m,) [m/s] on the speeds of obstacles in base axes, for joint rates (n,)."""
+        """Return bounds (m,) [m/s] on the speeds of obstacles in base axes, for absolute `rates` (n,)."""
         linear, angular = (np.linalg.norm(part, axis=0) for part in (self._base[:3], self._base[3:]))
         away = np.linalg.norm(self._origins, axis=0) + self._far
         speeds = (linear + away[:, None] * angular) @ np.append(rates, 1.0)
@@ -226,7 +227,10 @@ class _Passing:
         return np.asarray(self._passes * (speeds + own))
 
     def slopes(self, placed: FloatArray) -> FloatArray:
-        """Return the rates of distances (m, n + 1) per joint rate; the last column is for joints at rest."""
+        """Return the rates of distances due to the motions of base and obstacles (m, n + 1) per joint rate.
+
+        The last column is the rate with the joints at rest.
+        """
         here, _, normal = placed
         by = -np.concatenate([normal, cross(here, normal)]).T @ self._base
         by[:, -1] += self.own_slopes(placed)

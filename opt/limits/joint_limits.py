@@ -1,4 +1,4 @@
-"""The limits of the joints' positions, rates and accelerations."""
+"""The limits of joint positions, rates and accelerations."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from ffsms_pin.system import RobotLimits
 
 @dataclass(frozen=True)
 class JointLimits(Limit):
-    """The robot's joint limits (`sms.limits`), at every instant and not only at nodes.
+    """The limits of joint positions, rates and accelerations (`sms.limits`) at every instant.
 
     In a step the limits are bounds on the joint rates. In a whole motion they are hard constraints on the
     control points of the spline, so the residual is empty.
@@ -32,7 +32,7 @@ class JointLimits(Limit):
         return replace(self, joint_bounds=sms.limits)
 
     def rows(self, step: StepState) -> Rows:
-        """Return bounds on the joint rates within which the arm can brake before its position limits."""
+        """Return bounds on the joint rates, with which each joint can stop before its position limit."""
         return Rows(np.eye(step.sms.n), *step.bounds)
 
     def residual(self, motions: Rollouts) -> list[Variable]:
@@ -76,7 +76,7 @@ class JointLimits(Limit):
         return SpeedBound(still, motion.rates[:, 0], limits.velocity, limits.acceleration)
 
     def violation_in_flight(self, motion: RecordedRollouts) -> Violation:
-        """Return the largest excess of a position or rate, zero if control errors may cause it.
+        """Return the largest excess of a position or rate, zero within `POSITION_MARGIN` and `RATE_MARGIN`.
 
         Accelerations are not checked, because a control law may exceed their limits to correct small errors.
         """

@@ -1,6 +1,6 @@
-"""Limits: rows of a step, a residual of whole motions, and the violation of a finished motion.
+"""Base classes of limits: rows of a step, a residual of whole motions, and a violation of a finished motion.
 
-An `Inequality` is defined by one formula, the slack; it derives rows, residual and violation from the slack.
+A subclass of `Inequality` defines the slack only; rows, residual and violation are derived from it.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ class SpeedBound(NamedTuple):
 class Limit(ABC):
     """A condition that a motion must satisfy.
 
-    A limit has rows for single steps, a residual for whole motions, and the violation of a finished motion. A
+    A limit has rows for single steps, a residual for whole motions, and the violation by a finished motion. A
     user's own limit is a subclass, passed as `opt.Problem(limits=[...])`; see docs/own-parts.md.
 
     Attributes
@@ -66,17 +66,17 @@ class Limit(ABC):
     joint_bounds : RobotLimits or None
         Hard bounds on rates, accelerations and positions of whole motions; a start outside is an error.
     in_braking : Limit or None
-        A limit that must hold while the arm stops after a step; None if the rows of the step ensure this.
+        The limit that must hold while the arm stops after a step; None if the rows of the step ensure this.
     refusal : str
-        The message for a start from which no motion satisfies the limit; it contains "{note}", which is
-        replaced by the note of the violation. If it is empty, the search starts anyway.
+        The message for a start that violates the limit. It contains "{note}", which is replaced by the note
+        of the violation. If it is empty, the search starts anyway.
     blocks : bool
         True if a violation is a collision, from which a descent rarely recovers.
     obstacles : sequence of Obstacle
         The obstacles that a search must avoid.
     holds_attitude : bool
-        True if the limit bounds the base's rotation. A search then starts from motions that do not rotate
-        the base.
+        True if the limit bounds the base's rotation. A search then prefers initial guesses with little base
+        rotation, except in re-planning.
     eased_by_time : bool
         True if slower motions satisfy the limit more easily, so that a longer duration may be feasible.
     of_paper : bool
@@ -96,7 +96,7 @@ class Limit(ABC):
     of_paper: bool = True
 
     def for_robot(self, sms: SpaceManipulator) -> Limit:
-        """Return the limit for a robot; a solver calls this method once. Default: the limit itself."""
+        """Return the limit for a robot, when a problem or a stepper is created. Default: the limit itself."""
         return self
 
     @abstractmethod
@@ -107,9 +107,10 @@ class Limit(ABC):
     def residual(self, m: Any) -> Formula:
         """Return the violation of the limit including its margin, zero if the margin is kept.
 
-        A limit without a residual returns an empty list. The residual is a variable computed from `m`, the
-        `opt.Variables` of whole motions. It is divided by the violation that has the same cost as a position
-        error of one arm length. `m.extra_margin`, in the limit's own unit, must be added to the margin.
+        The residual is a variable, or a list of variables, computed from `m`, the `opt.Variables` of whole
+        motions. It is divided by the violation that has the same cost as a position error of one arm length.
+        `m.extra_margin`, in the limit's own unit, must be added to the margin. A limit without a residual
+        returns an empty list.
         """
 
     @abstractmethod
@@ -143,7 +144,8 @@ def prepared(limit: Limit, sms: SpaceManipulator) -> Limit:
 # The safety margin as a share of a bound, for `Limit.margin`. With a margin of 0.04, re-planned motions under
 # a base limit of 1 degree missed their targets by up to 5 mm, with 0.08 by up to 0.05 mm.
 SHARE = 0.08
-# A violation as large as the bound has the same cost as a clearance violation of this number of arm lengths.
+# A violation as large as the bound has the same cost as a violation of a clearance by this share of the arm
+# length.
 SCALE = 0.03
 # The excess over a joint limit that is attributed to control errors in flight: of a position [rad or m], and
 # of a rate as a share of its limit.
@@ -151,12 +153,12 @@ POSITION_MARGIN, RATE_MARGIN = 1e-3, 0.04
 
 
 class Inequality(Limit):
-    """A limit as one formula: `slack(m)` >= 0.
+    """A limit as one formula, `slack(m)` >= 0.
 
-    In a step the slack decreases at most at a rate proportional to the slack. If the slack depends on the
-    joint rates, for example in a speed limit, the slack must be at or above zero at the step's end. In whole
-    motions the violation of the safety margin is a penalty. The violation of a finished motion is the
-    magnitude of its least slack if this slack is negative.
+    In a step the slack above `step_margin` decreases at most at a rate proportional to itself. If the slack
+    depends on the joint rates, for example in a speed limit, it must be at least `step_margin` at the step's
+    end. In whole motions the violation of the safety margin is penalised. The violation by a finished motion
+    is the magnitude of its least slack if this slack is below -`accuracy`.
 
     The attributes of the class are parameters with defaults for a slack in metres; docs/own-parts.md explains
     them. All except `margin`, `rate`, `softness`, `trusted`, `when` and `unit` are in the slack's unit.
@@ -165,18 +167,18 @@ class Inequality(Limit):
     unit: str = "m"  # the unit of the slack, for messages
     # the violation that has the same cost as a position error of one arm length; None: one arm length
     scale: float | None = None
-    margin: float = 0.01  # the safety margin of whole motions as a share of `scale`, for soft penalties
+    margin: float = 0.01  # the safety margin of whole motions as a share of `scale`; penalties are soft
     absolute_margin: float | None = None  # the same margin in the slack's unit; None: `margin` times `scale`
-    rate: float = 2.0  # [1/s] the largest relative rate of decrease of the slack, for braking
-    step_margin: float = 2e-3  # the safety margin of a step, for the motion within it
-    softness: float = 1.0  # the violation of a step's row per unit of its slack variable [unit/m]; 0: hard
-    # "always", "deadline" or "last tenth": the time at which the limit is active. Earlier, the slack of a
-    # step may be negative by `trusted` [unit/s] times the remaining time.
+    rate: float = 2.0  # [1/s] in a step, the largest rate of decrease of the slack divided by the slack
+    step_margin: float = 2e-3  # the safety margin of a step, for the motion within the step
+    softness: float = 1.0  # the relaxation of a row per unit of the step's slack [unit/m]; 0: hard
+    # The time at which the limit is active: "always", "deadline" or "last tenth". Before that, the slack of
+    # a step may be negative by `trusted` [unit/s] times the remaining time.
     when: str = "always"
     trusted: float = 0.05
     active_below: float | None = None  # the slack below which the limit is active; None: 1.125 margins
     accuracy: float = 1e-6  # the largest violation of a satisfied limit
-    largest_extra_margin: float = np.inf  # upper bound on the additional margin
+    largest_extra_margin: float = np.inf  # the upper bound on the additional margin `m.extra_margin`
 
     def __init_subclass__(cls, **options: Any) -> None:
         super().__init_subclass__(**options)
@@ -188,7 +190,7 @@ class Inequality(Limit):
         """Return the slack at every instant, a `Variable` (S, K) or (c, S, K), or a list of these."""
 
     def bounded_margin(self, m: Variables) -> float:
-        """Return the additional margin, at most `largest_extra_margin`."""
+        """Return the additional margin that a search requires, at most `largest_extra_margin`."""
         return min(m.extra_margin, self.largest_extra_margin)
 
     def at_active_instants(self, m: Variables) -> Variables:
@@ -198,18 +200,18 @@ class Inequality(Limit):
         return m.during(*(m.last_tenth[[0, -1]] if self.when == "last tenth" else (m.last, m.last)))
 
     def time_until_active(self, step: StepState) -> float | None:
-        """Return the time from the step's start until the limit is active [s]; None if it always is."""
+        """Return the time from the step's start until the limit is active [s]; None if always active."""
         if self.when == "always":
             return None
         late = (1.0 - ARRIVAL_SHARE) * (step.time + step.time_left)
         return step.time_left - (late if self.when == "last tenth" else 0.0)
 
     def slacks(self, m: Variables) -> Variable:
-        """Stack all slacks into one vector (c, S, K)."""
+        """Return all slacks, stacked into one vector (c, S, K)."""
         return _stacked(formulas(self, "slack", m), m)
 
     def rows(self, step: StepState) -> Rows | None:
-        """Return rows that bound the slack's rate, or its value at the step's end if it depends on rates."""
+        """Return rows that bound the rate of the slack, or its end value if it depends on joint rates."""
         variables = step.variables
         at = variables.change(self.slacks(variables))
         finite = np.isfinite(at.value)
@@ -217,7 +219,7 @@ class Inequality(Limit):
             return None
         value, flow, drift, jump = (x[finite] for x in at)
         due, most = self.time_until_active(step), np.full(len(value), UNBOUNDED)
-        if due is not None:  # the missing slack at the step's end, and the rate at which it must decrease
+        if due is not None:  # the missing slack after a step at the present rates, and its rate of decrease
             margin = self._scale_and_margin(variables.rollouts)[1]
             missing = margin - value - step.dt * (flow @ step.rates + drift)
             spare = max(due - 10.0 * step.dt, 0.0)  # the limit must hold ten steps before it is active
@@ -239,7 +241,10 @@ class Inequality(Limit):
         return self._scale_and_margin(m.rollouts)[1] + self.bounded_margin(m) - self.slacks(m)
 
     def residual(self, m: Variables) -> list[Variable]:
-        """Return the violation of the safety margin divided by `scale`, at the instants with a violation."""
+        """Return the violation of the safety margin divided by `scale`.
+
+        If the limit is always active, the residual contains only the instants with a violation.
+        """
         scale, active = self._scale_and_margin(m.rollouts)[0], self.at_active_instants(m)
         if always := active.where is None:
             violated = self.margin_violation(m).value > 0.0
@@ -258,12 +263,12 @@ class Inequality(Limit):
         return scale, self.margin * scale if self.absolute_margin is None else self.absolute_margin
 
     def violation(self, motion: Rollouts) -> Violation:
-        """Return the largest violation, also between instants, by parabolas through three instants."""
+        """Return the largest violation; minima between nodes are estimated by parabolas."""
         active = self.at_active_instants(Variables(motion))
         slacks, times = self.slacks(active).value[:, 0], active.times
         if not slacks.size:
             return Violation()
-        # Penalties are soft, so by default the limit is active within 1.125 margins.
+        # Penalties are soft, so by default the limit counts as active within 1.125 margins.
         binding = (
             1.125 * self._scale_and_margin(motion)[1] if self.active_below is None else self.active_below
         )
@@ -309,7 +314,7 @@ class AllOf(Limit):
 
 
 def _stacked(slacks: list[Variable], m: Variables) -> Variable:
-    """Stack numbers and vectors into one vector."""
+    """Stack scalars (S, K) and vectors (c, S, K) into one vector."""
     if len(slacks) == 1 and slacks[0].ndim == 3:
         return slacks[0]
     rows = [row for x in slacks for row in ([x] if x.ndim == 2 else [x[i] for i in range(len(x))])]
@@ -329,10 +334,10 @@ def _stacked(slacks: list[Variable], m: Variables) -> Variable:
 
 
 def _least_between(values: FloatArray) -> FloatArray:
-    """Return values (c, K) at nodes and midpoints, with minima of parabolas instead of values at midpoints.
+    """Replace values (c, K) at midpoints by minima of parabolas, and return them with the values at nodes.
 
-    The parabola goes through a midpoint and its neighbours. If the parabola has no minimum between the
-    neighbours, the value is unchanged.
+    Each parabola goes through a midpoint and its neighbours. If it has no minimum between the neighbours, the
+    value is unchanged.
     """
     least = values.copy()
     if values.shape[1] >= 3 and values.shape[1] % 2:

@@ -16,26 +16,26 @@ from ffsms_pin.opt.limits.limit import SCALE, SHARE, Inequality, SpeedBound
 from ffsms_pin.opt.rollouts import RecordedRollouts, Rollouts, forces
 from ffsms_pin.opt.step.state import StepState
 
-# For each kind of motor: loads (c, S, K), capacities (c,), names of motors, and units of loads.
+# For each kind of load: the loads (c, S, K), the capacities (c,), the names of the motors, and the units.
 Loads: TypeAlias = list[tuple[Variable, FloatArray, Sequence[str], Sequence[str]]]
 
 _ROUNDING = 1e-3  # share of a capacity by which a saturated load may exceed it in a control step
 
 
 class MotorLimits(Inequality):
-    """A limit on loads of motors, with loads as shares of the motors' capacities."""
+    """A limit on the loads of motors, relative to their capacities."""
 
     margin = SCALE * SHARE
     scale = 1.0 / SCALE
     absolute_margin = SHARE
-    largest_extra_margin = 0.5 - SHARE  # with a margin above half of the capacity, plans would be too slow
+    largest_extra_margin = 0.5 - SHARE  # with a margin above half of the capacity, motions would be too slow
     eased_by_time = True
-    broken: str  # message for a violation
-    lacks: str  # message for a motor, with name, load, unit, time, capacity, and sufficient capacity
+    broken: str  # the message for a violation
+    lacks: str  # the message for a motor, with name, load, unit, time, capacity, and sufficient capacity
 
     @abstractmethod
     def loads(self, m: Variables) -> Loads:
-        """Return the loads of motors, an entry for each kind."""
+        """Return the loads of the motors, an entry for each kind of load."""
 
     def slack(self, m: Variables) -> list[Variable]:
         """Return the unused share of each motor's capacity."""
@@ -60,7 +60,7 @@ class MotorLimits(Inequality):
         return Violation(worst, motion.times[binds], f"{self.broken}: {'; '.join(notes)}" if notes else "")
 
     def violation_in_flight(self, motion: RecordedRollouts) -> Violation:
-        """Return the largest overload of a motor as a share, at the recorded rows."""
+        """Return the largest overload at the recorded rows, as a share of a motor's capacity."""
         worst, notes = 0.0, []
         for load, most, names, units in self.recorded_loads(Variables(motion)):
             values = np.abs(load.value[:, 0])
@@ -73,7 +73,7 @@ class MotorLimits(Inequality):
         return Violation(worst, note="; ".join(notes))
 
     def recorded_loads(self, m: Variables) -> Loads:
-        """Return the loads whose limits are checked in a recording. Default: all."""
+        """Return the loads that are checked in a recording. Default: all loads."""
         return self.loads(m)
 
 
@@ -81,9 +81,9 @@ class MotorLimits(Inequality):
 class TorqueLimits(MotorLimits):
     """The limits of the joints' torques or forces, `sms.limits.torque`; an infinite limit has no effect.
 
-    The torques H_q qdd + C_q include the reaction of the base in its mode, and the total momentum. A problem
-    has this limit by default. Its unit is a share of a joint's limit, so a violation of 0.3 is an overload of
-    30 %.
+    The torques H_q qdd + C_q include the effects of the base's reaction in its mode, and of the total
+    momentum. A problem has this limit by default. Slack and violation are shares of a joint's limit; a
+    violation of 0.3 is an overload of 30 %.
     """
 
     name = "torques"
@@ -98,10 +98,10 @@ class TorqueLimits(MotorLimits):
         return [(m.torques, most, robot.joint_names, units)] if np.isfinite(most).any() else []
 
     def rows(self, step: StepState) -> Rows | None:
-        """Return a row of unit length, in rad/s, for each joint that could exceed its limit in this step.
+        """Return a row of unit norm [rad/s] for each joint that could exceed 92 % of its limit in the step.
 
-        The torques H_q (u - u_0) / dt + C_q are linear in the joint rates u at the step's end, with the
-        rates u_0 at the step's start.
+        The torques H_q (u - u_0) / dt + C_q are linear in the joint rates u at the step's end; u_0 are the
+        rates at the step's start.
         """
         if not np.isfinite(step.sms.limits.torque).any():
             return None
@@ -130,7 +130,7 @@ class TorqueLimits(MotorLimits):
 
 
 def reachable_rows(step: StepState, G: FloatArray, lower: FloatArray, upper: FloatArray) -> Rows:
-    """Return rows of unit length, with bounds relaxed to values reachable in the step."""
+    """Return rows lower <= G u <= upper with unit norm, and bounds relaxed to reachable values."""
     size = np.linalg.norm(G, axis=1)
     G, lower, upper = G / size[:, None], lower / size, upper / size
     least, most = step.bounds

@@ -1,4 +1,4 @@
-"""Limits on torques and momenta of reaction wheels."""
+"""The limits of torques and momenta of reaction wheels."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ class WheelLimits(MotorLimits):
     """The limits of torques and momenta of wheels that hold the attitude (mode "rotation-floating").
 
     A wheel's momentum follows from the conservation of angular momentum. Its motor torque is the rate of this
-    momentum, plus compensation of bearing friction. In that mode a problem for a robot with wheels has this
-    limit by default. Its unit is a share of the wheel's capacity, so a violation of 0.3 is an overload of
+    momentum plus the compensation of bearing friction. If wheels hold the attitude, this limit is added to
+    every problem. Slack and violation are shares of a wheel's capacity; a violation of 0.3 is an overload of
     30 %.
     """
 
@@ -42,12 +42,12 @@ class WheelLimits(MotorLimits):
         return self.loads(m)[:1]
 
     def rows(self, step: StepState) -> Rows | None:
-        """Return a row of unit length for each wheel, in rad/s; None if no wheels hold the attitude.
+        """Return a row of unit norm for each wheel, in rad/s; None if no wheels hold the attitude.
 
         The torques are the present torques plus A^+ D (u_0 - u) / dt, with the joint rates u_0 at the step's
-        start and u at its end; for A^+ D see `opt.rollouts`. So both limits bound the same sums A^+ D u of
-        joint rates. If the limits contradict each other, the torque limit has priority. Wheels with
-        proportional sums, for example all wheels of a planar arm, share a row.
+        start and u at its end; for A^+ D see `opt.rollouts`. Both limits are therefore bounds on A^+ D u. If
+        they contradict each other, the torque limit has priority. Wheels with parallel rows, for example all
+        wheels of a planar arm, share a row.
         """
         wheels = step.wheels
         if wheels is None:
@@ -75,7 +75,7 @@ class WheelLimits(MotorLimits):
         return SpeedBound(motion.wheel_total, slope, wheels.momentum, wheels.torque)
 
     def violation(self, motion: Rollouts) -> Violation:
-        """Return the largest overload, or the arm's momentum about an axis without a wheel."""
+        """Return the largest overload; momentum about an axis without a wheel counts as at least 1."""
         violation, wheels = super().violation(motion), motion.wheels
         if wheels is None:
             return violation
