@@ -1,4 +1,4 @@
-"""The figure of a capture: motion, phases, distance to the target, base rate and contact force."""
+"""The figure of a capture: motion, phases, distance to the target, base rate or wheels, contact force."""
 
 from __future__ import annotations
 
@@ -30,9 +30,9 @@ def plot_capture(outcome: Outcome) -> Figure:
     capture = outcome.capture
     assert capture is not None
     around, end = _client_shapes(outcome), float(capture.whole.t[-1])
-    first = capture.phases[1].time  # [s] arrival at the hold point
+    first = capture.phases[1].time  # [s] after a go: the time at the hold point
     force = np.linalg.norm(capture.whole.contact_wrench[:, :3], axis=1)
-    touched = np.flatnonzero(force > 0.01 * force.max())  # smaller forces remain when the arm rests
+    touched = np.flatnonzero(force > 0.01 * force.max())  # the joined bodies at rest have small forces
     heights = (1.0, 1.0, 1.4, 1.0) if touched.size else (1.0, 1.0, 1.4)
     figure = Figure(figsize=(5.2, 10.0), layout="constrained")
     above, below = figure.subfigures(2, 1, height_ratios=(0.38, 0.62))
@@ -72,7 +72,7 @@ def _client_shapes(outcome: Outcome) -> list[Obstacle]:
 
 
 def _open_side(sms: SpaceManipulator, capture: Captured) -> FloatArray:
-    """Return the axes (2, 3) of the plane through base, client and tool at the contact: right and up."""
+    """Return the directions of right and up (2, 3) in the plane through base, client and tool at contact."""
     row = int(np.searchsorted(capture.whole.t, capture.contact_at - 1e-9))
     state, centre = sms.at(capture.whole.q[row]), capture.whole.client_pose[row, :3]
     right = centre - state.base_pose.translation
@@ -96,14 +96,14 @@ def _states(capture: Captured, ax: Axes) -> None:
 
 
 def _write_at(ax: Axes, t: float, text: str, height: float, **aligned: Any) -> None:
-    """Write a text at a time [s] and at a height, as a share of the panel's height."""
+    """Write a text at a time [s] and at a height given as a share of the panel's height."""
     ax.text(t, height, text, transform=ax.get_xaxis_transform(), fontsize=8.0, **aligned)
 
 
 def _result(sms: SpaceManipulator, capture: Captured, ax: Axes) -> None:
     """Draw the base's angular velocity after the contact, and the prediction made before the flight.
 
-    If the wheels hold the base, draw their total momentum instead.
+    If wheels hold the base, draw their total momentum instead. Both are in inertial axes.
     """
     whole, prediction = capture.whole, capture.planned
     rows = np.flatnonzero(whole.t >= capture.contact_at - 1e-9)
@@ -137,7 +137,7 @@ def _result(sms: SpaceManipulator, capture: Captured, ax: Axes) -> None:
 
 
 def _grip(capture: Captured, ax: Axes, rows: slice) -> None:
-    """Draw the force of the client on the tool, and the predicted forces."""
+    """Draw the force of the client on the tool, and the predicted forces and bounds."""
     force = np.linalg.norm(capture.whole.contact_wrench[rows, :3], axis=1)
     plot_series(ax, capture.whole.t[rows], force, "force on the\ntool [N]")
     before, expected = capture.planned.load, None if capture.expected is None else capture.expected.load

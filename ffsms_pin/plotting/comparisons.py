@@ -43,16 +43,16 @@ def _label(name: str, made: Trajectory) -> str:
 
 
 def _shares(ax: Axes, errors: FloatArray, **look: Any) -> None:
-    """Draw the share of runs with a final error below a distance, over the distance.
+    """Draw the share of runs whose final error is at most a distance, over the distance.
 
-    `errors` [m] of failed runs are infinite. If the finite errors span more than a factor of four, the axis
-    of distances is logarithmic.
+    `errors` [m] of unfinished runs are infinite. If the finite errors span more than a factor of four, the
+    axis of distances is logarithmic.
     """
     share = np.arange(1, len(errors) + 1) / len(errors)
     errors = 1e3 * np.sort(errors)
     ended = np.flatnonzero(np.isfinite(errors))
     if ended.size:
-        # The line begins at zero, and ends at the share of runs with a finite error.
+        # The line begins at a share of zero and ends at the share of runs with a finite error.
         rows = ended[thinned(ended.size, _POINTS)]
         ax.step([errors[0], *errors[rows]], [0.0, *share[rows]], where="post", **look)
     if ended.size and errors[0] > 0.0 and errors[ended[-1]] > 4.0 * errors[0]:
@@ -69,10 +69,10 @@ def _shares(ax: Axes, errors: FloatArray, **look: Any) -> None:
 def plot_campaign(table: dict[str, Any]) -> Figure:
     """Draw the final errors of a campaign, and the success rate over its first five random numbers.
 
-    The first panel shows the share of all runs whose final distance to the target is below a value. The other
-    panels show the success rate over a random number, with 95 % intervals (Wilson), in bins with equal
-    numbers of runs. `table` is the result of `campaigns.read_table`. If the campaign compares methods, each
-    method has a line.
+    The first panel shows the share of all runs whose final distance to the target is at most a value. The
+    other panels show the success rate over a random number, with 95 % intervals (Wilson), in bins with nearly
+    equal numbers of runs. `table` is the result of `campaigns.read_table`. If the campaign compares methods,
+    each method has a line.
     """
     methods = by_method(table)
     drawn = [name for name, values in table.items() if name.startswith("draw.") and values.dtype.kind == "f"]

@@ -32,7 +32,7 @@ _ENTROPY = r"entropy $H_\mathrm{norm}$ [-]"
 
 @drawing
 def plot_cost(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
-    """Plot the summand of the paper's J at every step, on a logarithmic scale if it spans several decades."""
+    """Plot the summand of the paper's J at every step, on a logarithmic scale if it spans two decades."""
     ax = plot_series(ax, trajectory.t[:-1], trajectory.cost, "cost [-]", steps=True)
     top = float(trajectory.cost.max())
     low = float(np.quantile(trajectory.cost, 0.1))
@@ -61,8 +61,8 @@ def plot_position_error(
     """Plot the distance from the end effector to the target, and the tolerance.
 
     The tolerance is r_th of the paper's constraint const8, which applies in the last tenth of the duration.
-    For a path, the distance to the path is drawn, and the tolerance applies at all times. If `flown` is
-    given, it is drawn instead of the plan, with `open_loop` as in `plot_tracked_position_error`.
+    For a path, the distance to the path is drawn, and the tolerance applies at all times. With `flown`, the
+    recording is drawn instead of the plan, with `open_loop` as in `plot_tracked_position_error`.
     """
     on_path = bool(np.isfinite(trajectory.path_error).all())
     planned = trajectory.path_error if on_path else trajectory.position_error
@@ -87,7 +87,7 @@ def plot_sigma_bands(sms: SpaceManipulator, result: Trajectory | Tracking, ax: A
     edges = np.cumsum(np.insert(sigma, 0, 0.0, axis=1), axis=1).T
     ax = axes_or_new(ax)
     for i, (lower, upper) in enumerate(itertools.pairwise(edges)):
-        strength = 0.85 * 0.6**i  # increasingly pale, so that the order is visible in grey
+        strength = 0.85 * 0.6**i  # later bands are paler, so the order is visible in grey
         ax.fill_between(t, lower, upper, color=ACCENT, alpha=strength, linewidth=0.0)
         ax.plot(t, upper, color=ACCENT, linewidth=0.8)
         ax.fill_between([], [], color=ACCENT, alpha=strength, label=_sigma_name(i))
@@ -101,9 +101,10 @@ def plot_sigma_bands(sms: SpaceManipulator, result: Trajectory | Tracking, ax: A
 def plot_sigma(
     sms: SpaceManipulator, trajectory: Trajectory, ax: Axes | None = None, flown: Tracking | None = None
 ) -> Axes:
-    """Plot the singular values of C_bm over time, on a logarithmic scale if they span several decades.
+    """Plot the nonzero singular values of C_bm over time, on a logarithmic scale if they differ much.
 
-    If `flown` differs visibly from the plan, both are drawn, the plan thin and pale.
+    The scale is logarithmic if the largest value of the plan exceeds 30 times the smallest. If `flown`
+    differs visibly from the plan, both are drawn, the plan thin and pale.
     """
     made = [_sigma(sms, motion) for motion in (trajectory, flown) if motion is not None]
     largest = float(made[0].values.max())
@@ -125,8 +126,8 @@ def plot_entropy(
 ) -> Axes:
     """Plot the entropy H_norm (paper): 0 if one direction has all the coupling, 1 if all have the same.
 
-    `flown` is a recording of the robot `sms`. If it differs visibly from the plan, both are drawn, the plan
-    thin and pale.
+    `flown` is a recording of the robot `sms`; without `sms`, it is ignored. If it differs visibly from the
+    plan, both are drawn, the plan thin and pale.
     """
     planned = Series(trajectory.t[:-1], trajectory.entropy[:, None])
     top = float(planned.values.max())
@@ -142,7 +143,7 @@ def plot_entropy(
 
 
 def _sigma(sms: SpaceManipulator, motion: Trajectory | Tracking) -> Series:
-    """Return the singular values of C_bm (k, min(6, n)) along a motion."""
+    """Return the singular values of C_bm (k, min(6, n)) at no more than `_INSTANTS` rows of a motion."""
     rows = thinned(len(motion.t), _INSTANTS)
     return Series(motion.t[rows], np.array([sms.at(motion.q[k]).coupling.sigma for k in rows]))
 
@@ -157,8 +158,8 @@ def entropy_grid(
     """Return positions (points,) [rad or m] of two joints, and the entropy (points, points) over them.
 
     Entry [i, j] of the entropy is at position j of the first joint and position i of the second joint. The
-    two joints, indices from 0, cover their position ranges; a joint without limits covers -pi to pi. All
-    other joints are at `at` (n,), by default zero. The base's pose has no influence.
+    two joints, indices from 0, cover their position ranges; a joint without two finite limits covers -pi to
+    pi. All other joints are at `at` (n,), by default zero. The base's pose has no influence.
     """
     i, j = joints
     positions = np.zeros(sms.n) if at is None else np.asarray(at, dtype=np.float64)

@@ -58,7 +58,7 @@ FIGURES: Mapping[str, tuple[Panel, ...]] = {
 }
 """Figures by file name, and their panels from top to bottom."""
 
-# Further figures, of a capture and of wheels.
+# The figures of captures and of wheels.
 _MORE: Mapping[str, tuple[Panel, ...]] = {
     "capture": (),  # see `plot_capture`
     "wheels": (
@@ -71,15 +71,12 @@ _MORE: Mapping[str, tuple[Panel, ...]] = {
 }
 
 _STILL = 1e-9  # [m/s, rad/s] largest planned velocity of a fixed base
-# The metadata without a date, so that the same outcome gives the same file.
+# Metadata without a date, so that the same outcome gives the same file.
 _UNDATED: dict[str, dict[str, Any]] = {"pdf": {"CreationDate": None}, "svg": {"Date": None}, "png": {}}
 
 
 def _torques(outcome: Outcome, ax: Axes) -> Axes:
-    """Plot the joint torques, and each limit that a torque comes near.
-
-    If no torque comes near its limit, the label states the largest torque as a share of its limit.
-    """
+    """Plot the joint torques, with limits or a label as in `near_limits`."""
     limit = outcome.controller.torque_limit
     note, near = near_limits(outcome.tracking.tau, limit, "")
     ax = series.plot_torques(outcome.sms, outcome.tracking, ax, near[1] if near else None)
@@ -115,8 +112,9 @@ def figure(outcome: Outcome, name: str) -> Figure:
 def figure_names(outcome: Outcome) -> list[str]:
     """Return the names of an outcome's figures.
 
-    A figure of base translation or rotation is left out if the planned base velocity is zero. A capture has
-    the figure "capture" instead of "motion".
+    The figure "base-linear" or "base-angular" is left out if the planned linear or angular velocity of the
+    base is zero. A capture has the figure "capture" instead of "motion". A run whose wheels turn also has the
+    figure "wheels".
     """
     plan = outcome.trajectory
     still = {"base-linear": plan.v[:, :3], "base-angular": plan.v[:, 3:6]}
@@ -132,7 +130,7 @@ def _motion(outcome: Outcome) -> Figure:
     """Draw the motion from one direction if it is planar, otherwise from two."""
     flown = outcome.tracking
     runs: dict[str, Tracking] = {}
-    if outcome.open_loop is not None:  # the motion was re-planned, so it differs from the first plan
+    if outcome.open_loop is not None:  # the motion was re-planned
         runs = {"re-planned": flown, "planned once": outcome.open_loop.tracking}
     elif end_effector_deviation(outcome.sms, outcome.trajectory, flown, outcome.plant).max() > 5e-3:
         runs = {"as flown": flown}
@@ -163,8 +161,8 @@ def save_figures(
 ) -> list[Path]:
     """Write every figure of an outcome into an existing folder, each file atomically; return the files.
 
-    `formats` are file name endings: "pdf", "svg", "png". `progress` is called with the share of the work that
-    is done, 0 to 1.
+    `formats` are file name endings: "pdf", "svg", "png". `progress` is called after each figure with the
+    completed share of the work, at most 1.
     """
     written, names = [], figure_names(outcome)
     for count, name in enumerate(names, start=1):
@@ -182,7 +180,7 @@ def save_figure(drawn: Figure, path: Path, ending: str) -> None:
 
 
 def save_formats(drawn: Figure, path: Path, formats: tuple[str, ...] = ("pdf", "png")) -> list[Path]:
-    """Write a figure to `path` with each ending of `formats` ("pdf", "svg", "png"); return the files.
+    """Append each ending of `formats` ("pdf", "svg", "png") to `path`, write a figure; return the files.
 
     Files are written atomically. The panels are laid out once, for the first file.
     """

@@ -1,4 +1,4 @@
-"""A drawing of the whole motion: base box, arm at several instants, path, target, obstacles."""
+"""A drawing of the whole motion: base box and arm at several instants, path, target, obstacles."""
 
 from __future__ import annotations
 
@@ -40,8 +40,8 @@ def plot_motion(
 ) -> Axes:
     """Draw the motion in a plane of inertial axes, by default the plane of its largest extent.
 
-    A spatial motion is projected onto the plane, and the labels of the axes state the projection.
-    `motion_sides` returns suitable directions of view.
+    A spatial motion is projected onto the plane, which the labels of the axes state. `motion_sides` returns
+    suitable directions of view.
 
     Parameters
     ----------
@@ -52,15 +52,15 @@ def plot_motion(
     ax : Axes, optional
         Axes to draw on. Default: the axes of a new figure.
     instants : int or sequence of float
-        Number of postures, including the first and the last; or the times of the postures [s].
-        Postures are drawn from light (start) to dark (end).
+        Number of postures, including the first and the last; or at least two times of postures [s]. Postures
+        are drawn from light (start) to dark (end).
     paths : mapping of str to ndarray of shape (k, 3), optional
         Further paths [m] by their names in the legend, such as the flown path of the end effector.
     obstacles : sequence of Obstacle
-        Obstacles of the plan.
+        Obstacles of the plan, drawn at the last posture. Obstacles that move are also drawn at the first.
     along : {"x", "y", "z"} or ndarray of shape (2, 3), optional
-        Inertial axis of the direction of view; or the directions of right and up in the drawing. Default: the
-        axis along which the motion has the least extent.
+        Inertial axis along which the motion is viewed; or the unit vectors to the right and up in the
+        drawing. Default: the axis along which the motion has the least extent.
     flown : Tracking, optional
         Recording whose postures are drawn instead of the plan's.
     """
@@ -121,7 +121,7 @@ def fit(drawn: Figure, panels: Sequence[Axes]) -> None:
 def motion_sides(
     sms: SpaceManipulator, trajectory: Trajectory, paths: Mapping[str, FloatArray] | None = None
 ) -> tuple[str, ...]:
-    """Return the inertial axes along which a motion is viewed: one if it is planar, else two."""
+    """Return the inertial axes along which to view a motion: one if the motion is planar, else two."""
     _, spread, (first, second) = _drawn_postures(sms, trajectory, 6, {} if paths is None else paths, None)
     return ("xyz"[first],) if spread[first] < _FLAT else ("xyz"[first], "xyz"[second])
 
@@ -147,13 +147,13 @@ def _drawn_postures(
 
 
 def times_drawn(motion: Trajectory | Tracking, instants: int | Sequence[float] = 6) -> str:
-    """Return a text with the times of the postures in a drawing."""
+    """Return a text with the times of the postures in a drawing, for the label of its axis."""
     times = ", ".join(f"{motion.t[k]:.3g}" for k in _rows(motion.t, instants))
     return f"from light to dark{', as flown' if isinstance(motion, Tracking) else ''}: t = {times} s"
 
 
 def _rows(t: FloatArray, instants: int | Sequence[float]) -> NDArray[np.intp]:
-    """Return the indices of the drawn rows, ascending."""
+    """Return the indices of the drawn rows, ascending; a time selects the first row at or after it."""
     if isinstance(instants, int):
         return np.unique(np.linspace(0, len(t) - 1, max(2, instants)).round().astype(np.intp))
     return np.unique(np.searchsorted(t, np.sort(instants) - 1e-9).clip(0, len(t) - 1))
@@ -200,7 +200,7 @@ def _draw_obstacle(
 ) -> None:
     """Draw the projection of an obstacle onto two axes (2, 3) at the last of the rows.
 
-    A moving obstacle is also drawn at the first row, pale.
+    An obstacle on a client or on the base is also drawn at the first row, pale.
     """
     for row in rows if obstacle.moves or obstacle.on_base else rows[-1:]:
         pose = obstacle.at(float(motion.t[row]), pin.XYZQUATToSE3(motion.q[row, :7]))

@@ -19,7 +19,7 @@ from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.simulation import Tracking
 
 _LISTED = 4  # largest number of names in the label of lines that coincide
-_SAME = 0.02  # share of the largest planned value: lines that differ by less are drawn once
+_SAME = 0.02  # share of the largest planned value: a plan that differs by less is not drawn beside the flight
 _NEAR_LIMIT = 0.1  # share of a joint's range: a limit is drawn if a position comes nearer
 _STILL = 1e-6  # share of the largest wheel momentum below which a wheel is at rest
 _ALIKE = 1e-3  # share of the largest wheel momentum by which wheels with a common line may differ
@@ -47,9 +47,9 @@ def plot_series(
     """Draw values (k,) or (k, m) over t (k,) [s]; if `ax` is None, in a new figure.
 
     The vertical axis has the `label`, which contains the unit. The m lines have the `names`. Lines that
-    coincide share an entry of the legend. Limits, each (m,), are dotted in the colour of their line;
-    infinite limits are left out. With `steps`, a value is constant until the next instant instead of
-    interpolated.
+    coincide share an entry of the legend. Limits, each (m,), are dotted in the colour of their line, and in
+    grey if several lines have the same limit; infinite limits are left out. With `steps`, a value is constant
+    until the next instant instead of interpolated.
     """
     columns = np.asarray(values, dtype=np.float64)
     columns = columns.reshape(len(columns), -1) if columns.size else np.zeros((0, 1))
@@ -73,7 +73,10 @@ def plot_series(
 
 
 def _labels(columns: FloatArray, names: Sequence[str]) -> list[str | None]:
-    """Return a label for each column (k, m), None for a column that coincides with an earlier column."""
+    """Return a label for each column (k, m), None for columns without a name.
+
+    If all columns have names, a column that coincides with an earlier column has None.
+    """
     labels: list[str | None] = [names[i] if i < len(names) else None for i in range(columns.shape[1])]
     with np.errstate(invalid="ignore"):  # infinite values
         tolerance = 1e-3 * np.abs(columns[np.isfinite(columns)]).max(initial=0.0)
@@ -88,7 +91,7 @@ def _labels(columns: FloatArray, names: Sequence[str]) -> list[str | None]:
 
 
 def coincident(names: Sequence[str]) -> str:
-    """Return the common label of lines that coincide."""
+    """Return the label of one line, or the common label of lines that coincide."""
     if len(names) == 1:
         return names[0]
     listed = ", ".join(names) if len(names) <= _LISTED else f"{names[0]} and {len(names) - 1} others"
@@ -120,7 +123,7 @@ def plot_flown(
 
 
 def thinned(count: int, most: int = 1500) -> NDArray[np.intp]:
-    """Return the indices of at most `most` of `count` rows, with the first and the last row."""
+    """Return the indices of at most `most` of `count` rows, including the first and the last."""
     return np.unique(np.linspace(0, count - 1, min(most, count)).astype(np.intp))
 
 
@@ -129,9 +132,9 @@ def near_limits(
 ) -> tuple[str, tuple[FloatArray, ...]]:
     """Return the label of values (k, m), and the lower and upper limits (m,) to draw.
 
-    A limit is drawn if a value reaches the share `near` of the limit, because distant limits would flatten
-    the curves. All other limits are infinite. If no limit is drawn, the label states the largest value as a
-    share of its limit.
+    A limit is drawn if a value exceeds the share `near` of the limit, because distant limits would flatten
+    the curves. All other limits are infinite. If no limit is drawn, the second result is empty and the label
+    states the largest value as a share of its limit.
     """
     shares = (np.abs(values) / limit).max(axis=0, initial=0.0)
     if (shares > near).any():
@@ -144,8 +147,8 @@ def near_limits(
 def scale_decades(ax: Axes, least: float, largest: float, ratio: float, smallest: float) -> bool:
     """Set a logarithmic scale if `largest` exceeds `ratio` times `least`, and return whether it is set.
 
-    The logarithmic axis begins at a third of `least`, or of `smallest` times `largest` if this is larger,
-    because smaller values are rounding errors.
+    The logarithmic axis begins at a third of `least`, or of `smallest` times `largest` if this product is
+    larger than `least`, because smaller values are rounding errors.
     """
     if largest <= ratio * least:
         return False
@@ -155,7 +158,7 @@ def scale_decades(ax: Axes, least: float, largest: float, ratio: float, smallest
 
 
 def _differs(planned: Series, flown: Series) -> bool:
-    """Return whether two motions differ visibly."""
+    """Return whether two motions differ visibly while both last."""
     both = planned.t <= flown.t[-1] + 1e-9
     interpolated = np.array([np.interp(planned.t[both], flown.t, column) for column in flown.values.T])
     apart = float(np.abs(interpolated.T - planned.values[both]).max(initial=0.0))
@@ -201,7 +204,10 @@ def draw_band(ax: Axes, i: int, t: FloatArray, band: FloatArray, label: str | No
 def plot_error_bands(
     runs: Sequence[Tracking], ax: Axes | None = None, share: float = 0.9, reach: float | None = None
 ) -> Axes:
-    """Plot the distance from the end effector to the target over many runs; `reach` [m] is dotted."""
+    """Plot the distance from the end effector to the target over many runs as median and band.
+
+    The tolerance `reach` [m] is dotted.
+    """
     t = _common_time(runs)
     errors = np.array([run.position_error for run in runs])
     ax = plot_bands(t, errors, "distance to target [m]", ax=ax, share=share)
@@ -227,7 +233,7 @@ def joint_factors(sms: SpaceManipulator) -> FloatArray:
 def plot_joint_positions(
     sms: SpaceManipulator, trajectory: Trajectory, ax: Axes | None = None, flown: Tracking | None = None
 ) -> Axes:
-    """Plot joint positions [deg or m] over time, with dotted limits of joints that come near a limit.
+    """Plot joint positions [deg or m] over time, with each limit that its joint comes near dotted.
 
     If `flown` differs visibly from the plan, both are drawn, the plan thin and pale.
     """
@@ -248,7 +254,7 @@ def plot_joint_positions(
 def plot_joint_rates(
     sms: SpaceManipulator, trajectory: Trajectory, ax: Axes | None = None, flown: Tracking | None = None
 ) -> Axes:
-    """Plot joint rates [deg/s or m/s] over time, with dotted limits of joints that come near a limit.
+    """Plot joint rates [deg/s or m/s] over time, with dotted limits of joints that come near them.
 
     If no joint comes near a limit, the label states the largest rate as a share of its limit. `flown` is
     drawn as in `plot_joint_positions`.
@@ -271,7 +277,7 @@ def _plot_joints(
 ) -> Axes:
     """Draw values (k, n) of the joints in the `units` of revolute and of prismatic joints.
 
-    If the robot has joints of both kinds, prismatic joints have a scaled axis on the right.
+    If the robot has joints of both kinds, prismatic joints have an axis with another scale on the right.
     """
     turns, names = np.array(sms.layout.turns), list(sms.joint_names)
     if turns.all() or not turns.any():
@@ -381,10 +387,9 @@ def plot_joint_rate_error(sms: SpaceManipulator, tracking: Tracking, ax: Axes | 
 def plot_tracked_position_error(
     tracking: Tracking, ax: Axes | None = None, open_loop: Tracking | None = None
 ) -> Axes:
-    """Plot the distance from the simulated end effector to the target.
+    """Plot the distance from the simulated end effector to the target, or to the path of an `opt.Path`.
 
-    `open_loop` is the run that follows the first plan, if `tracking` was re-planned in the loop. It is drawn
-    as a second line.
+    `open_loop`, drawn as a second line, is the run that follows the first plan if `tracking` was re-planned.
     """
     label = "distance to target [m]"
     if open_loop is None:
@@ -405,10 +410,10 @@ def plot_torques(
 ) -> Axes:
     """Plot joint torques [N m or N], constant over each control step; `limits` (n,) are dotted.
 
-    By default no limits are drawn, because they would flatten the curves of slow motions.
+    By default no limits are drawn, because distant limits would flatten the curves.
     """
     if limits is not None and not (isinstance(limits, np.ndarray) and limits.shape == (sms.n,)):
-        raise InvalidValue("limits", limits, f"must be an array of shape ({sms.n},) [N m]")
+        raise InvalidValue("limits", limits, f"must be an array of shape ({sms.n},) [N m or N]")
     label, drawn = "joint torque [{}]", () if limits is None else (-limits, limits)
     made = [Series(tracking.t[: len(tracking.tau)], tracking.tau)]
     return _plot_joints(sms, ax, made, label, drawn, ("N m", "N"), steps=True)
@@ -426,8 +431,9 @@ def plot_wheels(
 ) -> Axes:
     """Plot the simulated spin momenta [N m s] of the wheels that turn, with any planned momenta dashed.
 
-    Wheels with the same momentum share a line, and its label names them. Limits are dotted. If no wheel comes
-    near its limit, the label of the axis states the largest momentum as a share of its limit.
+    Wheels with the same momentum share a line, and its label names them. Limits that a wheel comes near are
+    dotted. If no wheel comes near its limit, the label of the axis states the largest momentum as a share of
+    its limit.
     """
     ax = _plot_turning_wheels(sms, tracking, ax, tracking.wheel_momentum)
     planned = trajectory.wheel_momentum
@@ -448,7 +454,7 @@ def plot_wheel_torque(sms: SpaceManipulator, tracking: Tracking, ax: Axes | None
 def _plot_turning_wheels(
     sms: SpaceManipulator, motion: Motion, ax: Axes | None, values: FloatArray, torque: bool = False
 ) -> Axes:
-    """Draw momenta or torques (k, w), with one line for wheels of equal momentum; see `plot_wheels`."""
+    """Draw momenta or torques (k, w), with one line for wheels of equal momentum, as in `plot_wheels`."""
     if sms.wheels is None:
         raise InvalidValue("sms", sms, "must have wheels: sms.with_actuators(wheels=...)")
     wheels, names = sms.wheels, sms.wheels.names
@@ -462,7 +468,7 @@ def _plot_turning_wheels(
 
 
 def _alike(momentum: FloatArray) -> list[list[int]]:
-    """Group the indices of wheels that turn by equal momentum (k, w) at all times."""
+    """Group the indices of the turning wheels whose momenta (k, w) are equal at all times."""
     largest = float(np.abs(momentum).max(initial=0.0))
     groups: dict[int, list[int]] = {}
     for i in np.flatnonzero(np.abs(momentum).max(axis=0, initial=0.0) > _STILL * largest).tolist():

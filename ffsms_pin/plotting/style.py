@@ -13,7 +13,7 @@ from matplotlib.figure import Figure, FigureBase
 from matplotlib.textpath import TextPath
 from matplotlib.ticker import ScalarFormatter
 
-# Okabe and Ito's colours, in an order in which neighbours also differ in lightness.
+# The colours of Okabe and Ito, ordered so that neighbours also differ in lightness.
 _COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#000000")
 _DASHES: tuple[Any, ...] = ("-", (0, (6, 2)), (0, (5, 1.5, 1, 1.5)), (0, (2, 1)), (0, (8, 1.5, 2, 1.5)))
 ACCENT, NEUTRAL = "#0072B2", "#555555"
@@ -55,7 +55,7 @@ _STYLE: Any = {
 
 @contextmanager
 def applied() -> Iterator[None]:
-    """Use the style inside the block, and restore the previous settings after it."""
+    """Use the style inside the block."""
     with mpl.rc_context(_STYLE):
         yield
 
@@ -69,9 +69,9 @@ def line(index: int) -> dict[str, Any]:
 
 
 def legend_above(ax: Axes, columns: int | None = None) -> None:
-    """Draw a legend above a panel on the right, because the axis's power of ten is on the left.
+    """Draw a legend above a panel on the right, unless no line has a label.
 
-    A panel without labelled lines gets no legend.
+    The power of ten of the vertical axis is above the panel on the left.
     """
     labels = ax.get_legend_handles_labels()[1]
     if not labels:
@@ -89,7 +89,7 @@ def over_time(ax: Axes, label: str) -> None:
 
 
 def _columns(labels: Sequence[str], width: float = 1.0) -> int:
-    """Return the number of legend columns that fit above panels with a total width of `width` panels."""
+    """Return the number of legend columns that fit above a total width of `width` panels."""
     for count in range(len(labels), 1, -1):
         rows = -(-len(labels) // count)
         columns = [labels[i : i + rows] for i in range(0, len(labels), rows)]
@@ -108,7 +108,10 @@ def _length(label: str) -> float:
 
 @drawing
 def share_legend(figure: Figure, panels: Sequence[Axes], title: str = "") -> None:
-    """Draw the title, and a common legend below it if the legends of all panels have the same entries."""
+    """Draw the title, and a common legend below it if the legends of all panels have the same entries.
+
+    Entries for limits and for plans may differ.
+    """
     legends = [legend for ax in panels if (legend := ax.get_legend()) is not None]
     entries: dict[str, Any] = {}
     own: list[list[str]] = []
@@ -126,7 +129,7 @@ def share_legend(figure: Figure, panels: Sequence[Axes], title: str = "") -> Non
         if name in entries:
             entries[name] = entries.pop(name)
     columns = _columns(list(entries), figure.get_figwidth() / _WIDTH)
-    # The title belongs to the legend, because a title of the figure would overlap the legend.
+    # The title is that of the legend, because a title of the figure would overlap the legend.
     place = {"loc": "outside upper right", "alignment": "right"}
     heading = {"title": title or None, "title_fontsize": 9.0}
     figure.legend(entries.values(), entries.keys(), ncols=columns, **place, **heading)
@@ -147,7 +150,7 @@ def subplots(
     sharex: bool = False,
     heights: Sequence[float] | None = None,
 ) -> list[Axes]:
-    """Add panels to a figure, row by row, inside a block of `applied`; `heights` are shares of the rows."""
+    """Add panels to a figure, row by row, inside a block of `applied`; `heights` are relative heights."""
     grid = figure.subplots(rows, columns, sharex=sharex, squeeze=False, height_ratios=heights)
     panels: list[Axes] = list(grid.ravel())
     for ax in panels:
@@ -158,7 +161,7 @@ def subplots(
 
 @drawing
 def stack(rows: int, height: float = 2.1, sharex: bool = True) -> tuple[Figure, list[Axes]]:
-    """Make a figure of stacked panels of equal height [in]; with `sharex` they share the horizontal axis."""
+    """Make a figure of stacked panels with a height [in] each; `sharex`: with a common horizontal axis."""
     figure = Figure(figsize=(_WIDTH, 0.4 + height * rows), layout="constrained")
     panels = subplots(figure, rows, sharex=sharex)
     figure.align_ylabels(panels)
