@@ -44,8 +44,8 @@ FOLDER = Path(__file__).parent / "robots"
 ROBOTS = ("planar_3r", "satellite_panda", "satellite_ur5", "satellite_xarm7", "satellite_z1", "space_arm_7")
 OWN = ("cube12", "prism")
 CONDITIONS = (
-    "right", "masses", "noise", "momentum", "friction", "payload", "half torque", "lock told", "lock untold",
-    "limp",
+    "right", "masses", "noise", "momentum", "friction", "payload", "half torque", "lock, reported",
+    "lock, not reported", "limp",
 )  # fmt: skip
 REACH, ANGLE = 0.02, 0.02  # [m], [rad] largest final errors
 RATES, STOPS = 1.05, 2e-3  # allowed multiple of rate limits; [rad or m] allowed distance beyond a stop
@@ -214,7 +214,7 @@ def conditions(
         weak = simulation.Actuator(torque_limit=np.maximum(0.5 * peak, 1e-9))
         return {"conditions": ffsms.Conditions(actuator=weak)}
     kind = "limp" if name == "limp" else "locked"
-    fault = simulation.JointFault(at, joint, kind, told=name != "lock untold")
+    fault = simulation.JointFault(at, joint, kind, reported=name != "lock, not reported")
     return {} if name == "right" else {"conditions": ffsms.Conditions(events=fault)}
 
 

@@ -277,10 +277,10 @@ def joint_numbers(
 def clearance_numbers(least: LeastClearance | None) -> dict[str, Any]:
     """Return a motion's least clearance, its pair, time and position; all None without a clearance limit."""
     if least is None:
-        return {"wanted_m": None, "least_m": None, "pair": None, "time_s": None, "place_m": None}
+        return {"required_m": None, "least_m": None, "pair": None, "time_s": None, "position_m": None}
     required, distance = least.required, least.distance
-    numbers = {"wanted_m": required, "least_m": distance, "pair": least.pair, "time_s": least.time}
-    return numbers | {"place_m": list(least.place)}
+    numbers = {"required_m": required, "least_m": distance, "pair": least.pair, "time_s": least.time}
+    return numbers | {"position_m": list(least.place)}
 
 
 def _frame_numbers(tracking: Tracking) -> dict[str, dict[str, float]]:

@@ -33,7 +33,7 @@ CONDITIONS = {
     "disturbance": 'wrench = [0, 0, 0, 0, 0, 0.01]\non = "base"\nstart = 0.5\nend = 1.0\n',
     "capture": "time = 1.0\nmass = 0.5\ninertia = [0.01, 0.01, 0.01]\ncom = [0.05, 0, 0]\n"
     "twist = [0.01, 0, 0, 0, 0, 0.02]\n",
-    "fault": 'time = 1.5\njoint = "joint_2"\nkind = "limp"\ntold = false\n',
+    "fault": 'time = 1.5\njoint = "joint_2"\nkind = "limp"\nreported = false\n',
 }
 
 

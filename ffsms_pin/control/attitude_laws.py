@@ -107,7 +107,7 @@ class QuaternionFeedback:
 
     def _torque(self, view: BaseView, turn: FloatArray) -> FloatArray:
         if self.feedforward == "plan":
-            return held_dynamics(self.sms, view.q, view.v, turn, view.wanted[2])[0]
+            return held_dynamics(self.sms, view.q, view.v, turn, view.desired[2])[0]
         if self.feedforward == "torque":
             prescribed, eye = np.concatenate([np.zeros(3), turn, np.zeros(self.sms.n)]), np.eye(self.sms.nv)
             free = np.delete(eye, slice(3, 6), axis=1)  # linear acceleration of the base, and joints
@@ -231,7 +231,7 @@ class Coordinated(ComputedTorque):
 
     def command(self, view: BaseView) -> BaseCommand:
         """Return the command for wheels and thrusters in this control step."""
-        turn, torque, _ = self._held_dynamics(Motion(self.sms, view.q, view.v, *view.wanted))
+        turn, torque, _ = self._held_dynamics(Motion(self.sms, view.q, view.v, *view.desired))
         return self.base.shared(view, turn, torque)
 
     def _inverse_dynamics(self, motion: Motion) -> FloatArray:

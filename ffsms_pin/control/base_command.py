@@ -29,7 +29,7 @@ class BaseView(NamedTuple):
         Measured configuration and velocity in Pinocchio's layout.
     wheel_momentum : ndarray, shape (w,)
         Measured spin momenta relative to the base [N m s]; empty without wheels.
-    wanted : tuple of ndarray, shape (n,) each
+    desired : tuple of ndarray, shape (n,) each
         Joint positions [rad], rates [rad/s] and accelerations [rad/s^2] of the reference.
     tau : ndarray, shape (n,)
         Joint torques [N m] of this control step, without the part that compensates friction. That part
@@ -40,7 +40,7 @@ class BaseView(NamedTuple):
     q: FloatArray
     v: FloatArray
     wheel_momentum: FloatArray
-    wanted: tuple[FloatArray, FloatArray, FloatArray]
+    desired: tuple[FloatArray, FloatArray, FloatArray]
     tau: FloatArray
 
 

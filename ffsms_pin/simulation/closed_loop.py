@@ -187,7 +187,7 @@ def simulate(
             stopping = StoppingLaw(model if robot is None else robot, dt, saturation.limit)
         if isinstance(event, Latch) and supervisor is not None:
             estimating = estimator_of(conditions.estimator, supervisor.model, sensors, dt)
-        if isinstance(event, JointFault) and event.told:
+        if isinstance(event, JointFault) and event.reported:
             for observer in observing:
                 observer.joint_failed(event.index(plant), event.kind == "locked")
         return v

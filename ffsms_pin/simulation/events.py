@@ -157,7 +157,7 @@ class JointFault:
     """The joint's name, or its index from 0."""
     kind: Annotated[Literal["locked", "limp"], Unit()] = "locked"
     """The kind of failure. A "locked" joint keeps its position; a "limp" joint has no motor torque."""
-    told: Annotated[bool, Unit()] = True
+    reported: Annotated[bool, Unit()] = True
     """True to report the fault to reference and controller (`Observer.joint_failed`), so that re-planning
     uses the other joints."""
 

@@ -483,7 +483,7 @@ STRATEGIES = (
     *_descent(keep=(6, 4, 2), repeats=2),
     Strategy("most starts", partial(straight_starts, near=4, far=20, enough=3.0, insist=False)),
     *_descent(keep=(10, 6, 4), repeats=4),
-    Strategy("marches", step_rollouts),
+    Strategy("step rollouts", step_rollouts),
     _STRAIGHT,
     _WITHIN,
     Strategy("straight line", straight_line),

@@ -80,8 +80,8 @@ def test_a_payload_is_found_where_wheels_hold_the_base() -> None:
             )
         },
         {"actuator": Actuator(torque_limit=0.5)},
-        {"events": JointFault(1.0, 1, told=False)},
-        {"events": JointFault(1.0, 1, "limp", told=False)},
+        {"events": JointFault(1.0, 1, reported=False)},
+        {"events": JointFault(1.0, 1, "limp", reported=False)},
     ],
     ids=["right", "friction", "noise", "weak drives", "lock", "limp"],
 )

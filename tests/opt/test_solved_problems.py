@@ -73,7 +73,7 @@ def test_methods_of_single_steps_know_no_moving_goals(planar: ffsms.SpaceManipul
 
 
 def test_a_search_of_wrong_numbers_is_refused() -> None:
-    numbers = {"time_limit": -1.0, "cost_tolerance": np.nan, "without": "marches"}
+    numbers = {"time_limit": -1.0, "cost_tolerance": np.nan, "without": "step rollouts"}
     for name, wrong in numbers.items():
         given: dict[str, Any] = {name: wrong}
         with pytest.raises(InvalidValue, match=name):

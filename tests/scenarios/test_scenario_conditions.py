@@ -74,7 +74,7 @@ def test_a_file_with_every_condition_is_simulate_with_every_keyword(
             ],
             events=[
                 sim.Capture(1.0, 0.5, [0.01, 0.01, 0.01], [0.05, 0.0, 0.0], [0.01, 0.0, 0.0, 0.0, 0.0, 0.02]),
-                sim.JointFault(1.5, "joint_2", "limp", told=False),
+                sim.JointFault(1.5, "joint_2", "limp", reported=False),
             ],
             guards=sim.Guards(
                 position_margin=float(np.radians(90.0)),

@@ -276,7 +276,7 @@ def test_a_module_of_the_same_name_elsewhere_is_not_taken_for_it(
 
 def test_the_clearance_of_a_limit_is_the_one_reported(tmp_path: Path) -> None:
     text = QUICK + '[[limit]]\nuse = "clearance"\nclearance = 0.03\n'
-    assert summary(run(scenario(write(tmp_path, text))))["clearance"]["wanted_m"] == 0.03
+    assert summary(run(scenario(write(tmp_path, text))))["clearance"]["required_m"] == 0.03
     text = QUICK + '[[limit]]\nuse = "clearance"\ncollision = "off"\n'
     assert summary(run(scenario(write(tmp_path, text))))["clearance"]["checked"] == "off"
 

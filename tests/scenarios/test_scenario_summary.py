@@ -126,7 +126,7 @@ def test_clearances_against_plain_geometry(outcome: Outcome, numbers: dict[str, 
     pair = min(pairs, key=lambda name: pairs[name])
     assert report["pair"] == pair
     assert report["least_m"] == pytest.approx(pairs[pair], abs=2e-5)
-    assert report["wanted_m"] == 0.01
+    assert report["required_m"] == 0.01
 
 
 def test_clearance_of_the_simulated_motion(outcome: Outcome, numbers: dict[str, Any]) -> None:

@@ -188,7 +188,7 @@ def test_locked_joints_captures_and_wrenches_with_wheels(
         conditions=ffsms.Conditions(
             wheel_momentum=START,
             friction=JointFriction(0.01),
-            events=[JointFault(0.5, 1, told=False), Capture(1.0, 2.0, (0.1, 0.1, 0.1))],
+            events=[JointFault(0.5, 1, reported=False), Capture(1.0, 2.0, (0.1, 0.1, 0.1))],
         ),
     )
     size = np.linalg.norm(run.momentum[0])
@@ -250,7 +250,7 @@ def test_the_law_sees_what_is_measured(planar: ffsms.SpaceManipulator, swing: Sw
         (seen[k].v, run.v[k]),
         (seen[k].tau, run.tau[k]),
         (seen[k].wheel_momentum, run.wheel_momentum[k]),
-        (seen[k].wanted[0], swing.sample(0.57)[0]),
+        (seen[k].desired[0], swing.sample(0.57)[0]),
     ]
     for found, recorded in expected:
         np.testing.assert_allclose(found, recorded, rtol=1e-13)

@@ -46,7 +46,7 @@ def test_capture_keeps_the_momentum_of_arm_and_client(
 ) -> None:
     sms = ffsms.SpaceManipulator(random_tree(32, 3).model(), "tip")
     client = Capture(0.7, 15.0, np.diag([1.0, 1.5, 2.0]), (0.1, 0.2, -0.1), twist=0.3 * rng.normal(size=6))
-    events: list[Any] = [client] + [JointFault(0.2, 1, told=False)] * locked
+    events: list[Any] = [client] + [JointFault(0.2, 1, reported=False)] * locked
     h = rng.normal(size=6)
     tracking = simulate(
         sms,
@@ -166,7 +166,7 @@ def test_a_limp_joint_is_held_by_its_stop(
 def test_a_law_that_knows_of_a_limp_joint_leads_the_others_as_before(
     planar: ffsms.SpaceManipulator, told: bool
 ) -> None:
-    fault = JointFault(0.5, 1, "limp", told=told)
+    fault = JointFault(0.5, 1, "limp", reported=told)
     law = ComputedTorque(planar, 100.0, 20.0, adaptive=False)
     tracking = simulate(planar, Swing(planar), law, conditions=Conditions(events=fault, guards=None))
     off = np.abs(tracking.joint_error).max(axis=0)
@@ -183,6 +183,6 @@ def test_reference_is_told_of_faults(planar: ffsms.SpaceManipulator, law: Comput
         def joint_failed(self, joint: int, locked: bool) -> None:
             told.append((joint, locked))
 
-    faults = [JointFault(0.9, 0, "limp"), JointFault(0.3, "joint_3"), JointFault(0.5, 1, told=False)]
+    faults = [JointFault(0.9, 0, "limp"), JointFault(0.3, "joint_3"), JointFault(0.5, 1, reported=False)]
     simulate(planar, Told(planar), law, conditions=Conditions(events=faults))
     assert told == [(2, True), (0, False)]

@@ -332,7 +332,7 @@ def test_a_contact_that_is_too_strong_trips(given: dict[str, Any], words: str) -
 def test_an_arm_with_an_unknown_payload_and_a_limp_joint_is_brought_to_rest(
     planar: ffsms.SpaceManipulator, law: ComputedTorque
 ) -> None:
-    limp = JointFault(0.7, 2, "limp", told=False)
+    limp = JointFault(0.7, 2, "limp", reported=False)
     events: list[Any] = [Capture(0.5, 30.0, np.eye(3)), limp, Freeze(1.2, "by hand")]
     swing, rub = Swing(planar, duration=6.0), JointFriction(viscous=0.02)
     tracking = simulate(planar, swing, law, dt=5e-3, conditions=Conditions(friction=rub, events=events))

@@ -362,7 +362,7 @@ def test_jumps_and_wrong_values_on_the_way(planar: Any, q0: Any) -> None:
         opt.plan(planar, q0, opt.Path(lambda t: begin, approach_time=7.0), duration=PERIOD)
 
 
-@pytest.mark.parametrize("option", [{"without": ["marches"]}, {"cost_tolerance": 0.1}])
+@pytest.mark.parametrize("option", [{"without": ["step rollouts"]}, {"cost_tolerance": 0.1}])
 def test_options_of_searches_are_refused(planar: Any, q0: Any, option: dict[str, Any]) -> None:
     """A path is not searched for: what would be ignored is named."""
     curve = circle(planar.at(q0).end_effector_pose)

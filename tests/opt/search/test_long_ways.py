@@ -15,7 +15,7 @@ def test_a_march_is_taken_where_the_cheapest_motion_is_a_detour() -> None:
     target = sms.at(q0).end_effector_pose.translation + np.array([0.13, 0.02, 0.1])
     problem = opt.Problem(sms, q0, target, 12.0, 0.02)
     straight = opt.plan(sms, q0, target, 12.0, 0.02, method="resolved-rate").joint_travel
-    without = opt.solve(problem, opt.SearchOptions(without=("marches",)))
+    without = opt.solve(problem, opt.SearchOptions(without=("step rollouts",)))
     assert without.reached
     assert without.joint_travel > 3.0 * straight
     plan = opt.solve(problem)

@@ -39,7 +39,7 @@ def test_what_resolved_rate_reaches_is_reached(planar: ffsms.SpaceManipulator, p
 
 
 def test_a_misspelt_strategy_is_refused() -> None:
-    with pytest.raises(InvalidValue, match=r"without must be .*marches.*, got 'mrches'"):
+    with pytest.raises(InvalidValue, match=r"without must be .*step rollouts.*, got 'mrches'"):
         without("descent", "mrches")
 
 
@@ -53,7 +53,7 @@ def test_what_is_left_out_is_not_done(planar: ffsms.SpaceManipulator) -> None:
     def fail(search: Search) -> None:
         raise AssertionError
 
-    Search(problem, without("marches")).run([Strategy("stay", stay), Strategy("marches", fail)])
+    Search(problem, without("step rollouts")).run([Strategy("stay", stay), Strategy("marches", fail)])
     assert done == ["stay"]
 
 
