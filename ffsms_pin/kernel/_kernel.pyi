@@ -66,8 +66,8 @@ def step_state(
 def rate_bounds(limits: Array, joints: Array, rates: Array, dt: float, /) -> Array: ...
 def reference_speed(path_left: float, speed: float, time_left: float, dt: float, /) -> float: ...
 def ideal_cosine(entropy: float, kappa: float, /) -> float: ...
-def step_programme(
-    way: Array,
+def step_qp(
+    to_target: Array,
     rotation: Array | None,
     attitude: Array,
     J: Array,

@@ -1,8 +1,8 @@
-// The robot as numbers: a base, and a tree of revolute and prismatic joints with a body on each joint.
-// Kinematics and momentum of the arm at one configuration, or at one configuration per lane of a pack.
+// The robot: a base, and a tree of revolute and prismatic joints with a body on each joint. Kinematics and
+// momentum of the arm at one configuration, or at one configuration per lane of a pack.
 //
-// All quantities are in base axes with the root's origin at zero, so they depend on the joint positions
-// alone. Column j of a Jacobian is the value per unit rate of joint j.
+// All quantities of the arm are in base axes with the root's origin at zero, so they depend on the joint
+// positions alone. Column j of a Jacobian is the value per unit rate of joint j.
 #pragma once
 
 #include "vec3.hpp"
@@ -29,7 +29,7 @@ struct Body {
 struct Joint {
   int parent;           // index of the parent joint; -1: the base
   bool turns;           // true: revolute, false: prismatic
-  int own_axis;         // index of the frame axis that is the joint axis; -1: no frame axis
+  int own_axis;         // index of the frame axis parallel to the joint axis; -1: none
   Vec3<double> axis;    // unit vector in the joint frame
   Placed place;         // pose of the joint frame in the parent's frame
   bool moves_tip;       // true if the joint moves the end effector
@@ -41,15 +41,13 @@ struct Tree {
   int n;  // number of joints; a parent comes before its children
   Joint joints[kMostJoints];
   int last;                   // the joint that carries the end effector; -1: the base
-  Placed tip;                 // pose of the end effector in the frame of that joint
+  Placed tip;                 // pose of the end effector in the frame of the joint `last`
   double total_mass;          // [kg]
   Vec3<double> base_com;      // the base's centre of mass, root axes [m]
   Vec3<double> base_moment;   // the base's mass times base_com [kg m]
   Mat3<double> base_inertia;  // the base's inertia about the root's origin [kg m^2]
-  // True if the base can translate, and if it can rotate, in the mode of the base. If the base's position is
-  // held, the mass is taken as infinite. If the base's attitude is held, the inertia is taken as infinite.
-  bool moves, turns_freely;
-  double inverse_mass;  // 1 / total_mass, or 0 if the base's position is held [1/kg]
+  bool moves, turns_freely;   // true if the base can translate, and if it can rotate, in the mode
+  double inverse_mass;        // 1 / total_mass, or 0 if the base's position is held [1/kg]
 };
 
 // Computes the members that follow from the joints, the end effector, the mode and the base.
@@ -151,8 +149,8 @@ void pose(const Tree& tree, const T* positions, Arm<T>& arm) {
   arm.origin[tree.n] = arm.tip;
 }
 
-// Computes the first moments and inertias about the origin of all bodies that each joint moves, then the
-// centre of mass and the inverse inertia of the system.
+// Computes the first moments and inertias about the origin of all bodies that each joint moves, then `com`
+// and `inverse` of Arm.
 template <class T>
 void carry(const Tree& tree, Arm<T>& arm) {
   for (int j = 0; j < tree.n; ++j) {

@@ -1,5 +1,4 @@
-// Conversions between Python's arrays and the types of the headers. The first axes of an array of doubles are
-// the components, the last axes are the configurations.
+// Conversions between Python's arrays and the types of the headers.
 #pragma once
 
 #include <nanobind/nanobind.h>
@@ -81,9 +80,9 @@ template <class Kind>
 struct type_caster<Kind, enable_if_t<ffsms::kOfNumbers<Kind>>> {
   NB_TYPE_CASTER(Kind, const_name("numpy.ndarray"))
 
-  bool from_python(handle given, uint8_t flags, cleanup_list* cleanup) noexcept {
+  bool from_python(handle source, uint8_t flags, cleanup_list* cleanup) noexcept {
     make_caster<ffsms::In> array;
-    if (!array.from_python(given, flags, cleanup)) return false;
+    if (!array.from_python(source, flags, cleanup)) return false;
     if (array.value.size() * sizeof(double) != sizeof value) return false;
     std::memcpy(&value, array.value.data(), sizeof value);
     return true;

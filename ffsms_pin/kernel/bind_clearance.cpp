@@ -5,8 +5,8 @@
 namespace ffsms {
 namespace {
 
-// The arm and the obstacles at one of the joint positions (n, count). `move` selects the joint positions, and
-// `look` evaluates the arm.
+// The arm and the obstacles at one of the joint positions (n, count). `select` selects the configuration, and
+// `evaluate_pose` evaluates the arm.
 struct ArmAt {
   const Tree& tree;
   const Matrix& joints;
@@ -23,15 +23,15 @@ struct ArmAt {
     expect(joints.shape(0) == static_cast<Size>(tree.n), "an array has a wrong shape");
   }
   // Selects configuration k; returns true if it differs from the last one.
-  bool move(Index k) {
+  bool select(Index k) {
     if (k == last) return false;
     Reader<double>{joints.data() + k, joints.shape(1)}.next(positions, tree.n);
     last = k;
     posed = false;
     return true;
   }
-  // Evaluates the arm at the selected configuration; returns false if this was done before.
-  bool look() {
+  // Evaluates the arm at the selected configuration; returns false if it is already evaluated.
+  bool evaluate_pose() {
     if (posed) return false;
     pose(tree, positions, arm);
     return posed = true;
@@ -41,23 +41,23 @@ struct ArmAt {
   Placed body(Index index) const {
     if (index < 0) return {{{{{1.0, 0.0, 0.0}}, {{0.0, 1.0, 0.0}}, {{0.0, 0.0, 1.0}}}}, {}};
     if (index < tree.n) return {arm.rotation[index], arm.origin[index]};
-    Placed found;
+    Placed pose;
     const Index m = index - tree.n;
     const Size count = origins.shape(1) * origins.shape(2);
-    Reader<double>{&turns(0, 0, m, last), count}.next(&found.turn);
-    Reader<double>{&origins(0, m, last), count}.next(&found.origin);
-    return found;
+    Reader<double>{&turns(0, 0, m, last), count}.next(&pose.turn);
+    Reader<double>{&origins(0, m, last), count}.next(&pose.origin);
+    return pose;
   }
 };
 
-constexpr double kExact = 1e-7;  // [m] largest difference of the bounds of a distance that is taken as exact
+constexpr double kExact = 1e-7;  // [m] a distance is exact if its bounds differ by less
 
 // Returns distances (V) and nearest points (V, 3, 3), in the first body's axes, of V entries (pair of bodies,
 // configuration). A distance that is not below `near` is a lower bound without points.
 //
-// If parts overlap or a part has no corners, coal must measure the distance. For each such entry the third
-// result has the index of the entry, the pairs of parts with their lower bounds, and the pose (12,) of the
-// second body relative to the first (attitude, then position).
+// If the bounds of a distance are not equal, because parts overlap or a part has no corners, coal must
+// measure it. For each such entry the third result has the index of the entry, the lower bounds and indices
+// of pairs of parts, and the pose (12,) of the second body relative to the first (attitude, then position).
 //
 // `reaches` (pairs, n) are upper bounds of the rate of each distance per unit rate of each joint. With these
 // bounds most pairs need not be measured again at the next configuration.
@@ -76,48 +76,49 @@ nb::tuple near_parts(const Tree& tree, Matrix joints, Table<double, 3, 3, -1, -1
                 of_numbers<Vec3<double>>(round + 2)};
   };
   std::vector<Placed> placed(bodies.shape(0));
-  std::vector<Vec3<double>> centres(bodies.shape(0)), ways(pairs.shape(0), Vec3<double>{});
+  std::vector<Vec3<double>> centres(bodies.shape(0)), directions(pairs.shape(0), Vec3<double>{});
   std::vector<std::pair<double, Index>> close;  // lower bounds and pairs of parts below `near`
   // The entry of the last measurement of each pair of bodies, and a bound of the change of distance since
   // then.
-  std::vector<Size> seen(ends.shape(0), 0);
-  std::vector<double> changed(seen.size(), kInfinity);
+  std::vector<Size> last_entry(ends.shape(0), 0);
+  std::vector<double> change_bound(last_entry.size(), kInfinity);
   const Size size = columns.shape(0), n = static_cast<Size>(tree.n);
-  expect(reaches.shape(0) == seen.size() && reaches.shape(1) == n, "an array has a wrong shape");
+  expect(reaches.shape(0) == last_entry.size() && reaches.shape(1) == n, "an array has a wrong shape");
   const double* reach = reaches.data();
   Out distance = new_array(size), points = new_array(size, 3, 3);
   std::fill_n(distance.data(), size, 0.0);
   std::fill_n(points.data(), points.size(), 0.0);
   nb::list entries;
   for (Size v = 0; v < size; ++v) {
-    const Index m = columns(v), one = ends(m, 0), other = ends(m, 1);
-    double way[kMostJoints];
-    std::copy_n(arm.positions, n, way);
-    if (arm.move(at(v))) {
-      for (Size j = 0; j < n; ++j) way[j] = std::fabs(arm.positions[j] - way[j]);
-      for (Size i = 0; i < seen.size(); ++i) {
+    const Index m = columns(v), first = ends(m, 0), second = ends(m, 1);
+    double displacement[kMostJoints];
+    std::copy_n(arm.positions, n, displacement);
+    if (arm.select(at(v))) {
+      for (Size j = 0; j < n; ++j) displacement[j] = std::fabs(arm.positions[j] - displacement[j]);
+      for (Size i = 0; i < last_entry.size(); ++i) {
         double most = origins.shape(1) > 0 ? kInfinity : 0.0;  // reaches do not bound obstacles' motion
-        for (Size j = 0; j < n; ++j) most += reach[i * n + j] * way[j];
-        changed[i] += most;
+        for (Size j = 0; j < n; ++j) most += reach[i * n + j] * displacement[j];
+        change_bound[i] += most;
       }
     }
     double& least = distance.data()[v];
-    least = distance.data()[seen[m]] - changed[m];
-    seen[m] = v;
-    changed[m] = 0.0;
+    least = distance.data()[last_entry[m]] - change_bound[m];
+    last_entry[m] = v;
+    change_bound[m] = 0.0;
     if (least >= near(v)) continue;
-    if (arm.look()) {
+    if (arm.evaluate_pose()) {
       for (Size b = 0; b < placed.size(); ++b) {
         placed[b] = arm.body(static_cast<Index>(cover[b].body));
         centres[b] = placed[b].origin + placed[b].turn * cover[b].centre;
       }
     }
-    const Vec3<double> apart = centres[other] - centres[one];
-    least = std::sqrt(dot(apart, apart)) - cover[one].radius - cover[other].radius;
+    const Vec3<double> between_centres = centres[second] - centres[first];
+    least = std::sqrt(dot(between_centres, between_centres)) - cover[first].radius - cover[second].radius;
     if (!(least < near(v))) continue;
-    const Mat3<double> back = transposed(placed[one].turn);
-    const Placed relative = {back * placed[other].turn, back * (placed[other].origin - placed[one].origin)};
-    least = bound(cover[one], cover[other], relative, near(v));
+    const Mat3<double> back = transposed(placed[first].turn);
+    const Placed relative = {back * placed[second].turn,
+                             back * (placed[second].origin - placed[first].origin)};
+    least = bound(cover[first], cover[second], relative, near(v));
     if (!(least < near(v))) continue;
     close.clear();
     double beyond = kInfinity, most = near(v);
@@ -129,23 +130,23 @@ nb::tuple near_parts(const Tree& tree, Matrix joints, Table<double, 3, 3, -1, -1
         beyond = std::min(beyond, low);
     }
     std::sort(close.begin(), close.end());
-    nb::list left;
+    nb::list unmeasured;
     for (const auto& [low, i] : close) {
       if (!(low < most)) break;
-      const Gap between = gap(hull(pairs(i, 0)), hull(pairs(i, 1)), relative, most, ways[i]);
-      if (between.least >= most) {
-        beyond = std::min(beyond, between.least);
-      } else if (between.most - between.least < kExact) {
-        most = between.most;
-        std::memcpy(points.data() + 9 * v, &between.found, sizeof between.found);
+      const Gap between = gap(hull(pairs(i, 0)), hull(pairs(i, 1)), relative, most, directions[i]);
+      if (between.lower >= most) {
+        beyond = std::min(beyond, between.lower);
+      } else if (between.upper - between.lower < kExact) {
+        most = between.upper;
+        std::memcpy(points.data() + 9 * v, &between.nearest, sizeof between.nearest);
       } else {
-        left.append(nb::make_tuple(std::max(low, between.least), i));
+        unmeasured.append(nb::make_tuple(std::max(low, between.lower), i));
       }
     }
-    least = most < near(v) || left.size() > 0 ? most : std::max(least, beyond);
-    if (left.size() == 0) continue;
-    entries.append(nb::make_tuple(v, left, array_of(relative)));
-    changed[m] = kInfinity;
+    least = most < near(v) || unmeasured.size() > 0 ? most : std::max(least, beyond);
+    if (unmeasured.size() == 0) continue;
+    entries.append(nb::make_tuple(v, unmeasured, array_of(relative)));
+    change_bound[m] = kInfinity;
   }
   return nb::make_tuple(distance, points, entries);
 }
@@ -154,17 +155,17 @@ nb::tuple near_parts(const Tree& tree, Matrix joints, Table<double, 3, 3, -1, -1
 // a point (the joints' origins, then the end effector), and the index of another point, or -1 for the box.
 nb::tuple near_points(const Tree& tree, Matrix joints, Indices columns, Indices at, Table<Index, -1, 2> ends,
                       const Box& box) {
-  ArmAt seen(tree, joints);
+  ArmAt arm_at(tree, joints);
   const Size size = columns.shape(0);
   Out distance = new_array(size), points = new_array(size, 3, 3);
   for (Size v = 0; v < size; ++v) {
-    seen.move(at(v));
-    seen.look();
-    const Index there = ends(columns(v), 0), here = ends(columns(v), 1);
-    Nearest found = {{}, seen.arm.origin[there], {}};
-    if (here >= 0) found.here = seen.arm.origin[here];
-    distance.data()[v] = here < 0 ? from_box(box, found) : from_point(found);
-    std::memcpy(points.data() + 9 * v, &found, sizeof found);
+    arm_at.select(at(v));
+    arm_at.evaluate_pose();
+    const Index point = ends(columns(v), 0), other = ends(columns(v), 1);
+    Nearest nearest = {{}, arm_at.arm.origin[point], {}};
+    if (other >= 0) nearest.on_first = arm_at.arm.origin[other];
+    distance.data()[v] = other < 0 ? from_box(box, nearest) : from_point(nearest);
+    std::memcpy(points.data() + 9 * v, &nearest, sizeof nearest);
   }
   return nb::make_tuple(distance, points);
 }
@@ -174,22 +175,22 @@ nb::tuple near_points(const Tree& tree, Matrix joints, Indices columns, Indices 
 // body in whose axes the entries of `points` (V, 3, 3) are.
 nb::tuple distance_slopes(const Tree& tree, Matrix joints, Table<Index, -1, 3> bodies, Indices columns,
                           Indices at, Table<double, -1, 3, 3> points) {
-  ArmAt seen(tree, joints);
+  ArmAt arm_at(tree, joints);
   const Size size = at.shape(0);
   const auto count = static_cast<Index>(size);
   Out gradient = new_array(tree.n, size), placed = new_array(3, 3, size);
   std::fill_n(gradient.data(), gradient.size(), 0.0);
   for (Size v = 0; v < size; ++v) {
-    seen.move(at(v));
-    seen.look();
+    arm_at.select(at(v));
+    arm_at.evaluate_pose();
     const Index* pair = bodies.data() + 3 * columns(v);
-    auto found = of_numbers<Nearest>(points.data() + 9 * v);
-    const Placed body = seen.body(pair[2]);
-    found = {body.origin + body.turn * found.here, body.origin + body.turn * found.there,
-             body.turn * found.normal};
-    add_slopes(tree, seen.arm, pair[1], found.there, found.normal, 1.0, gradient.data() + v, count);
-    add_slopes(tree, seen.arm, pair[0], found.here, found.normal, -1.0, gradient.data() + v, count);
-    Writer<double>{placed.data() + v, size}.put(&found);
+    auto nearest = of_numbers<Nearest>(points.data() + 9 * v);
+    const Placed body = arm_at.body(pair[2]);
+    nearest = {body.origin + body.turn * nearest.on_first, body.origin + body.turn * nearest.on_second,
+               body.turn * nearest.normal};
+    add_slopes(tree, arm_at.arm, pair[1], nearest.on_second, nearest.normal, 1.0, gradient.data() + v, count);
+    add_slopes(tree, arm_at.arm, pair[0], nearest.on_first, nearest.normal, -1.0, gradient.data() + v, count);
+    Writer<double>{placed.data() + v, size}.put(&nearest);
   }
   return nb::make_tuple(gradient, placed);
 }

@@ -17,12 +17,12 @@ using Slope = nb::ndarray<const double, nb::device::cpu>;
 using InOut = nb::ndarray<double, nb::c_contig, nb::device::cpu>;  // results are added to it
 
 // Arguments from Python.
-using GivenQuadrature = std::tuple<In, Matrix, int>;  // integral_to_points, integral_over, late
+using QuadratureArguments = std::tuple<In, Matrix, int>;  // integral_to_points, integral_over, late
 // A residual: instants, motions, weights, values, slopes by name.
-using GivenResidual =
+using ResidualArguments =
     std::tuple<Indices, std::optional<Indices>, Vector, Slope, std::map<std::string, Slope>>;
 
-[[noreturn]] void wrong(const std::string& name) {
+[[noreturn]] void wrong_shape(const std::string& name) {
   throw std::invalid_argument(name + " of a residual or a motion has a wrong shape");
 }
 
@@ -33,18 +33,18 @@ Strided strided(const Slope& array, const Size (&sizes)[5], const char* name) {
   Size axis = array.ndim();
   for (int i = 5; i-- > 0;) {
     if (sizes[i] == 0) continue;
-    if (axis-- == 0 || (array.shape(axis) != sizes[i] && array.shape(axis) != 1)) wrong(name);
+    if (axis-- == 0 || (array.shape(axis) != sizes[i] && array.shape(axis) != 1)) wrong_shape(name);
     if (array.shape(axis) != 1) out.step[i] = array.stride(axis);
   }
-  if (axis != 0) wrong(name);
+  if (axis != 0) wrong_shape(name);
   return out;
 }
 
 // Checks that an array has `count` indices below `end`, and returns them.
 const Index* checked(const Indices& array, Size count, Size end, const char* name) {
-  if (array.shape(0) != count) wrong(name);
+  if (array.shape(0) != count) wrong_shape(name);
   for (Size i = 0; i < count; ++i) {
-    if (array(i) < 0 || array(i) >= static_cast<Index>(end)) wrong(name);
+    if (array(i) < 0 || array(i) >= static_cast<Index>(end)) wrong_shape(name);
   }
   return array.data();
 }
@@ -101,7 +101,7 @@ Out roll_out(const Tree& tree, const Vector& start, const Matrix& accelerations,
     const Spin middle = spin_at(tree, q, u, arm);
     half_a_step();
     const Spin last = spin_at(tree, q, u, arm);
-    root.turn = tumbled(root.turn, first, middle, last, momentum.angular, dt);
+    root.turn = runge_kutta_step(root.turn, first, middle, last, momentum.angular, dt);
     com += dt * tree.inverse_mass * momentum.linear;
     root.origin = com - root.turn * arm.com;
     Writer<double> write = {out.data() + k + 1, nodes};
@@ -113,8 +113,8 @@ Out roll_out(const Tree& tree, const Vector& start, const Matrix& accelerations,
   return out;
 }
 
-Quadrature quadrature_of(const GivenQuadrature& given) {
-  const auto& [to_points, over, late] = given;
+Quadrature quadrature_of(const QuadratureArguments& arguments) {
+  const auto& [to_points, over, late] = arguments;
   const Size intervals = over.shape(0), gauss = over.shape(1);
   expect(gauss <= kMostGauss, "the kernel takes at most 8 Gauss points per interval");
   expect_size(to_points, intervals * gauss * gauss);
@@ -124,20 +124,20 @@ Quadrature quadrature_of(const GivenQuadrature& given) {
 // Returns rows (12, S K) along S motions of a spline: attitudes (9) of the base, and the part of its angular
 // velocity (3) due to the angular momentum. The arguments are the angular velocity due to the joint rates
 // (3, S, K), and the inverse of the system's inertia (3, 3, S, K).
-Out spline_attitudes(const GivenQuadrature& quadrature, const In& omega, const In& inverse,
+Out spline_attitudes(const QuadratureArguments& quadrature, const In& omega, const In& inverse,
                      const Mat3<double>& start, const Vec3<double>& momentum) {
-  const Quadrature by = quadrature_of(quadrature);
-  const Size K = static_cast<Size>(by.instants()), count = omega.size() / 3;
+  const Quadrature rule = quadrature_of(quadrature);
+  const Size K = static_cast<Size>(rule.instants()), count = omega.size() / 3;
   expect(omega.size() == 3 * count && count % K == 0 && inverse.size() == 9 * count,
          "an array has a wrong shape");
   Out out = new_array(12, count);
   for (Size begin = 0; begin < count; begin += K) {
-    std::vector<Turning> at(K);
+    std::vector<BaseRotation> at(K);
     for (Size k = 0; k < K; ++k) {
       Reader<double>{omega.data() + begin + k, count}.next(&at[k].reaction);
       Reader<double>{inverse.data() + begin + k, count}.next(&at[k].inverse);
     }
-    base_attitudes(by, start, momentum, at.data());
+    base_attitudes(rule, start, momentum, at.data());
     for (Size k = 0; k < K; ++k) {
       Writer<double> write = {out.data() + begin + k, count};
       write.put(&at[k].attitude);
@@ -147,8 +147,8 @@ Out spline_attitudes(const GivenQuadrature& quadrature, const In& omega, const I
   return out;
 }
 
-Residual residual_of(const GivenResidual& given, Size n, Size motions, Size instants) {
-  const auto& [at, motion, weight, value, slopes] = given;
+Residual residual_of(const ResidualArguments& arguments, Size n, Size motions, Size instants) {
+  const auto& [at, motion, weight, value, slopes] = arguments;
   const Size count = weight.size(), S = motion ? 1 : motions, rows = value.ndim() == 3 ? value.shape(0) : 0;
   Residual out = {};
   out.rows = std::max<Index>(static_cast<Index>(rows), 1);
@@ -159,11 +159,11 @@ Residual residual_of(const GivenResidual& given, Size n, Size motions, Size inst
   if (count == 0) return out;
   out.value = strided(value, {rows, 0, 0, S, count}, "value");
   for (int i = 0; i < kSlopes; ++i) {
-    const auto found = slopes.find(kNames[i]);
-    if (found == slopes.end()) continue;
+    const auto slope = slopes.find(kNames[i]);
+    if (slope == slopes.end()) continue;
     const bool all = (i >= kVectors && i < kOwnJoint) || i == kCoupling;
     const Size components = i < kVectors ? 3 : i == kCoupling ? 6 : 0;
-    out.by[i] = strided(found->second, {rows, components, all ? n : 0, S, count}, kNames[i]);
+    out.by[i] = strided(slope->second, {rows, components, all ? n : 0, S, count}, kNames[i]);
     expect(i < kOwnJoint || i >= kEntropy || rows == n, "own slopes need a residual with one row per joint");
   }
   return out;
@@ -171,26 +171,27 @@ Residual residual_of(const GivenResidual& given, Size n, Size motions, Size inst
 
 // Adds the sums of selected motions to gradients (S, M n) and Hessians (S, M n, M n). `motions` (rows, S, K)
 // has S motions, and `chosen` has the indices of the selected motions.
-void sums(const Tree& tree, const Table<double, 3, -1, -1>& maps, const GivenQuadrature& quadrature,
-          const Table<double, -1, -1, -1>& motions, const std::vector<GivenResidual>& residuals,
+void sums(const Tree& tree, const Table<double, 3, -1, -1>& maps, const QuadratureArguments& quadrature,
+          const Table<double, -1, -1, -1>& motions, const std::vector<ResidualArguments>& residuals,
           const Indices& chosen, const InOut& gradient, const InOut& hessian,
           const std::optional<Vec3<double>>& momentum) {
-  const Quadrature by = quadrature_of(quadrature);
-  const Size n = static_cast<Size>(tree.n), K = static_cast<Size>(by.instants()), S = motions.shape(1);
+  const Quadrature rule = quadrature_of(quadrature);
+  const Size n = static_cast<Size>(tree.n), K = static_cast<Size>(rule.instants()), S = motions.shape(1);
   const Size size = n * maps.shape(2), rows = motions.shape(0);
   const bool entropy = rows == 8 * n + 12;
-  if (maps.shape(1) != K || motions.shape(2) != K || !(entropy || rows == 2 * n + 12)) wrong("an array");
+  if (maps.shape(1) != K || motions.shape(2) != K || !(entropy || rows == 2 * n + 12))
+    wrong_shape("an array");
   const SplineMaps spline = {static_cast<int>(maps.shape(2)), maps.data()};
   std::vector<Residual> values;
-  for (const auto& one : residuals) values.push_back(residual_of(one, n, S, K));
+  for (const auto& argument : residuals) values.push_back(residual_of(argument, n, S, K));
   checked(chosen, chosen.shape(0), S, "a chosen motion");
   expect_size(gradient, S * size);
   expect_size(hessian, S * size * size);
   // The memory (about 1 MB) is kept between calls, because its allocation would take as long as the sums.
-  thread_local std::vector<double> room;
-  room.resize(std::max(room.size(), Sums::needed(tree, spline, by)));
+  thread_local std::vector<double> memory;
+  memory.resize(std::max(memory.size(), Sums::needed(tree, spline, rule)));
   const MotionRows all = {motions.data(), S * K, entropy, momentum.value_or(Vec3<double>{})};
-  Sums sum(tree, all, spline, by, room.data());
+  Sums sum(tree, all, spline, rule, memory.data());
   for (Size i = 0; i < chosen.shape(0); ++i) {
     const Size s = static_cast<Size>(chosen(i));
     sum.add(chosen(i), values, gradient.data() + s * size, hessian.data() + s * size * size);
@@ -209,18 +210,18 @@ nb::object cholesky_factor(const Matrix& matrix) {
 Out solved_lower(const Matrix& factor, const Matrix& right) {
   const Size n = factor.shape(0), count = right.shape(1);
   expect(factor.shape(1) == n && right.shape(0) == n, "an array has a wrong shape");
-  Out found = new_array(n, count);
-  std::copy_n(right.data(), n * count, found.data());
-  solve_lower(factor.data(), found.data(), static_cast<int>(n), static_cast<int>(count));
-  return found;
+  Out solution = new_array(n, count);
+  std::copy_n(right.data(), n * count, solution.data());
+  solve_lower(factor.data(), solution.data(), static_cast<int>(n), static_cast<int>(count));
+  return solution;
 }
 
 Out solved_upper(const Matrix& factor, const Vector& right) {
   const Size n = factor.shape(0);
   expect(factor.shape(1) == n && right.shape(0) == n, "an array has a wrong shape");
-  Out found = array_of(right.data(), n);
-  solve_upper(factor.data(), found.data(), static_cast<int>(n));
-  return found;
+  Out solution = array_of(right.data(), n);
+  solve_upper(factor.data(), solution.data(), static_cast<int>(n));
+  return solution;
 }
 
 }  // namespace

@@ -21,7 +21,7 @@ using Twist = Table<double, 6>;
 // slack variable, 0 for a hard limit.
 using Rows = std::tuple<nb::ndarray<const double, nb::ndim<2>, nb::device::cpu>, Vector, Vector, double>;
 
-// The values of a step's state except the columns and V; see opt/step/state.py.
+// The values of a step's state except the columns and V; see `StepState` in opt/step/state.py.
 struct State {
   Vec3<double> tip, com;
   Momentum drift, tip_drift;  // twists
@@ -29,7 +29,7 @@ struct State {
   double entropy;
 };
 
-// Returns the columns (3, 6, n) of the root's reaction, J* and J_m; V (n, n); and the state.
+// Returns the columns (3, 6, n) of the root's reaction, J* and J_m; V (n, n); and the numbers of a `State`.
 nb::tuple step_state(const Tree& tree, const RootPose& root, const Vector& joints,
                      const std::optional<Momentum>& momentum) {
   const int n = tree.n;
@@ -87,20 +87,20 @@ nb::tuple stacked_rows(const Matrix& V, const std::vector<Rows>& limits) {
     A.resize(A.size() + size, 0.0);
     return &A[A.size() - size];
   };
-  for (const auto& [G, lower, upper, give] : limits) {
-    // A soft limit has a row for its lower bound and a row for its upper bound.
-    const bool gives = give != 0.0;
-    for (int side = 0; side < (gives ? 2 : 1); ++side) {
+  for (const auto& [G, lower, upper, softness] : limits) {
+    // A soft limit has separate rows for its lower bounds and for its upper bounds.
+    const bool soft = softness != 0.0;
+    for (int side = 0; side < (soft ? 2 : 1); ++side) {
       for (Size r = 0; r < lower.shape(0); ++r) {
-        const double least = gives && side == 1 ? -kUnbounded : lower(r);
-        const double most = gives && side == 0 ? kUnbounded : upper(r);
-        if (gives && !(least > -kUnbounded || most < kUnbounded)) continue;
+        const double least = soft && side == 1 ? -kUnbounded : lower(r);
+        const double most = soft && side == 0 ? kUnbounded : upper(r);
+        if (soft && !(least > -kUnbounded || most < kUnbounded)) continue;
         double* row = add(least, most);
         for (Size j = 0; j < n; ++j) {
           const double g = G(r, j);
           for (Size c = 0; g != 0.0 && c < n; ++c) row[c] += g * V(j, c);
         }
-        row[n + 1] = side == 0 ? give : -give;
+        row[n + 1] = side == 0 ? softness : -softness;
       }
     }
   }
@@ -111,28 +111,28 @@ nb::tuple stacked_rows(const Matrix& V, const std::vector<Rows>& limits) {
 }
 
 // Returns the desired motion, H (n + 2, n + 2) with g below it, and the constraints.
-nb::tuple step_programme(const Vec3<double>& way, const std::optional<Mat3<double>>& rotation,
-                         const Mat3<double>& attitude, const Table<double, 6, -1>& J, const Matrix& V,
-                         const Vector& rates, const Twist& drift, const Vector& acceleration,
-                         const Vec3<double>& side, double cosine, double time_left, double dt,
-                         const StepWeights& weights, const std::vector<Rows>& limits) {
+nb::tuple step_qp(const Vec3<double>& to_target, const std::optional<Mat3<double>>& rotation,
+                  const Mat3<double>& attitude, const Table<double, 6, -1>& J, const Matrix& V,
+                  const Vector& rates, const Twist& drift, const Vector& acceleration,
+                  const Vec3<double>& side, double cosine, double time_left, double dt,
+                  const StepWeights& weights, const std::vector<Rows>& limits) {
   const int n = static_cast<int>(rates.shape(0)), size = n + 2;
   const Size joints = rates.shape(0);
   expect(n <= kMostJoints && J.shape(1) == joints && V.size() == joints * joints,
          "an array has a wrong shape");
   expect_size(acceleration, joints);
-  const StepGiven by = {n,   J.data(), V.data(), rates.data(), drift.data(), acceleration.data(),
-                        way, side,     attitude, rotation,     cosine,       time_left,
-                        dt};
-  const WantedMotion wanted = wanted_motion(by);
-  Out goal = new_array(size + 1, size);
-  std::fill_n(goal.data(), goal.size(), 0.0);
-  add_objective(by, wanted, weights, goal.data(), goal.data() + size * size);
-  return nb::make_tuple(array_of(wanted), goal, stacked_rows(V, limits));
+  const StepArguments step = {n,         J.data(), V.data(), rates.data(), drift.data(), acceleration.data(),
+                              to_target, side,     attitude, rotation,     cosine,       time_left,
+                              dt};
+  const DesiredMotion desired = desired_motion(step);
+  Out objective = new_array(size + 1, size);
+  std::fill_n(objective.data(), objective.size(), 0.0);
+  add_objective(step, desired, weights, objective.data(), objective.data() + size * size);
+  return nb::make_tuple(array_of(desired), objective, stacked_rows(V, limits));
 }
 
-// Returns the solution (x, z) of the QP from the equations of its active rows, to rounding; None if it
-// violates a constraint or the sign of a multiplier.
+// Returns the solution (x, z) of a QP with its active rows, |z| > tolerance, as equality constraints. Returns
+// None if the equations are singular, or if the solution violates a row or the sign of a multiplier.
 nb::object refined(const Matrix& H, const Vector& g, const Matrix& A, const Vector& low, const Vector& up,
                    const Vector& z, double tolerance) {
   const int n = static_cast<int>(g.shape(0)), rows = static_cast<int>(low.shape(0));
@@ -175,7 +175,7 @@ void bind_step(nb::module_& m) {
   m.def("rate_bounds", &rate_bounds);
   m.def("reference_speed", &reference_speed);
   m.def("ideal_cosine", &ideal_cosine);
-  m.def("step_programme", &step_programme);
+  m.def("step_qp", &step_qp);
   m.def("refined", &refined);
 }
 

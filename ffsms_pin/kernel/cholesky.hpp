@@ -1,29 +1,29 @@
-// The Cholesky factorisation and triangular solves, for the quadratic programmes of Gauss-Newton steps.
+// The Cholesky factorisation and triangular solves, for the quadratic programs (QPs) of Gauss-Newton steps.
 #pragma once
 
 #include <cmath>
 
 namespace ffsms {
 
-// Subtracts the sum over k of factor k times row k, k < count, from the entries `begin` to `end` of a row.
-// The sum is taken over four rows at a time, so each entry is loaded and stored a quarter as often.
-inline void subtract_rows(double* row, const double* factors, const double* rows, int step, int wide,
+// Subtracts the sum over k < count of factor k times row k from the entries `begin` <= j < `end` of a row.
+// Four rows are subtracted at a time, so each entry is loaded and stored a quarter as often.
+inline void subtract_rows(double* row, const double* factors, const double* rows, int step, int width,
                           int count, int begin, int end) {
   int k = 0;
-  for (; k + 4 <= count; k += 4, factors += 4 * step, rows += 4 * wide) {
+  for (; k + 4 <= count; k += 4, factors += 4 * step, rows += 4 * width) {
     const double a = factors[0], b = factors[step], c = factors[2 * step], d = factors[3 * step];
-    const double *first = rows, *second = first + wide, *third = second + wide, *fourth = third + wide;
+    const double *first = rows, *second = first + width, *third = second + width, *fourth = third + width;
     for (int j = begin; j < end; ++j) {
       row[j] -= a * first[j] + b * second[j] + (c * third[j] + d * fourth[j]);
     }
   }
-  for (; k < count; ++k, factors += step, rows += wide) {
+  for (; k < count; ++k, factors += step, rows += width) {
     const double a = *factors;
     for (int j = begin; j < end; ++j) row[j] -= a * rows[j];
   }
 }
 
-// Replaces the upper triangle of a symmetric matrix A (n, n) by U with A = U^T U; returns false unless A is
+// Replaces the upper triangle of a symmetric matrix A (n, n) by U with A = U^T U. Returns false if A is not
 // positive definite.
 inline bool cholesky(double* A, int n) {
   for (int i = 0; i < n; ++i) {

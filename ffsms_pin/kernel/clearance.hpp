@@ -15,7 +15,7 @@ constexpr double kInfinity = std::numeric_limits<double>::infinity();
 // The nearest points on the first and second body, and the unit normal. The distance grows fastest if the
 // second body moves along the normal.
 struct Nearest {
-  Vec3<double> here, there, normal;
+  Vec3<double> on_first, on_second, normal;
 };
 
 // A bounding ball and a bounding box with the same centre, in the axes of the body that carries them.
@@ -28,10 +28,10 @@ struct Cover {
 };
 static_assert(sizeof(Cover) == 17 * sizeof(double), "Python passes covers as rows of 17 numbers");
 
-// Returns the distance of a ball from the box, or minus infinity if the ball's centre is in the box. `way` is
-// the vector from the box's centre to the ball's centre.
-inline double outside(const Cover& box, const Vec3<double>& way, double radius) {
-  const Vec3<double> along = transposed(box.axes) * way;
+// Returns the distance of a ball from the box, or minus infinity if the ball's centre is in the box.
+// `displacement` is the vector from the box's centre to the ball's centre.
+inline double outside(const Cover& box, const Vec3<double>& displacement, double radius) {
+  const Vec3<double> along = transposed(box.axes) * displacement;
   Vec3<double> far;
   for (int i = 0; i < 3; ++i) far[i] = std::max(std::fabs(along[i]) - box.half[i], 0.0);
   // A ball whose centre is in the box may be deeper in it than its radius.
@@ -39,13 +39,14 @@ inline double outside(const Cover& box, const Vec3<double>& way, double radius) 
 }
 
 // Returns a lower bound of the distance of two covers: the distance of the balls or, if it is below `near`,
-// the largest of this distance and the distances of each ball from the other cover's box. `seen` is the pose
-// of the second body relative to the first.
-inline double bound(const Cover& one, const Cover& other, const Placed& seen, double near) {
-  const Vec3<double> way = seen.origin + seen.turn * other.centre - one.centre;
-  double least = std::sqrt(dot(way, way)) - one.radius - other.radius;
-  if (least < near) least = std::max(least, outside(one, way, other.radius));
-  if (least < near) least = std::max(least, outside(other, transposed(seen.turn) * way, one.radius));
+// the largest of this distance and the distances of each ball from the other cover's box. `relative` is the
+// pose of the second body relative to the first.
+inline double bound(const Cover& first, const Cover& second, const Placed& relative, double near) {
+  const Vec3<double> displacement = relative.origin + relative.turn * second.centre - first.centre;
+  double least = std::sqrt(dot(displacement, displacement)) - first.radius - second.radius;
+  if (least < near) least = std::max(least, outside(first, displacement, second.radius));
+  if (least < near)
+    least = std::max(least, outside(second, transposed(relative.turn) * displacement, first.radius));
   return least;
 }
 
@@ -57,41 +58,42 @@ struct Hull {
   double ball, disc;
   Vec3<double> axis;
 
-  Vec3<double> furthest(const Vec3<double>& way) const {
+  Vec3<double> support(const Vec3<double>& direction) const {
     const Vec3<double>* best = begin;
     double most = -kInfinity;
     for (const Vec3<double>* x = begin; x != begin + count; x += 4) {
-      const double a = dot(way, x[0]), b = dot(way, x[1]), c = dot(way, x[2]), d = dot(way, x[3]);
+      const double a = dot(direction, x[0]), b = dot(direction, x[1]), c = dot(direction, x[2]),
+                   d = dot(direction, x[3]);
       const double ab = a > b ? a : b, cd = c > d ? c : d, m = ab > cd ? ab : cd;
       if (m > most) best = m == a ? x : m == b ? x + 1 : m == c ? x + 2 : x + 3;
       most = m > most ? m : most;
     }
-    const Vec3<double> across = way - dot(way, axis) * axis;
+    const Vec3<double> across = direction - dot(direction, axis) * axis;
     const double size = std::sqrt(dot(across, across));
     return disc > 0.0 && size > 0.0 ? *best + (disc / size) * across : *best;
   }
 };
 
-// The simplex of the algorithm of Gilbert, Johnson and Keerthi. `apart` are points of the Minkowski
-// difference of two parts (second minus first), and `here` are the corresponding points of the first part.
-// `nearest` is the point of the hull of `apart` nearest to the origin, the sum of `apart` with the weights
-// `weight`.
+// The simplex of the algorithm of Gilbert, Johnson and Keerthi. `difference` are points of the Minkowski
+// difference of two parts (second minus first), and `on_first` are the corresponding points of the first
+// part. `nearest` is the point of the hull of `difference` nearest to the origin, the sum of `difference`
+// with the weights `weight`.
 struct Simplex {
   int count = 0;
-  Vec3<double> here[4], apart[4], nearest;
+  Vec3<double> on_first[4], difference[4], nearest;
   double weight[4];
 
   // Adds a point and keeps only the points of the face that contains the nearest point.
   void add(const Vec3<double>& a, const Vec3<double>& w) {
     double least = kInfinity, best[4] = {};
-    here[count] = a;
-    apart[count] = w;
+    on_first[count] = a;
+    difference[count] = w;
     for (int face = 0; face < 1 << count; ++face) {
       // The edges of the face from the new point; an edge to a point that is not on the face is zero. The
       // vector to the nearest point is orthogonal to all edges.
       Vec3<double> edge[3], gram[3], side, part;
       for (int i = 0; i < 3; ++i) {
-        edge[i] = face >> i & 1 ? apart[i] - w : Vec3<double>{};
+        edge[i] = face >> i & 1 ? difference[i] - w : Vec3<double>{};
         side[i] = -dot(edge[i], w);
         for (int j = 0; j <= i; ++j) gram[i][j] = gram[j][i] = dot(edge[i], edge[j]);
         if (!(face >> i & 1)) gram[i][i] = 1.0;
@@ -112,46 +114,47 @@ struct Simplex {
     count = 0;
     for (int i = 0; i < all; ++i) {
       if (best[i] == 0.0) continue;
-      here[count] = here[i];
-      apart[count] = apart[i];
+      on_first[count] = on_first[i];
+      difference[count] = difference[i];
       weight[count++] = best[i];
     }
   }
 };
 
 struct Gap {
-  double least, most;
-  Nearest found;
+  double lower, upper;  // bounds of the distance [m]
+  Nearest nearest;
 };
 
 // Returns bounds of the distance of two convex parts by the algorithm of Gilbert, Johnson and Keerthi. The
 // bounds are equal to rounding unless the parts overlap, are at least `stop` apart, or one part has no
-// corners. `way` is an initial guess of a separating direction, or zero; the result replaces it.
-inline Gap gap(const Hull& one, const Hull& other, const Placed& seen, double stop, Vec3<double>& way) {
-  constexpr int kTries = 64;
+// corners. `direction` is an initial guess of a separating unit vector, or zero; the result replaces it.
+inline Gap gap(const Hull& first, const Hull& second, const Placed& relative, double stop,
+               Vec3<double>& direction) {
+  constexpr int kIterations = 64;
   constexpr double kRounding = 1e-12, kTouching = 1e-9;  // [m]
-  const double round = one.ball + other.ball;
-  const Mat3<double> back = transposed(seen.turn);
+  const double round = first.ball + second.ball;
+  const Mat3<double> back = transposed(relative.turn);
   Simplex simplex;
   Gap gap = {-kInfinity, kInfinity, {}};
-  if (one.count == 0 || other.count == 0) return gap;
-  if (dot(way, way) == 0.0) way = {{1.0, 0.0, 0.0}};
+  if (first.count == 0 || second.count == 0) return gap;
+  if (dot(direction, direction) == 0.0) direction = {{1.0, 0.0, 0.0}};
   double size = kInfinity;
-  for (int tried = 0; tried < kTries; ++tried) {
-    const Vec3<double> a = one.furthest(way), b = other.furthest(-1.0 * (back * way));
-    const Vec3<double> w = seen.origin + seen.turn * b - a;
-    gap.least = std::max(gap.least, dot(way, w) - round);
-    if (gap.least >= stop || gap.least >= gap.most - kRounding) break;
+  for (int iteration = 0; iteration < kIterations; ++iteration) {
+    const Vec3<double> a = first.support(direction), b = second.support(-1.0 * (back * direction));
+    const Vec3<double> w = relative.origin + relative.turn * b - a;
+    gap.lower = std::max(gap.lower, dot(direction, w) - round);
+    if (gap.lower >= stop || gap.lower >= gap.upper - kRounding) break;
     simplex.add(a, w);
     const double before = size;
     size = std::sqrt(dot(simplex.nearest, simplex.nearest));
     if (!(size > kTouching && size < before)) break;
-    gap.most = size - round;
-    way = (1.0 / size) * simplex.nearest;
+    gap.upper = size - round;
+    direction = (1.0 / size) * simplex.nearest;
   }
-  gap.found = {one.ball * way, Vec3<double>{}, way};
-  for (int i = 0; i < simplex.count; ++i) gap.found.here += simplex.weight[i] * simplex.here[i];
-  gap.found.there = gap.found.here + gap.most * way;
+  gap.nearest = {first.ball * direction, Vec3<double>{}, direction};
+  for (int i = 0; i < simplex.count; ++i) gap.nearest.on_first += simplex.weight[i] * simplex.on_first[i];
+  gap.nearest.on_second = gap.nearest.on_first + gap.upper * direction;
   return gap;
 }
 
@@ -161,25 +164,26 @@ struct Box {
   Vec3<double> centre, half;
 };
 
-// Returns the signed distance of the point `there` from a face of a box, negative inside, and sets the normal
-// to that of the face. The face is the one with the largest signed distance.
-inline double from_box(const Box& box, Nearest& found) {
-  const Vec3<double> place = transposed(box.rotation) * (found.there - box.centre);
+// Returns the signed distance of the point `on_second` from a face of a box, negative inside, and sets the
+// normal to that of the face. The face is the one with the largest signed distance.
+inline double from_box(const Box& box, Nearest& nearest) {
+  const Vec3<double> place = transposed(box.rotation) * (nearest.on_second - box.centre);
   int face = 0;
   for (int i = 1; i < 3; ++i) {
     if (std::fabs(place[i]) - box.half[i] > std::fabs(place[face]) - box.half[face]) face = i;
   }
   const double side = place[face] < 0.0 ? -1.0 : 1.0;
-  for (int x = 0; x < 3; ++x) found.normal[x] = side * box.rotation[x][face];
+  for (int x = 0; x < 3; ++x) nearest.normal[x] = side * box.rotation[x][face];
   return std::fabs(place[face]) - box.half[face];
 }
 
-// Returns the distance of the points `here` and `there`, and sets the normal to the direction between them.
-inline double from_point(Nearest& found) {
+// Returns the distance of the points `on_first` and `on_second`, and sets the normal to the direction between
+// them.
+inline double from_point(Nearest& nearest) {
   constexpr double kLeast = 1e-12;  // [m] below this distance the normal is not a unit vector
-  const Vec3<double> apart = found.there - found.here;
-  const double distance = std::sqrt(dot(apart, apart));
-  found.normal = (1.0 / std::fmax(distance, kLeast)) * apart;
+  const Vec3<double> difference = nearest.on_second - nearest.on_first;
+  const double distance = std::sqrt(dot(difference, difference));
+  nearest.normal = (1.0 / std::fmax(distance, kLeast)) * difference;
   return distance;
 }
 

@@ -16,10 +16,10 @@ namespace ffsms {
 
 constexpr int kMostRows = 6;  // of C_bm and of J*
 
-// Two columns are taken as orthogonal if the square of their cosine is below kAcross, or the square of their
-// dot product relative to the whole matrix is below kNegligible.
+// Two columns are taken as orthogonal if the square of their cosine is at most kAcross, or if the square of
+// their dot product is at most kNegligible times the squared norms of the matrix and of the longer column.
 constexpr double kAcross = 1e-31, kNegligible = 1e-34;
-// Largest number of sweeps, which no matrix has needed; six are usual.
+// Largest number of sweeps; about six are usual.
 constexpr int kMostSweeps = 30;
 
 // Makes two columns (m) orthogonal by a rotation, and applies it to two columns (n) of V. Lanes with
@@ -94,8 +94,8 @@ void sort(int k, T* sigma, T* V) {
   }
 }
 
-// Computes the singular values of C (rows, n), the largest first, after a division by `scale`. With V (n, n)
-// there are n values and the right singular vectors, without V min(rows, n) values. Returns their number.
+// Computes the singular values of C (rows, n), the largest first, from C / scale. With V (n, n) there are n
+// values and the right singular vectors, without V min(rows, n) values. Returns the number of values.
 template <class T>
 int singular_values(int rows, int n, const T* C, T* V, T* sigma, const T& scale = 1.0) {
   const bool by_rows = V == nullptr && rows < n;  // rotates rows if there are fewer rows than columns
@@ -108,8 +108,7 @@ int singular_values(int rows, int n, const T* C, T* V, T* sigma, const T& scale 
   return k;
 }
 
-// Smaller singular values are replaced by this value, at which x log x is zero to rounding and has a finite
-// slope.
+// Smaller singular values are replaced by this value, at which x log x has a finite slope.
 constexpr double kLeastValue = 1e-12;
 // Singular values below this share of the largest are replaced by the share, because the directions of their
 // singular vectors are rounding errors.

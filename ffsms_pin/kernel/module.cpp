@@ -12,9 +12,7 @@ namespace {
 
 constexpr double kTiny = 1e-300;  // smallest divisor
 
-// Constructs a tree. A row of `joints` has the parent, 1 for revolute or 0 for prismatic, the axis (3), and
-// the attitude (9) and position (3) of the joint frame in its parent. A row of `bodies`, the base first, is a
-// `Body`.
+// Constructs a tree; for the arguments see `Tree` in _kernel.pyi.
 void make(Tree* self, const Table<double, -1, 17>& joints, const Table<double, -1, 13>& bodies,
           const Placed& tip, int last, bool moves, bool turns_freely) {
   const int n = static_cast<int>(joints.shape(0));
@@ -41,7 +39,7 @@ void make(Tree* self, const Table<double, -1, 17>& joints, const Table<double, -
 }
 
 // An argument (rows, ...) at all configurations.
-struct Given {
+struct Argument {
   const In& array;
   int rows;
 };
@@ -49,7 +47,7 @@ struct Given {
 // The memory for one configuration, or for a pack of configurations: the arguments, and the results.
 template <class T>
 struct Work {
-  T given[4][kMostRows * kMostJoints];
+  T arguments[4][kMostRows * kMostJoints];
   Arm<T> arm;
   Vec3<T> columns[2][kMostJoints];
   T numbers[kMostJoints + 6], matrix[kMostJoints * kMostJoints];
@@ -57,38 +55,39 @@ struct Work {
 
 // Returns rows (rows, B) that `use(work, write)` writes for each configuration, or for packs of them.
 template <class Use>
-Out stack(std::initializer_list<Given> given, int rows, const Use& use) {
-  const Size count = given.begin()->array.size() / static_cast<Size>(given.begin()->rows);
-  for (const Given& one : given) expect_size(one.array, static_cast<Size>(one.rows) * count);
+Out stack(std::initializer_list<Argument> arguments, int rows, const Use& use) {
+  const Size count = arguments.begin()->array.size() / static_cast<Size>(arguments.begin()->rows);
+  for (const Argument& argument : arguments)
+    expect_size(argument.array, static_cast<Size>(argument.rows) * count);
   Out out = new_array(rows, count);
-  const nb::gil_scoped_release quiet;
+  const nb::gil_scoped_release released;
   Size k = 0;
-  const auto go = [&](auto number, Size lanes) {
+  const auto run = [&](auto number, Size lanes) {
     using T = decltype(number);
     Work<T> work;
     for (; k + lanes <= count; k += lanes) {
-      T* room = work.given[0];
-      for (const Given& one : given) {
-        Reader<T>{one.array.data() + k, count}.next(room, one.rows);
-        room += kMostRows * kMostJoints;
+      T* destination = work.arguments[0];
+      for (const Argument& argument : arguments) {
+        Reader<T>{argument.array.data() + k, count}.next(destination, argument.rows);
+        destination += kMostRows * kMostJoints;
       }
       Writer<T> write = {out.data() + k, count};
       use(work, write);
     }
   };
-  if (count >= kLanes) go(Pack{}, kLanes);
-  go(0.0, 1);
+  if (count >= kLanes) run(Pack{}, kLanes);
+  run(0.0, 1);
   return out;
 }
 
 // Returns rows as above, with the arm evaluated at the joint positions, which are the first argument.
 template <class Use>
-Out at_each(const Tree& tree, std::initializer_list<Given> given, int rows, const Use& use) {
-  const In& positions = given.begin()->array;
+Out at_each(const Tree& tree, std::initializer_list<Argument> arguments, int rows, const Use& use) {
+  const In& positions = arguments.begin()->array;
   expect(positions.ndim() > 0 && positions.shape(0) == static_cast<Size>(tree.n),
          "an array has a wrong shape");
-  return stack(given, rows, [&](auto& work, auto& write) {
-    evaluate(tree, work.given[0], work.arm);
+  return stack(arguments, rows, [&](auto& work, auto& write) {
+    evaluate(tree, work.arguments[0], work.arm);
     use(work, write);
   });
 }
@@ -108,7 +107,7 @@ NB_MODULE(_kernel, m) {
   using namespace ffsms;
   nb::set_leak_warnings(false);  // objects in Python's caches at the exit of the interpreter are not leaks
   m.doc() = "The compiled kernel; import it from ffsms_pin.kernel.";
-  nb::class_<Tree>(m, "Tree", "The robot in plain numbers.")
+  nb::class_<Tree>(m, "Tree", "The robot: a base, and a tree of joints with a body on each joint.")
       .def("__init__", &make)
       .def_ro("n", &Tree::n)
       .def("__getstate__", [](const Tree& self) { return nb::bytes(&self, sizeof self); })
@@ -150,16 +149,17 @@ NB_MODULE(_kernel, m) {
       write.put(work.matrix, n * n);
     });
   });
-  // Gradients (3, n) of the base's angular velocity and of the end effector's velocity by the joint
-  // positions; `own` is the part of the base's angular velocity due to the momentum, None for zero.
+  // Gradients (3, n) by the joint positions of the base's angular velocity, and of the end effector's
+  // velocity relative to the centre of mass; `own` is the base's angular velocity due to the momentum, None
+  // for zero.
   m.def(
       "velocity_slopes",
       [](const Tree& tree, const In& positions, const In& rates, const std::optional<In>& own) {
         const int n = tree.n;
         const auto use = [&](auto& work, auto& write) {
           std::decay_t<decltype(work.columns[0][0])> spin = {};
-          if (own) std::copy_n(work.given[2], 3, spin.v);
-          velocity_slopes(tree, work.arm, work.given[1], spin, work.columns[0], work.columns[1]);
+          if (own) std::copy_n(work.arguments[2], 3, spin.v);
+          velocity_slopes(tree, work.arm, work.arguments[1], spin, work.columns[0], work.columns[1]);
           for (const auto* slopes : work.columns) write.put(slopes, n);
         };
         if (!own) return at_each(tree, {{positions, n}, {rates, n}}, 6 * n, use);
@@ -170,7 +170,7 @@ NB_MODULE(_kernel, m) {
   m.def("momentum_slopes", [](const Tree& tree, const In& positions, const In& rates) {
     const int n = tree.n;
     return at_each(tree, {{positions, n}, {rates, n}}, 3 * n, [&](auto& work, auto& write) {
-      momentum_slopes(tree, work.arm, work.given[1], work.columns[0]);
+      momentum_slopes(tree, work.arm, work.arguments[1], work.columns[0]);
       write.put(work.columns[0], n);
     });
   });
@@ -178,7 +178,7 @@ NB_MODULE(_kernel, m) {
   m.def("coupling_slopes", [](const Tree& tree, const In& positions, const In& by_coupling) {
     const int n = tree.n;
     return at_each(tree, {{positions, n}, {by_coupling, 6 * n}}, n, [&](auto& work, auto& write) {
-      coupling_slopes(tree, work.arm, work.given[1], work.numbers);
+      coupling_slopes(tree, work.arm, work.arguments[1], work.numbers);
       write.put(work.numbers, n);
     });
   });
@@ -187,11 +187,11 @@ NB_MODULE(_kernel, m) {
   m.def("dynamics",
         [](const Tree& tree, const In& joints, const In& rates, const In& accelerations, const In& own) {
           const int n = tree.n;
-          const auto given = {Given{joints, n}, {rates, n}, {accelerations, n}, {own, 3}};
-          return at_each(tree, given, n + 6, [&](auto& work, auto& write) {
-            const auto* spin = work.given[3];
+          const auto arguments = {Argument{joints, n}, {rates, n}, {accelerations, n}, {own, 3}};
+          return at_each(tree, arguments, n + 6, [&](auto& work, auto& write) {
+            const auto* spin = work.arguments[3];
             auto *force = work.columns[0], *moment = work.columns[1];
-            dynamics(tree, work.arm, work.given[1], work.given[2], {{spin[0], spin[1], spin[2]}},
+            dynamics(tree, work.arm, work.arguments[1], work.arguments[2], {{spin[0], spin[1], spin[2]}},
                      work.numbers, *force, *moment);
             write.put(work.numbers, n);
             for (const auto* vector : {force, moment}) write.put(vector);
@@ -214,7 +214,7 @@ NB_MODULE(_kernel, m) {
   m.def("entropies", [](const In& matrices) {
     const auto [rows, n] = sizes(matrices);
     return stack({{matrices, rows * n}}, 1 + rows * n, [rows = rows, n = n](auto& work, auto& write) {
-      work.matrix[0] = entropy(rows, n, work.given[0], work.matrix + 1);
+      work.matrix[0] = entropy(rows, n, work.arguments[0], work.matrix + 1);
       write.put(work.matrix, 1 + rows * n);
     });
   });
@@ -224,7 +224,7 @@ NB_MODULE(_kernel, m) {
     const auto [rows, n] = sizes(matrices);
     const int count = vectors ? n + n * n : std::min(rows, n);
     return stack({{matrices, rows * n}}, count, [vectors, rows = rows, n = n](auto& work, auto& write) {
-      auto *C = work.given[0], *V = vectors ? work.matrix : nullptr;
+      auto *C = work.arguments[0], *V = vectors ? work.matrix : nullptr;
       // The division by the largest entry prevents overflow and underflow of squares.
       auto largest = std::decay_t<decltype(*C)>(kTiny);
       for (int i = 0; i < rows * n; ++i) largest = larger(largest, magnitude(C[i]));

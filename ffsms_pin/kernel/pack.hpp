@@ -1,7 +1,8 @@
 // The numbers of the kernel: a double, or a pack of doubles with one lane for each of several configurations.
 //
 // The same formulas are used for both, and the results in every lane have the same bits as with a double. A
-// pack consists of groups for the processor's vector instructions: two lanes, or four with AVX2.
+// pack consists of groups for the processor's vector instructions. A group has two lanes, four with AVX2, or
+// one if the compiler has no vector types.
 #pragma once
 
 #include <cmath>
@@ -69,7 +70,7 @@ FFSMS_INLINE Pack operator-(const Pack& a) {
 FFSMS_INLINE Pack& operator+=(Pack& a, const Pack& b) { return a = a + b; }
 FFSMS_INLINE Pack& operator-=(Pack& a, const Pack& b) { return a = a - b; }
 
-// -- functions that differ between a double and a pack
+// -- functions of a double or of each lane of a pack
 FFSMS_INLINE double select(bool which, double yes, double no) { return which ? yes : no; }
 FFSMS_INLINE Pack select(const Mask& which, const Pack& yes, const Pack& no) {
   Pack out;
@@ -116,19 +117,18 @@ FFSMS_INLINE T magnitude(const T& x) {
 
 // -- sine and cosine together, with the same bits in every lane and on every machine
 
-// Up to this angle [rad] the reduction to an eighth of a turn is exact; beyond it, the system's functions are
-// used.
+// Beyond this angle [rad] the system's sine and cosine are used, because the reduction to an eighth of a turn
+// is not accurate.
 constexpr double kFar = 1e6;
 
-// Rounds to the nearest whole number by adding and subtracting a number whose unit in the last place is 1.
+// Rounds to the nearest integer by adding and subtracting a number whose unit in the last place is 1.
 template <class T>
 FFSMS_INLINE T rounded(const T& x) {
   constexpr double kWhole = 6755399441055744.0;  // 1.5 * 2^52
   return (x + kWhole) - kWhole;
 }
 
-// Computes sine and cosine with an error of about one ulp; reduction and polynomials are those of fdlibm (Sun
-// Microsystems, 1993).
+// Computes sine and cosine with an error below 3 ulp, by the polynomials of fdlibm (Sun Microsystems, 1993).
 template <class T>
 FFSMS_INLINE void sine_cosine(const T& x, T& sine, T& cosine) {
   const T quarters = rounded(x * 6.36619772367581382433e-01);
@@ -162,7 +162,7 @@ FFSMS_INLINE void sine_cosine(const T& x, T& sine, T& cosine) {
   cosine = select(far, each([](double lane) { return std::cos(lane); }, x), cosine);
 }
 
-// -- rows of numbers, `count` doubles apart, at one configuration or at the configurations of a pack
+// -- rows of doubles, each row `count` doubles after the last, at one configuration or those of a pack
 
 // Reads values that consist of components T, such as Vec3. The rows have all first components, then all
 // second components, and so on.

@@ -50,7 +50,7 @@ inline Spin spin_at(const Tree& tree, const double* positions, const double* rat
 }
 
 // Returns du/dt for R(t) = R(0) exp(u) and the angular velocity omega in axes of R(t), by the series of the
-// inverse derivative of the exponential to order 4.
+// inverse derivative of the exponential. The first neglected term is of order 4 in u.
 inline Vec3<double> rotation_vector_rate(const Vec3<double>& u, const Vec3<double>& omega) {
   const Vec3<double> bracket = cross(u, omega);
   return omega + 0.5 * bracket + (1.0 / 12.0) * cross(u, bracket);
@@ -63,8 +63,8 @@ inline Vec3<double> chart_rate(const Spin& spin, const Vec3<double>& u, const Ve
 }
 
 // Returns the attitude after one Runge-Kutta step of a system with an angular momentum in inertial axes.
-inline Mat3<double> tumbled(const Mat3<double>& R, const Spin& start, const Spin& middle, const Spin& end,
-                            const Vec3<double>& momentum, double dt) {
+inline Mat3<double> runge_kutta_step(const Mat3<double>& R, const Spin& start, const Spin& middle,
+                                     const Spin& end, const Vec3<double>& momentum, double dt) {
   const Vec3<double> h = transposed(R) * momentum;
   const Vec3<double> k1 = chart_rate(start, Vec3<double>{}, h);
   const Vec3<double> k2 = chart_rate(middle, 0.5 * dt * k1, h);
@@ -90,28 +90,29 @@ struct Quadrature {
 
 // The base at one instant, in base axes: its angular velocity due to the joint rates (reaction) and due to
 // the momentum (own), the inverse of the system's inertia, and the attitude.
-struct Turning {
+struct BaseRotation {
   Vec3<double> reaction, own;
   Mat3<double> inverse, attitude;
 };
 
 // Computes the attitudes at all instants for zero angular momentum, from the attitude at the start and the
-// angular velocities at the Gauss points.
-inline void turn_along(const Quadrature& by, const Mat3<double>& start, Turning* at) {
-  const int g = by.gauss;
+// angular velocities at the Gauss points. Commutators of the angular velocities within an interval are
+// neglected.
+inline void attitudes_without_momentum(const Quadrature& rule, const Mat3<double>& start, BaseRotation* at) {
+  const int g = rule.gauss;
   const auto put = [&](int k, const Mat3<double>& R) { at[k].attitude = R; };
   Mat3<double> R = start;
-  for (int i = 0; i < by.intervals; ++i) {
-    if (i == by.late) put(by.points(), R);
-    const auto turned = [&](const double* weights) {
+  for (int i = 0; i < rule.intervals; ++i) {
+    if (i == rule.late) put(rule.points(), R);
+    const auto rotated = [&](const double* weights) {
       Vec3<double> w = {};
       for (int e = 0; e < g; ++e) w += weights[e] * at[i * g + e].reaction;
       return R * exp3(w);
     };
-    for (int b = 0; b < g; ++b) put(i * g + b, turned(by.to_points + (i * g + b) * g));
-    R = turned(by.over + i * g);
+    for (int b = 0; b < g; ++b) put(i * g + b, rotated(rule.to_points + (i * g + b) * g));
+    R = rotated(rule.over + i * g);
   }
-  put(by.points() + 1, R);
+  put(rule.points() + 1, R);
 }
 
 // Computes the attitudes at all instants for an angular momentum in inertial axes. The part of the angular
@@ -119,32 +120,32 @@ inline void turn_along(const Quadrature& by, const Mat3<double>& start, Turning*
 // interval. The rotation vectors u at the Gauss points follow from collocation, by at most kIterations
 // fixed-point iterations until u changes by less than kSettled. For a u longer than kLong the series in u
 // would diverge, so the bounded integral of the angular velocity replaces u in the series.
-inline void tumble_along(const Quadrature& by, const Mat3<double>& start, const Vec3<double>& momentum,
-                         Turning* at) {
+inline void attitudes_with_momentum(const Quadrature& rule, const Mat3<double>& start,
+                                    const Vec3<double>& momentum, BaseRotation* at) {
   constexpr int kIterations = 40;
   constexpr double kSettled = 1e-12, kLong = 1.5;  // [rad]
-  const int g = by.gauss;
+  const int g = rule.gauss;
   const auto put = [&](int k, const Mat3<double>& R) {
     at[k].attitude = R;
     at[k].own = at[k].inverse * (transposed(R) * momentum);
   };
   Vec3<double> spins[kMostGauss], turns[kMostGauss], rates[kMostGauss];
   Mat3<double> R = start;
-  for (int i = 0; i < by.intervals; ++i) {
-    if (i == by.late) put(by.points(), R);
+  for (int i = 0; i < rule.intervals; ++i) {
+    if (i == rule.late) put(rule.points(), R);
     const auto integral = [&](const double* weights, const Vec3<double>* values) {
       Vec3<double> w = {};
       for (int e = 0; e < g; ++e) w += weights[e] * values[e];
       return w;
     };
-    const auto to_point = [&](int b) { return by.to_points + (i * g + b) * g; };
+    const auto to_point = [&](int b) { return rule.to_points + (i * g + b) * g; };
     const Vec3<double> h = transposed(R) * momentum;
     std::fill_n(turns, g, Vec3<double>{});
     double change = 1.0;
     for (int n = 0; n < kIterations && change >= kSettled; ++n) {
       change = 0.0;
       for (int e = 0; e < g; ++e) {
-        const Turning& here = at[i * g + e];
+        const BaseRotation& here = at[i * g + e];
         spins[e] = here.reaction + here.inverse * (transposed(exp3(turns[e])) * h);
       }
       for (int e = 0; e < g; ++e) {
@@ -159,19 +160,19 @@ inline void tumble_along(const Quadrature& by, const Mat3<double>& start, const 
       }
     }
     for (int b = 0; b < g; ++b) put(i * g + b, R * exp3(turns[b]));
-    R = R * exp3(integral(by.over + i * g, rates));
+    R = R * exp3(integral(rule.over + i * g, rates));
   }
-  put(by.points() + 1, R);
+  put(rule.points() + 1, R);
 }
 
 // Computes the attitudes at all instants from the attitude at the start, for an angular momentum in inertial
 // axes.
-inline void base_attitudes(const Quadrature& by, const Mat3<double>& start, const Vec3<double>& momentum,
-                           Turning* at) {
+inline void base_attitudes(const Quadrature& rule, const Mat3<double>& start, const Vec3<double>& momentum,
+                           BaseRotation* at) {
   if (dot(momentum, momentum) > 0.0) {
-    tumble_along(by, start, momentum, at);
+    attitudes_with_momentum(rule, start, momentum, at);
   } else {
-    turn_along(by, start, at);
+    attitudes_without_momentum(rule, start, at);
   }
 }
 

@@ -20,15 +20,15 @@ namespace ffsms {
 
 // The twist of the link before each joint, and the gradient of the momentum by the joint's position.
 template <class T>
-struct Moved {
+struct MomentumGradient {
   Vec3<T> omega[kMostJoints], velocity[kMostJoints];  // angular; linear, of the point at the origin
   Vec3<T> linear[kMostJoints], angular[kMostJoints];  // slopes
 };
 
-// Computes `Moved` for a base with the angular velocity `spin` and the root's velocity `root`.
+// Computes `MomentumGradient` for a base with the angular velocity `spin` and the root's velocity `root`.
 template <class T>
-void moved(const Tree& tree, const Arm<T>& arm, const T* rates, const Vec3<T>& spin, const Vec3<T>& root,
-           Moved<T>& out) {
+void momentum_gradient(const Tree& tree, const Arm<T>& arm, const T* rates, const Vec3<T>& spin,
+                       const Vec3<T>& root, MomentumGradient<T>& out) {
   Vec3<T> linear[kMostJoints], angular[kMostJoints];  // momentum of all bodies that a joint moves
   for (int j = 0; j < tree.n; ++j) {
     const int parent = tree.joints[j].parent;
@@ -72,8 +72,8 @@ void velocity_slopes(const Tree& tree, const Arm<T>& arm, const T* rates, const 
   const Vec3<T> spin = summed(tree, arm.spin, rates) + own;
   const Vec3<T> root = summed(tree, arm.root, rates) + cross(arm.com, own);
   const Vec3<T> velocity = summed(tree, arm.jstar, rates) + cross(own, arm.tip - arm.com);
-  Moved<T> by;
-  moved(tree, arm, rates, spin, root, by);
+  MomentumGradient<T> by;
+  momentum_gradient(tree, arm, rates, spin, root, by);
   for (int j = 0; j < tree.n; ++j) {
     Vec3<T> root_slope;
     react(tree, arm, by.linear[j], by.angular[j], spin_slopes[j], root_slope);
@@ -101,22 +101,22 @@ void turning_slopes(const Tree& tree, const Arm<T>& arm, const T* rates, Vec3<T>
 // held and its position free or held as in the mode.
 template <class T>
 void momentum_slopes(const Tree& tree, const Arm<T>& arm, const T* rates, Vec3<T>* out) {
-  Moved<T> by;
+  MomentumGradient<T> by;
   Vec3<T> root = {};
   for (int j = 0; j < tree.n; ++j) root += rates[j] * (-tree.inverse_mass * arm.linear[j]);
-  moved(tree, arm, rates, Vec3<T>{}, root, by);
+  momentum_gradient(tree, arm, rates, Vec3<T>{}, root, by);
   for (int j = 0; j < tree.n; ++j) out[j] = by.angular[j] - cross(arm.com, by.linear[j]);
 }
 
-// Derivatives of a function by a joint's twist: the vector part, and the outer product with the axis.
+// Derivatives of a function by the first moment and by the inertia of bodies.
 template <class T>
-struct ByTwist {
-  Vec3<T> velocity;
-  Mat3<T> outer;
+struct ByInertia {
+  Vec3<T> moment;
+  Mat3<T> inertia;
 
-  void add(const ByTwist& other) {
-    velocity += other.velocity;
-    outer += other.outer;
+  void add(const ByInertia& other) {
+    moment += other.moment;
+    inertia += other.inertia;
   }
 };
 
@@ -126,11 +126,11 @@ void coupling_slopes(const Tree& tree, const Arm<T>& arm, const T* by_coupling, 
   const auto by = [&](int row, int j) { return by_coupling[row * tree.n + j]; };
   const Vec3<T> base_com = tree.base_com;
   Vec3<T> by_axis[kMostJoints], by_velocity[kMostJoints];  // summed over the columns that a joint moves
-  ByTwist<T> own[kMostJoints];
-  ByTwist<T> base = {Vec3<T>{}, Mat3<T>{}};
+  ByInertia<T> own[kMostJoints];
+  ByInertia<T> base = {Vec3<T>{}, Mat3<T>{}};
   for (int j = 0; j < tree.n; ++j) {
-    // The derivatives by root velocity and spin, then those by the momenta. `react` is its own transpose,
-    // because the base's inertia is symmetric.
+    // The derivatives by the root's velocity and spin, then those by the momenta. `react` is its own
+    // transpose, because the system's inertia is symmetric.
     const Vec3<T> by_root = {{by(0, j), by(1, j), by(2, j)}};
     const Vec3<T> by_turn = {{by(3, j), by(4, j), by(5, j)}};
     const Vec3<T> by_spin = by_turn + cross(base_com, by_root);
@@ -147,21 +147,21 @@ void coupling_slopes(const Tree& tree, const Arm<T>& arm, const T* by_coupling, 
     by_axis[parent] += by_axis[j];
     by_velocity[parent] += by_velocity[j];
   }
-  ByTwist<T> before[kMostJoints];
+  ByInertia<T> before[kMostJoints];
   for (int j = 0; j < tree.n; ++j) {
-    // The inertia of the bodies that the joint moves enters the columns of the joints before it, and the
-    // base.
+    // The inertia of the bodies that the joint moves affects the columns of the joints before it, and the
+    // momentum due to the base's twist.
     const int parent = tree.joints[j].parent;
     before[j] = parent < 0 ? base : before[parent];
     if (parent >= 0) before[j].add(own[parent]);
-    Mat3<T> both = before[j].outer;
-    both += transposed(before[j].outer);
+    Mat3<T> both = before[j].inertia;
+    both += transposed(before[j].inertia);
     const Mat3<T> N = arm.inertia[j] * both;
     const T trace = both[0][0] + both[1][1] + both[2][2];
     const Vec3<T> turned = {{N[1][2] - N[2][1], N[2][0] - N[0][2], N[0][1] - N[1][0]}};
     const Vec3<T> shifted = trace * arm.moment[j] - both * arm.moment[j];
     gradient[j] = dot(arm.axis[j], by_axis[j] + turned) + dot(arm.velocity[j], by_velocity[j] + shifted) +
-                  dot(arm.linear[j], before[j].velocity);
+                  dot(arm.linear[j], before[j].moment);
   }
 }
 

@@ -12,23 +12,24 @@
 namespace ffsms {
 
 constexpr double kUnbounded = 1e20;  // means no bound in a QP, as `opt.UNBOUNDED`
-constexpr double kFastest = 1e6;     // [rad/s^2] means no limit of an acceleration
+constexpr double kFastest = 1e6;     // [rad/s^2] replaces larger acceleration limits
 
-// Returns the largest rate at the step's end from which a joint can stop before a limit at distance `room`.
-inline double stoppable_rate(double room, double rate, double acceleration, double dt) {
+// Returns the largest rate at the step's end from which a joint can stop before a limit at `distance`; see
+// `rate_bounds` in opt/step/state.py.
+inline double stoppable_rate(double distance, double rate, double acceleration, double dt) {
   const double half = 0.5 * dt * acceleration;
-  const double square = half * half + 2.0 * acceleration * (room - 0.5 * dt * rate);
+  const double square = half * half + 2.0 * acceleration * (distance - 0.5 * dt * rate);
   const double greatest = std::sqrt(std::max(square, 0.0)) - half;
   if (greatest >= 0.0) return greatest;
-  const double turning = std::max(rate, 0.0);
-  return std::min(rate - turning * turning * dt / (2.0 * std::max(room, 1e-300)), 0.0);
+  const double towards = std::max(rate, 0.0);
+  return std::min(rate - towards * towards * dt / (2.0 * std::max(distance, 1e-300)), 0.0);
 }
 
-// Returns the largest rate at the step's end from which a joint can stop before a limit at distance `room`,
-// within the limits of rate and acceleration. If these limits conflict, the acceleration limit is kept.
-inline double greatest_rate(double room, double rate, double velocity, double acceleration, double dt) {
+// Returns the largest rate at the step's end from which a joint can stop before a limit at `distance`, within
+// the limits of rate and acceleration. The acceleration limit has priority over the other limits.
+inline double greatest_rate(double distance, double rate, double velocity, double acceleration, double dt) {
   const double limit = std::min(acceleration, kFastest), change = dt * limit;
-  const double most = std::min(stoppable_rate(std::max(room, 0.0), rate, limit, dt), velocity);
+  const double most = std::min(stoppable_rate(std::max(distance, 0.0), rate, limit, dt), velocity);
   return std::max(std::min(most, rate + change), rate - change);
 }
 
@@ -39,20 +40,18 @@ inline double dot(const double* a, const double* b, int n) {
 }
 
 // The remaining distance decreases as (remaining time)^p. With p = 2.5 speed and deceleration end at zero,
-// the speed at the start is only 2.5 times the mean, and 0.3 % of the distance remains at 0.9 T, where const8
-// begins.
+// the speed at the start is 2.5 times the mean, and 0.3 % of the distance remains at 0.9 T, the start of the
+// paper's const8.
 constexpr double kArrivalPower = 2.5;
-// With a smaller cosine than this, a path would be a spiral of many turns. The length of the path is then
-// computed with this cosine.
+// The least cosine for the length of a path. With a smaller cosine the path would be a spiral of many turns.
 constexpr double kLeastApproach = 0.2;
 
-// Returns the speed at the end of the next step with which the remaining path ends at the deadline. The
-// schedule ends two steps after the deadline, because an end effector at rest has no direction, which the
-// paper's cost would penalise at the last step. The speed at the deadline is some 1e-5 m/s.
+// Returns the scheduled speed at the end of the next step. The schedule ends two steps after the deadline,
+// because an end effector at rest has no direction, which the paper's cost would penalise at the last step.
 inline double reference_speed(double path_left, double speed, double time_left, double dt) {
   const double left_after = std::max(time_left - dt, 0.0) + 2.0 * dt;
-  const double way = std::max(path_left - 0.5 * dt * speed, 0.0);
-  return kArrivalPower * way / (left_after + 0.5 * dt * kArrivalPower);
+  const double left = std::max(path_left - 0.5 * dt * speed, 0.0);
+  return kArrivalPower * left / (left_after + 0.5 * dt * kArrivalPower);
 }
 
 // Returns the cosine at which the cost of a step with this H_norm is zero,
@@ -64,7 +63,7 @@ inline double ideal_cosine(double entropy, double kappa) {
   return std::min(1.0, std::max(-1.0, (x + std::log(-std::expm1(-x))) / kappa));
 }
 
-// Returns the unit vector orthogonal to `towards` that is nearest to `hint`. If `hint` is parallel to
+// Returns the unit vector orthogonal to `towards` that is nearest to `hint`. If `hint` is zero or parallel to
 // `towards`, any orthogonal unit vector is returned.
 inline Vec3<double> lateral_direction(const Vec3<double>& towards, const Vec3<double>& hint) {
   Vec3<double> across = hint - dot(hint, towards) * towards;
@@ -80,8 +79,9 @@ inline Vec3<double> lateral_direction(const Vec3<double>& towards, const Vec3<do
   return across / std::sqrt(dot(across, across));
 }
 
-// Returns the rotation vector [rad] of a rotation, by its quaternion. The largest column of 4 q q^T is used,
-// so that no accuracy is lost near half a turn (I. Y. Bar-Itzhack, 2000).
+// Returns the rotation vector [rad] of a rotation, by its quaternion q. The largest column of 4 q q^T is
+// used, so that no accuracy is lost near half a turn (S. W. Shepperd, "Quaternion from rotation matrix",
+// 1978).
 inline Vec3<double> log3(const Mat3<double>& R) {
   double K[4][4];
   const double trace = R[0][0] + R[1][1] + R[2][2];
@@ -105,7 +105,7 @@ inline Vec3<double> log3(const Mat3<double>& R) {
   return factor * v;
 }
 
-// Returns the paper's H_norm of singular values (n), with 0 log 0 = 0; 0 if all values are zero.
+// Returns the paper's H_norm of singular values (n), with 0 log 0 = 0; 0 if all values are zero, or if n = 1.
 inline double normalised_entropy(const double* sigma, int n) {
   double total = 0.0, sum = 0.0;
   for (int i = 0; i < n; ++i) total += sigma[i];
@@ -116,46 +116,46 @@ inline double normalised_entropy(const double* sigma, int n) {
   return n > 1 ? std::min(1.0, std::max(0.0, sum / std::log(static_cast<double>(n)))) : 0.0;
 }
 
-// Solves linear equations (size, size + 1) by Gaussian elimination with row pivoting; the last column is the
-// right side and is replaced by the solution. Returns false if the matrix is singular.
+// Solves linear equations (size, size + 1) by Gaussian elimination with partial pivoting. The last column is
+// the right side, which is replaced by the solution. Returns false if the matrix is singular.
 inline bool solve(double* A, int size) {
-  const int wide = size + 1;
+  const int width = size + 1;
   for (int k = 0; k < size; ++k) {
     int pivot = k;
     for (int i = k + 1; i < size; ++i) {
-      if (std::fabs(A[i * wide + k]) > std::fabs(A[pivot * wide + k])) pivot = i;
+      if (std::fabs(A[i * width + k]) > std::fabs(A[pivot * width + k])) pivot = i;
     }
-    if (!(std::fabs(A[pivot * wide + k]) > 0.0)) return false;
-    if (pivot != k) std::swap_ranges(A + k * wide, A + (k + 1) * wide, A + pivot * wide);
+    if (!(std::fabs(A[pivot * width + k]) > 0.0)) return false;
+    if (pivot != k) std::swap_ranges(A + k * width, A + (k + 1) * width, A + pivot * width);
     for (int i = k + 1; i < size; ++i) {
-      const double factor = A[i * wide + k] / A[k * wide + k];
+      const double factor = A[i * width + k] / A[k * width + k];
       if (factor == 0.0) continue;
-      for (int j = k + 1; j < wide; ++j) A[i * wide + j] -= factor * A[k * wide + j];
+      for (int j = k + 1; j < width; ++j) A[i * width + j] -= factor * A[k * width + j];
     }
   }
   for (int k = size - 1; k >= 0; --k) {
-    double& right = A[k * wide + size];
-    for (int j = k + 1; j < size; ++j) right -= A[k * wide + j] * A[j * wide + size];
-    right /= A[k * wide + k];
+    double& right = A[k * width + size];
+    for (int j = k + 1; j < size; ++j) right -= A[k * width + j] * A[j * width + size];
+    right /= A[k * width + k];
   }
   return true;
 }
 
 // The arguments of one step of n joints.
-struct StepGiven {
+struct StepArguments {
   int n;
   const double *J, *V;                   // J* (6, n), and the basis of the joint rates (n, n)
   const double *rates, *drift;           // joint rates (n), and the end effector's twist (6) at zero rates
   const double* acceleration;            // acceleration limits (n)
-  Vec3<double> way, side;                // vector to the target [m]; lateral direction, or zero for none
+  Vec3<double> to_target, side;          // vector to the target [m]; lateral direction, or zero for none
   Mat3<double> attitude;                 // attitude of the end effector
   std::optional<Mat3<double>> rotation;  // desired attitude
-  double cosine, time_left, dt;          // cosine of the angle between motion and `way`; times [s]
+  double cosine, time_left, dt;          // cosine of the angle between motion and `to_target`; times [s]
 };
 
 // The desired motion of the end effector: unit vectors to the target (`towards`), along the velocity
 // (`direction`), and orthogonal to `towards` (`side`); the angular velocity; the speed.
-struct WantedMotion {
+struct DesiredMotion {
   Vec3<double> towards, direction, side, spin;
   double speed;
 };
@@ -165,61 +165,62 @@ struct StepWeights {
   double direction, speed, orientation, effort, change, clearance;
 };
 
-// Returns the scheduled speed along a direction, at most the speed that the joints can reach in one step. A
-// larger speed would be reached at the expense of the direction. `row` is the first of three rows of J.
-inline double reached_speed(const StepGiven& by, int row, double path_left, const Vec3<double>& direction) {
-  const double* J = by.J + row * by.n;
-  double speed = dot(direction, of_numbers<Vec3<double>>(by.drift + row)), gain = 0.0;
-  for (int j = 0; j < by.n; ++j) {
-    const double along = dot(direction, Vec3<double>{{J[j], J[by.n + j], J[2 * by.n + j]}});
-    speed += along * by.rates[j];
-    gain += std::fabs(along) * std::min(by.acceleration[j], kFastest);
+// Returns the scheduled speed along a direction, at most the speed that the joints can reach in one step,
+// because a larger speed would change the direction. `row` is the first of the three rows of J of the speed.
+inline double reachable_speed(const StepArguments& step, int row, double path_left,
+                              const Vec3<double>& direction) {
+  const double* J = step.J + row * step.n;
+  double speed = dot(direction, of_numbers<Vec3<double>>(step.drift + row)), gain = 0.0;
+  for (int j = 0; j < step.n; ++j) {
+    const double along = dot(direction, Vec3<double>{{J[j], J[step.n + j], J[2 * step.n + j]}});
+    speed += along * step.rates[j];
+    gain += std::fabs(along) * std::min(step.acceleration[j], kFastest);
   }
   const double now = std::max(0.0, speed);
-  return std::min(reference_speed(path_left, now, by.time_left, by.dt), now + by.dt * gain);
+  return std::min(reference_speed(path_left, now, step.time_left, step.dt), now + step.dt * gain);
 }
 
-inline WantedMotion wanted_motion(const StepGiven& by) {
+inline DesiredMotion desired_motion(const StepArguments& step) {
   constexpr double kArrived = 1e-12;  // [m, rad] smaller distances are rounding errors
-  WantedMotion out = {{}, {}, by.side, {}, 0.0};
-  const double distance = std::sqrt(dot(by.way, by.way));
+  DesiredMotion out = {{}, {}, step.side, {}, 0.0};
+  const double distance = std::sqrt(dot(step.to_target, step.to_target));
   if (!(distance < kArrived)) {
-    out.towards = by.way / distance;
-    if (dot(by.side, by.side) == 0.0) {  // without a lateral direction, the end effector's velocity is used
-      for (int i = 0; i < 3; ++i) out.side[i] = dot(by.J + i * by.n, by.rates, by.n) + by.drift[i];
+    out.towards = step.to_target / distance;
+    if (dot(step.side, step.side) == 0.0) {  // the end effector's velocity replaces the lateral direction
+      for (int i = 0; i < 3; ++i) out.side[i] = dot(step.J + i * step.n, step.rates, step.n) + step.drift[i];
     }
     out.side = lateral_direction(out.towards, out.side);
-    const double sine = std::sqrt(std::max(0.0, 1.0 - by.cosine * by.cosine));
-    out.direction = by.cosine * out.towards + sine * out.side;
-    // A path at a constant angle to the direction of the target is 1 / cos times the straight distance. A
+    const double sine = std::sqrt(std::max(0.0, 1.0 - step.cosine * step.cosine));
+    out.direction = step.cosine * out.towards + sine * out.side;
+    // A path at a constant angle to the direction of the target is 1 / cos times as long as the distance. A
     // step is at most half as long as the straight step to the point nearest to the target, because a longer
-    // step at an angle to the target would pass the target instead of approaching it.
-    const double along = std::max(by.cosine, kLeastApproach);
+    // step at an angle to the target would not approach it.
+    const double along = std::max(step.cosine, kLeastApproach);
     out.speed =
-        std::min(reached_speed(by, 0, distance / along, out.direction), 0.5 * distance * along / by.dt);
+        std::min(reachable_speed(step, 0, distance / along, out.direction), 0.5 * distance * along / step.dt);
   }
-  if (by.rotation) {
-    const Vec3<double> turn = log3(*by.rotation * transposed(by.attitude));
+  if (step.rotation) {
+    const Vec3<double> turn = log3(*step.rotation * transposed(step.attitude));
     const double angle = std::sqrt(dot(turn, turn));
-    if (angle >= kArrived) out.spin = reached_speed(by, 3, angle, turn / angle) * (turn / angle);
+    if (angle >= kArrived) out.spin = reachable_speed(step, 3, angle, turn / angle) * (turn / angle);
   }
   return out;
 }
 
 // Adds the objective 1/2 x^T H x + g^T x to H (n + 2, n + 2) and g; x is [rates in the basis V; s; slack].
-inline void add_objective(const StepGiven& by, const WantedMotion& wanted, const StepWeights& weights,
+inline void add_objective(const StepArguments& step, const DesiredMotion& desired, const StepWeights& weights,
                           double* H, double* g) {
-  const int n = by.n, size = n + 2;
+  const int n = step.n, size = n + 2;
   double row[kMostJoints + 1];
   // J V alpha + drift should equal s times the direction, and the desired angular velocity.
-  for (int r = 0; r < (by.rotation ? 6 : 3); ++r) {
+  for (int r = 0; r < (step.rotation ? 6 : 3); ++r) {
     const double weight = r < 3 ? weights.direction : weights.orientation;
-    const double offset = r < 3 ? by.drift[r] : by.drift[r] - wanted.spin[r - 3];
+    const double offset = r < 3 ? step.drift[r] : step.drift[r] - desired.spin[r - 3];
     for (int c = 0; c < n; ++c) {
       row[c] = 0.0;
-      for (int j = 0; j < n; ++j) row[c] += by.J[r * n + j] * by.V[j * n + c];
+      for (int j = 0; j < n; ++j) row[c] += step.J[r * n + j] * step.V[j * n + c];
     }
-    row[n] = r < 3 ? -wanted.direction[r] : 0.0;
+    row[n] = r < 3 ? -desired.direction[r] : 0.0;
     for (int i = 0; i <= n; ++i) {
       const double weighted = weight * row[i];
       g[i] += weighted * offset;
@@ -229,10 +230,10 @@ inline void add_objective(const StepGiven& by, const WantedMotion& wanted, const
   // V is orthogonal, so |u| = |alpha|, and effort and change are diagonal in alpha, too.
   for (int i = 0; i < n; ++i) {
     H[i * size + i] += weights.change + weights.effort;
-    for (int j = 0; j < n; ++j) g[i] -= weights.change * by.rates[j] * by.V[j * n + i];
+    for (int j = 0; j < n; ++j) g[i] -= weights.change * step.rates[j] * step.V[j * n + i];
   }
   H[n * size + n] += weights.speed;
-  g[n] -= weights.speed * wanted.speed;
+  g[n] -= weights.speed * desired.speed;
   H[(n + 1) * size + n + 1] += weights.clearance;
   g[n + 1] += weights.clearance;
 }

@@ -57,18 +57,18 @@ struct Residual {
 
 // One row of a residual at one instant of one motion.
 struct Value {
-  const Residual& of;
+  const Residual& residual;
   Index row, motion, i;
 
   double operator()(const Strided& x, int component = 0, int joint = 0) const {
     return x.data[row * x.step[0] + component * x.step[1] + joint * x.step[2] + motion * x.step[3] +
                   i * x.step[4]];
   }
-  double by(int slope) const { return of.by[slope] ? (*this)(of.by[slope]) : 0.0; }
-  Index instant() const { return of.instants[i]; }
+  double by(int slope) const { return residual.by[slope] ? (*this)(residual.by[slope]) : 0.0; }
+  Index instant() const { return residual.instants[i]; }
 };
 
-// The rows of all motions, `stack` numbers each: joint positions and rates (n each), the base's attitude (9),
+// The rows of all motions, `stack` doubles each: joint positions and rates (n each), the base's attitude (9),
 // the base's angular velocity due to the momentum (3), and if `entropy` is true the derivative of H_norm by
 // C_bm (6 n). The angular momentum is in inertial axes.
 struct MotionRows {
@@ -96,7 +96,8 @@ struct Instant {
   // by the angular velocity, and the rotation changes the angular velocity due to the momentum.
   Vec3<T> own_moment(const Vec3<T>& g) const { return cross(inverse * g, momentum); }
 };
-// The derivatives of the vectors by a joint's position (travel) and rate, and of H_norm by its position.
+// The derivatives of the vectors by a joint's position (travel) and rate at a constant base attitude, and of
+// H_norm by the joint's position.
 template <class T>
 struct Column {
   Vec3<T> travel[kVectors], rate[kRated];
@@ -113,12 +114,12 @@ Of<double> lane(const Of<T>& packs, int i) {
 
 class Sums {
  public:
-  // `room` is working memory for `needed` numbers.
-  Sums(const Tree& tree, const MotionRows& motions, const SplineMaps& spline, const Quadrature& by,
-       double* room)
-      : tree_(tree), motions_(motions), spline_(spline), quadrature_(by), room_(room) {
+  // `memory` is working memory for `needed` numbers.
+  Sums(const Tree& tree, const MotionRows& motions, const SplineMaps& spline, const Quadrature& rule,
+       double* memory)
+      : tree_(tree), motions_(motions), spline_(spline), quadrature_(rule), memory_(memory) {
     std::fill_n(rows_, kBatch * size_, 0.0);
-    find_extents();
+    compute_extents();
   }
 
   static std::size_t needed(const Tree& tree, const SplineMaps& spline, const Quadrature& quadrature) {
@@ -128,22 +129,22 @@ class Sums {
                                     (3 * quadrature.gauss + 3 + kBatch) * size);
   }
 
-  // Adds the sums of one motion to a gradient (M n,) and a Hessian (M n, M n) that are zero.
+  // Adds the sums of one motion to a gradient (M n,) and to a symmetric Hessian (M n, M n).
   template <class Residuals>
   void add(Index motion, const Residuals& residuals, double* gradient, double* hessian) {
     gradient_ = gradient;
     hessian_ = hessian;
     motion_ = motion;
     int k = 0;
-    for (; k + kLanes <= K_; k += kLanes) look_at(k, packs_);
-    for (; k < K_; ++k) look_at(k, arm_);
-    sweep();
-    for (const Residual& one : residuals) {
-      const bool alone = one.alone();
-      for (Index row = 0; row < one.rows; ++row) {
-        for (Index i = 0; i < one.count; ++i) {
-          if (one.weight[i] == 0.0 || (one.motion && one.motion[i] != motion)) continue;
-          const Value value = {one, row, one.motion ? 0 : motion, i};
+    for (; k + kLanes <= K_; k += kLanes) evaluate_instants(k, packs_);
+    for (; k < K_; ++k) evaluate_instants(k, arm_);
+    integrate_rotations();
+    for (const Residual& residual : residuals) {
+      const bool alone = residual.alone();
+      for (Index row = 0; row < residual.rows; ++row) {
+        for (Index i = 0; i < residual.count; ++i) {
+          if (residual.weight[i] == 0.0 || (residual.motion && residual.motion[i] != motion)) continue;
+          const Value value = {residual, row, residual.motion ? 0 : motion, i};
           alone ? add_alone(value) : add_row(value);
         }
       }
@@ -159,9 +160,9 @@ class Sums {
 
   const double* map(int which, Index k) const { return spline_.maps + (which * K_ + k) * spline_.size; }
 
-  // Computes the number of first control points on which each instant depends. The base's rotation within an
-  // interval depends on all control points of this interval and of the intervals before it.
-  void find_extents() {
+  // Computes for each instant the number of first control points on which it depends. The base's rotation in
+  // an interval depends on all control points of this interval and of the intervals before it.
+  void compute_extents() {
     const int g = quadrature_.gauss, Q = quadrature_.points();
     Index widest = 0;
     const auto reached = [&](int k) {
@@ -182,7 +183,7 @@ class Sums {
 
   // Computes the arm, the levers and the columns at an instant, or at the instants of a pack.
   template <class T>
-  void look_at(int begin, Arm<T>& arm) {
+  void evaluate_instants(int begin, Arm<T>& arm) {
     T joints[kMostJoints], rates[kMostJoints], by_coupling[6 * kMostJoints], by_entropy[kMostJoints] = {};
     Vec3<T> spin_slope[kMostJoints], tip_slope[kMostJoints], turning_slope[kMostJoints], base_spin;
     Instant<T> at;
@@ -225,29 +226,29 @@ class Sums {
   }
 
   // The derivative (3, M n) of the whole system's rotation at instant k by the control points, inertial axes.
-  double* turned(Index k) { return turned_ + 3 * size_ * k; }
+  double* rotation_slopes(Index k) { return rotation_slopes_ + 3 * size_ * k; }
 
-  void sweep() {
+  void integrate_rotations() {
     const int g = quadrature_.gauss;
     std::fill_n(total_, 3 * size_, 0.0);
     for (int i = 0; i < quadrature_.intervals; ++i) {
-      if (i == quadrature_.late) std::copy_n(total_, 3 * size_, turned(quadrature_.points()));
-      const Index wide = extent_[i * g] * n_;
-      for (int b = 0; b < g; ++b) spin_changes(i * g + b, change_ + 3 * size_ * b, wide);
+      if (i == quadrature_.late) std::copy_n(total_, 3 * size_, rotation_slopes(quadrature_.points()));
+      const Index width = extent_[i * g] * n_;
+      for (int b = 0; b < g; ++b) spin_changes(i * g + b, change_ + 3 * size_ * b, width);
       for (int b = 0; b < g; ++b) {
-        std::copy_n(total_, 3 * size_, turned(i * g + b));
-        integrate(quadrature_.to_points + (i * g + b) * g, wide, turned(i * g + b));
+        std::copy_n(total_, 3 * size_, rotation_slopes(i * g + b));
+        integrate(quadrature_.to_points + (i * g + b) * g, width, rotation_slopes(i * g + b));
       }
-      if (tumbles_) tumble(i, wide);
-      integrate(quadrature_.over + i * g, wide, total_);
+      if (tumbles_) tumble(i, width);
+      integrate(quadrature_.over + i * g, width, total_);
     }
-    std::copy_n(total_, 3 * size_, turned(quadrature_.points() + 1));
+    std::copy_n(total_, 3 * size_, rotation_slopes(quadrature_.points() + 1));
   }
 
   // Replaces the rotations theta_0 + a c at the points of an interval, which were computed without A, by the
   // solution theta of (1 - a A) theta = theta_0 + a c with the quadrature weights a (gauss, gauss).
   // Elimination without pivoting suffices, because the matrix is near the identity.
-  void tumble(int interval, Index wide) {
+  void tumble(int interval, Index width) {
     const int g = quadrature_.gauss, first = interval * g, rows = 3 * g;
     double A[9 * kMostGauss], M[9 * kMostGauss * kMostGauss];
     for (int e = 0; e < g; ++e) {
@@ -260,11 +261,11 @@ class Sums {
       for (int c = 0; c < rows; ++c)
         M[r * rows + c] = (r == c ? 1.0 : 0.0) - weights[c / 3] * A[9 * (c / 3) + 3 * (r % 3) + c % 3];
     }
-    double* theta = turned(first);  // the rows of the points of an interval are contiguous
+    double* theta = rotation_slopes(first);  // the rows of the points of an interval are contiguous
     const auto subtract = [&](int row, int other, double factor) {
       double* out = theta + row * size_;
       const double* of = theta + other * size_;
-      for (Index c = 0; c < wide; ++c) out[c] -= factor * of[c];
+      for (Index c = 0; c < width; ++c) out[c] -= factor * of[c];
     };
     for (int k = 0; k < rows; ++k) {
       for (int r = k + 1; r < rows; ++r) {
@@ -275,28 +276,28 @@ class Sums {
     }
     for (int k = rows; k-- > 0;) {
       for (int c = k + 1; c < rows; ++c) subtract(k, c, M[k * rows + c]);
-      for (Index c = 0; c < wide; ++c) theta[k * size_ + c] /= M[k * rows + k];
+      for (Index c = 0; c < width; ++c) theta[k * size_ + c] /= M[k * rows + k];
     }
     for (int r = 0; r < rows; ++r) {
       const double *row = A + 3 * r, *turn = theta + 3 * (r / 3) * size_;
       double* change = change_ + r * size_;
-      for (Index c = 0; c < wide; ++c)
+      for (Index c = 0; c < width; ++c)
         change[c] += row[0] * turn[c] + row[1] * turn[size_ + c] + row[2] * turn[2 * size_ + c];
     }
   }
 
-  void integrate(const double* weights, Index wide, double* out) {
+  void integrate(const double* weights, Index width, double* out) {
     for (int e = 0; e < quadrature_.gauss; ++e) {
       for (int x = 0; x < 3; ++x) {
         const double* change = change_ + (3 * e + x) * size_;
         double* sum = out + x * size_;
-        for (Index c = 0; c < wide; ++c) sum[c] += weights[e] * change[c];
+        for (Index c = 0; c < width; ++c) sum[c] += weights[e] * change[c];
       }
     }
   }
 
   // Computes the derivative (3, M n) of the base's angular velocity by the control points, inertial axes.
-  void spin_changes(int k, double* out, Index wide) {
+  void spin_changes(int k, double* out, Index width) {
     const double *travel = map(0, k), *rates = map(1, k);
     for (int j = 0; j < n_; ++j) {
       const Column<double>& column = columns_[k * n_ + j];
@@ -304,7 +305,7 @@ class Sums {
       const Vec3<double> by_rate = instants_[k].attitude * column.rate[kBaseSpin];
       for (int x = 0; x < 3; ++x) {
         double* row = out + x * size_;
-        for (Index m = 0, c = j; c < wide; ++m, c += n_)
+        for (Index m = 0, c = j; c < width; ++m, c += n_)
           row[c] = by_travel[x] * travel[m] + by_rate[x] * rates[m];
       }
     }
@@ -312,8 +313,8 @@ class Sums {
 
   // Writes the derivatives of a value to `own`: by joint positions, rates and accelerations at a constant
   // base attitude (3, n), then by a rotation of the whole system (3).
-  void find_slopes(const Value& value, double* own) {
-    const Residual& r = value.of;
+  void write_slopes(const Value& value, double* own) {
+    const Residual& r = value.residual;
     const Index k = value.instant();
     const Instant<double>& at = instants_[k];
     const Column<double>* columns = columns_ + k * n_;
@@ -351,13 +352,13 @@ class Sums {
   // Adds the derivative of one value by the control points to the batch of rows, and flushes a full batch.
   void add_row(const Value& value) {
     double own[3 * kMostJoints + 3];
-    find_slopes(value, own);
+    write_slopes(value, own);
     if (std::all_of(own, own + 3 * n_ + 3, [](double slope) { return slope == 0.0; })) return;
     const Index k = value.instant();
     const double *travel = map(0, k), *rates = map(1, k), *accelerations = map(2, k);
-    const double *T = turned(k), *turn = own + 3 * n_, *by_rates = own + n_,
+    const double *T = rotation_slopes(k), *turn = own + 3 * n_, *by_rates = own + n_,
                  *by_accelerations = by_rates + n_;
-    double* row = rows_ + waiting_ * size_;
+    double* row = rows_ + batched_ * size_;
     for (Index m = 0, c = 0; m < extent_[k]; ++m) {
       for (int j = 0; j < n_; ++j, ++c) {
         row[c] = turn[0] * T[c] + turn[1] * T[size_ + c] + turn[2] * T[2 * size_ + c];
@@ -365,17 +366,17 @@ class Sums {
         row[c] += by_rates[j] * rates[m] + by_accelerations[j] * accelerations[m];
       }
     }
-    weights_[waiting_] = value.of.weight[value.i];
-    values_[waiting_] = value(value.of.value);
-    wide_ = std::max(wide_, extent_[k] * n_);
-    if (++waiting_ == kBatch) flush();
+    weights_[batched_] = value.residual.weight[value.i];
+    values_[batched_] = value(value.residual.value);
+    width_ = std::max(width_, extent_[k] * n_);
+    if (++batched_ == kBatch) flush();
   }
 
   // Adds the batch of rows to the gradient and to the lower triangle of the Hessian.
   void flush() {
-    std::fill(weights_ + waiting_, weights_ + kBatch, 0.0);
+    std::fill(weights_ + batched_, weights_ + kBatch, 0.0);
     const double *r0 = rows_, *r1 = r0 + size_, *r2 = r1 + size_, *r3 = r2 + size_;
-    for (Index a = 0; a < wide_; ++a) {
+    for (Index a = 0; a < width_; ++a) {
       const double w0 = weights_[0] * r0[a], w1 = weights_[1] * r1[a];
       const double w2 = weights_[2] * r2[a], w3 = weights_[3] * r3[a];
       gradient_[a] += w0 * values_[0] + w1 * values_[1] + w2 * values_[2] + w3 * values_[3];
@@ -383,7 +384,7 @@ class Sums {
       for (Index b = 0; b <= a; ++b) out[b] += w0 * r0[b] + w1 * r1[b] + w2 * r2[b] + w3 * r3[b];
     }
     std::fill_n(rows_, kBatch * size_, 0.0);
-    wide_ = waiting_ = 0;
+    width_ = batched_ = 0;
   }
 
   // Adds a value that depends on one joint alone to this joint's entries of the gradient and of the lower
@@ -398,8 +399,8 @@ class Sums {
     }
     const Index first = std::find_if(row, row + end, [](double x) { return x != 0.0; }) - row;
     for (Index a = first; a < end; ++a) {
-      const double weighted = value.of.weight[value.i] * row[a];
-      gradient_[a * n_ + value.row] += weighted * value(value.of.value);
+      const double weighted = value.residual.weight[value.i] * row[a];
+      gradient_[a * n_ + value.row] += weighted * value(value.residual.value);
       double* out = hessian_ + (a * n_ + value.row) * size_ + value.row;
       for (Index b = first; b <= a; ++b) out[b * n_] += weighted * row[b];
     }
@@ -407,8 +408,8 @@ class Sums {
 
   template <class Kind>
   Kind* take(int count) {
-    double* taken = room_;
-    room_ += static_cast<std::size_t>(count) * sizeof(Kind) / sizeof(double);
+    double* taken = memory_;
+    memory_ += static_cast<std::size_t>(count) * sizeof(Kind) / sizeof(double);
     return reinterpret_cast<Kind*>(taken);
   }
 
@@ -416,19 +417,19 @@ class Sums {
   const MotionRows& motions_;
   const SplineMaps& spline_;
   const Quadrature& quadrature_;
-  double* room_;
+  double* memory_;
   const bool tumbles_ = dot(motions_.momentum, motions_.momentum) > 0.0;
   const int n_ = tree_.n, size_ = spline_.size * n_, K_ = quadrature_.instants();
   Index* extent_ = take<Index>(K_);  // number of control points on which an instant depends
   Instant<double>* instants_ = take<Instant<double>>(K_);
   Column<double>* columns_ = take<Column<double>>(K_ * n_);
-  double* turned_ = take<double>(3 * size_ * K_);
+  double* rotation_slopes_ = take<double>(3 * size_ * K_);
   double* change_ = take<double>(3 * size_ * quadrature_.gauss);
   double *total_ = take<double>(3 * size_), *rows_ = take<double>(kBatch * size_);
   Arm<Pack> packs_;
   Arm<double> arm_;
-  Index motion_ = 0, wide_ = 0;
-  int waiting_ = 0;
+  Index motion_ = 0, width_ = 0;
+  int batched_ = 0;
   double weights_[kBatch], values_[kBatch] = {};
   double *gradient_ = nullptr, *hessian_ = nullptr;
 };

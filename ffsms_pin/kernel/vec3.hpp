@@ -1,4 +1,4 @@
-// Vectors and matrices of three components; T is a double or a pack of doubles.
+// Vectors (3) and matrices (3, 3); T is a double or a pack of doubles.
 #pragma once
 
 #include "pack.hpp"
@@ -20,7 +20,7 @@ struct Vec3 {
 template <class T>
 using Mat3 = Vec3<Vec3<T>>;  // row, column
 
-// Returns a struct that consists of doubles, from an array of doubles.
+// Returns a struct that has only doubles, from an array of doubles.
 template <class Value>
 Value of_numbers(const double* x) {
   Value out;

@@ -166,7 +166,7 @@ def step_qp(
     """
     kinematics = step.J_star, step.V, step.rates, step.tip_drift, step.sms.limits.acceleration
     when = cosine, step.time_left, step.dt
-    motion, goal, stacked = kernel.step_programme(
+    motion, goal, stacked = kernel.step_qp(
         target - step.tip, rotation, step.tip_rotation, *kinematics, side, *when, weights.table, rows
     )
     desired = DesiredMotion(motion[:3], motion[3:6], motion[6:9], motion[9:12], float(motion[12]))
