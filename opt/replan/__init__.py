@@ -1,1 +1,1 @@
-"""Re-planning in the closed loop: a receding horizon, warm-started by the rest of the last plan."""
+"""Re-planning in the closed loop over a receding horizon, warm-started by the rest of the last plan."""

@@ -14,10 +14,11 @@ from ffsms_pin.system.batch.stacks import apply, exp3
 
 
 class Correctable:
-    """The directions in which a robot can move its end effector in at least one configuration.
+    """The directions in which a robot can displace or rotate its end effector in some configuration.
 
-    They are the range of the J* of eight random configurations within the limits, in root axes. Most arms can
-    move in all directions. If all joint axes are parallel, arm and base can move only in a plane.
+    They span the range of J* in eight random configurations within the position limits, in root
+    axes. Most arms can move in all directions. If all joint axes are parallel, arm and base can move only in
+    a plane.
     """
 
     def __init__(self, sms: SpaceManipulator, mode: str = "floating") -> None:
@@ -29,13 +30,13 @@ class Correctable:
 
     @property
     def everything(self) -> bool:
-        """True if every error can be corrected."""
+        """True if errors in all directions can be corrected."""
         return self._shifts is None and self._turns is None
 
     def goal(self, goal: Goal, q: FloatArray, t: float) -> tuple[Goal, float]:
-        """Return the goal projected on these directions, and its distance [m] from `goal` at t [s].
+        """Return the goal without its uncorrectable error, and the distance [m] of the two goals at t [s].
 
-        The projection is from the end effector's pose at the measured q (nq,).
+        The error is the pose error of the end effector in the measured configuration q (nq,).
         """
         if self.everything:
             return goal, 0.0
@@ -45,7 +46,7 @@ class Correctable:
         shifts, turns = (np.eye(3) if part is None else root @ part @ root.T for part in own)
 
         def projected(place: Place) -> Place:
-            """Project a place on the correctable directions; in other directions keep the measured pose."""
+            """Return the place with the measured pose in directions that cannot be corrected."""
             missed, times = place.pose_error(place.in_axes(here, q)), place.position.shape[1:]
             shift = np.tensordot(shifts - np.eye(3), missed.displacement.value, 1).reshape(3, *times)
             vector = missed.vector.reshape(3, *times)
@@ -63,7 +64,7 @@ class Correctable:
 
 
 def _range(J: FloatArray) -> FloatArray | None:
-    """Return the projection (3, 3) on the range of J (3, k) without weak directions; None for full rank."""
+    """Return the projection (3, 3) onto the range of J (3, k), weak directions excluded; None for rank 3."""
     directions, strengths, _ = np.linalg.svd(J, full_matrices=True)
     rank = int((strengths > 1e-3 * strengths[0]).sum())
     return None if rank == 3 else directions[:, :rank] @ directions[:, :rank].T

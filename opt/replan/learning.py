@@ -15,11 +15,11 @@ from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.system.momentum_filter import MomentumFilter
 from ffsms_pin.system.regressors import PER_BODY
 
-# Modes with a constant total momentum; in the second mode it includes the momentum of the wheels.
+# The modes with a constant total momentum, which includes the momentum of the wheels in the second mode.
 _CONSERVING = ("floating", "rotation-floating")
 _NOISE = 1e-3  # [m/s, rad/s] standard deviation of the base's measured velocity and angular velocity
 _PRIOR = 0.2  # prior standard deviation of the factors
-_LEAST, _MOST = 0.5, 2.0  # bounds on the factors; factors outside these bounds result from other errors
+_LEAST, _MOST = 0.5, 2.0  # bounds on the factors
 
 
 class Learner(ABC):
@@ -39,19 +39,22 @@ class Learner(ABC):
     def update(
         self, t: float, q: FloatArray, v: FloatArray, wheel_momentum: FloatArray | None = None
     ) -> bool | None:
-        """Add a measured state at t [s]; return True if the robot has changed, for example by a capture."""
+        """Add the measured state q (nq,), v (6 + n,) at t [s]; return True if a body was captured.
+
+        `wheel_momentum` (w,) are the measured momenta of the wheels [N m s].
+        """
 
     @abstractmethod
     def pushed(self) -> None:
-        """Estimate the total momentum again from the next state on, because a push has changed it."""
+        """Treat the total momentum as unknown from the next state on, because a push has changed it."""
 
     @abstractmethod
     def learnt(self, last: SpaceManipulator) -> SpaceManipulator:
-        """Return the estimated robot, or `last` if the change is small or the estimate too uncertain."""
+        """Return the estimated robot, or `last` if the change is small or the estimate is too uncertain."""
 
     @property
     def shown(self) -> tuple[FloatArray, FloatArray] | None:
-        """The information of the motion about scale factors (see `ScaleFactors`); default: None."""
+        """The information of the motion about scale factors, see `ScaleFactors.shown`; default: None."""
         return None
 
     def observe_robot(self, robot: SpaceManipulator) -> None:
@@ -70,29 +73,30 @@ class ModelledLaw(Protocol):
 
 
 class ScaleFactors(Learner):
-    """The default `Learner`: factors (n + 1,) on the arm's masses and inertias, and on the base's inertia.
+    """The default `Learner`: factors on the mass and inertia of each arm body, and on the base's inertia.
 
-    The factors are the unknowns of a `MomentumFilter`, which `identification.Identifier` uses with the ten
-    parameters of each unknown body. If wheels hold the attitude, only the linear momentum is constant, and a
-    sample has three equations. Thrusters change the momentum, so in their modes the model is unchanged. The
-    scale is unobservable from momentum, so the base's mass is fixed. A prior keeps unobservable factors at 1.
+    The factors (n + 1,) are the unknowns of a `MomentumFilter`, which `identification.Identifier` uses with
+    the ten parameters of each unknown body. If wheels hold the attitude, only the linear momentum without the
+    wheels is constant, and a sample has three equations. Thrusters change the momentum, so in their modes the
+    factors remain 1. A common scale of all masses is unobservable, so the base's mass is fixed. A prior keeps
+    unobservable factors at 1.
 
-    The momentum is that of the first sample. With `noisy` sensors the constant momentum is estimated, too,
-    because the first sample is as noisy as any other.
+    With exact sensors the constant momentum is that of the first sample. With `noisy` sensors it is
+    estimated, because the first sample is as noisy as any other.
 
-    If factors from exact measurements are out of bounds, errors other than those of masses are present, and
+    If factors from exact measurements are out of bounds, other errors than those of masses are present, and
     all factors are set to 1. Factors from noisy measurements may be out of bounds if the excitation is low.
-    Then the best factors within the bounds are used, because setting all factors to 1 would make plans jump.
+    Then the best factors within the bounds are used, because plans would jump if all factors were set to 1.
     """
 
     def __init__(self, sms: SpaceManipulator, mode: str = "floating") -> None:
-        # The number of constant components of the [linear; angular] momentum.
+        # The number of constant components of the [linear; angular] momentum of base and arm.
         self._kept = dict(zip(_CONSERVING, (6, 3), strict=True)).get(mode, 0)
         self.noisy = False
         self.observe_robot(sms)
 
     def observe_robot(self, robot: SpaceManipulator) -> None:
-        """Restart with the factors of the controller's estimate."""
+        """Restart from the controller's estimate of the robot, with all factors 1."""
         self._sms = self.known = robot
         base = robot.model.inertias[1]
         self._scale = 1.0 / (_NOISE * np.repeat([float(base.mass), float(np.trace(base.inertia)) / 3.0], 3))
@@ -110,14 +114,14 @@ class ScaleFactors(Learner):
         self._last: FloatArray | None = None
 
     def pushed(self) -> None:
-        """Keep the estimated factors, and estimate the momentum after the push from the next sample on."""
+        """Keep the information about the factors; the momentum is a new unknown from the next sample on."""
         self._filter.pushed(at_rest=not self.noisy)
         self._begin_momentum()
 
     def update(
         self, t: float, q: FloatArray, v: FloatArray, wheel_momentum: FloatArray | None = None
     ) -> bool:
-        """Add a measured state; return whether the robot has changed.
+        """Add a measured state; return True if a body was captured, which restarts the estimation.
 
         `t` and `wheel_momentum` are ignored. If wheels hold the attitude, only the linear momentum is used,
         which does not depend on the wheels.
@@ -125,7 +129,7 @@ class ScaleFactors(Learner):
         if not self._kept:
             return False
         Z, jumped = self._filter.equations(q, v)[0].copy(), False
-        # A body was captured if the momentum changes by more than thirty times the noise.
+        # A body was captured if the momentum changes between samples by more than thirty times the noise.
         if self._last is not None:
             step = (Z - self._last) @ np.concatenate([(self.factors - 1.0) / _PRIOR, np.zeros(6), [1.0]])
             jumped = bool(np.abs(self._scale * step).max() > 30.0)
@@ -141,7 +145,7 @@ class ScaleFactors(Learner):
         return jumped
 
     def expect_noise(self) -> None:
-        """Estimate the constant momentum, too, and keep the factors within their bounds."""
+        """Estimate the constant momentum from all samples, and keep the factors within their bounds."""
         self.noisy = True
 
     def _sums(self) -> tuple[FloatArray, FloatArray]:
@@ -153,7 +157,7 @@ class ScaleFactors(Learner):
         return sums[:-1, :-1], -sums[:-1, -1]
 
     def solve(self) -> FloatArray:
-        """Return the factors (n + 1,) estimated from the measurements so far."""
+        """Return the factors (n + 1,) estimated from the samples since the last restart."""
         G, g = self._sums()
         G = G + np.eye(len(g))
         factors = np.asarray(1.0 + _PRIOR * np.linalg.solve(G, g), dtype=np.float64)
@@ -177,7 +181,7 @@ class ScaleFactors(Learner):
         return G / _PRIOR**2, g / _PRIOR
 
     def learnt(self, last: SpaceManipulator) -> SpaceManipulator:
-        """Return the robot with the estimated factors; the same object if no factor has changed much."""
+        """Return the robot with the estimated factors; the same object until a factor changes by 2e-3."""
         if np.abs(self.solve() - self.factors).max() > 2e-3:
             self.known = self.robot()
         return self.known
@@ -191,7 +195,7 @@ class ScaleFactors(Learner):
 
 
 def _scale_basis(sms: SpaceManipulator) -> FloatArray:
-    """Return the change of all bodies' parameters (10 (n + 1), n + 1) per prior deviation of each factor."""
+    """Return the parameter changes of all bodies (10 (n + 1), n + 1) per prior deviation of each factor."""
     _, *arm = sms.inertial_parameters.reshape(-1, PER_BODY)
     turning = pin.Inertia(0.0, np.zeros(3), np.array(sms.model.inertias[1].inertia)).toDynamicParameters()
     basis = np.zeros((sms.n + 1, sms.n + 1, PER_BODY))
@@ -201,13 +205,13 @@ def _scale_basis(sms: SpaceManipulator) -> FloatArray:
 
 
 def learner_of(problem: Problem, learn: Learner | None) -> Learner:
-    """Return the learner of a problem, by default scale factors; raise `InvalidValue` for a wrong `learn`."""
+    """Return `learn`, by default `ScaleFactors`; raise `InvalidValue` if it does not suit the problem."""
     if learn is None:
         return ScaleFactors(problem.sms, problem.mode)
     if not isinstance(learn, Learner):
         text = "must be an identification.Identifier or another opt.Learner"
         raise InvalidValue("learn", learn, text)
     if problem.mode not in _CONSERVING:
-        text = f"must be left out in mode '{problem.mode}': thrusters change the momentum that it learns from"
+        text = f"must be left out in mode '{problem.mode}', because thrusters change the total momentum"
         raise InvalidValue("learn", learn, text)
     return learn

@@ -21,32 +21,34 @@ class ReplanOptions:
     Raises
     ------
     InvalidValue
-        If a number is negative.
+        If a number is negative, or `rate_reserve` is not below one.
     """
 
     period: Annotated[Positive, Unit("s")] = 0.1
-    """The time between two re-plans of the rest of the motion. Shortly before the deadline it is a tenth of
-    the remaining time, so that a base drift of centimetres per second causes only a small error."""
+    """The time between two re-plans of the rest of the motion, at most a tenth of the remaining time and at
+    least a step. Late re-plans are more frequent, so that a base drift of centimetres per second causes only
+    a small error."""
     arrived_miss: float = 2e-3
-    """The largest position error [m] of a plan that counts as arriving. The default is a tenth of the paper's
-    r_th, and twice the tolerance of plans."""
+    """The largest position error [m] of a plan that arrives. The default is a tenth of the paper's r_th, and
+    twice the default tolerance of goals."""
     search_again: float = 1.0
     """The least time [s] between two searches, or a quarter of the remaining time if that is longer. A search
-    is made if the rest of a plan does not arrive or violates a limit."""
+    is made if the rest of a plan does not arrive or violates a limit. For goals other than an `opt.Meet`, it
+    is also the least time from the last plan that arrives within the limits to a search."""
     dead_band: Annotated[NotNegative | None, Unit("m", "from the sensors")] = None
-    """The distance from a fixed goal within which an arm rests after the deadline. Default: three times the
-    noise of the measured end-effector position, at least 0.1 mm and at most 1 mm; 0 with perfect sensors."""
+    """The distance from a fixed goal within which an arm at rest stays at rest after the deadline; a moving
+    arm comes to rest within a third of it. Default: three times the noise of the measured end-effector
+    position, at least 0.1 mm and at most 1 mm; 0 with perfect sensors."""
     settle: float = 0.1
-    """The time [s] for the correction of a remaining error after the deadline with noisy or delayed sensors.
-    With a limit on the jerk, five times this time is used."""
+    """The time [s] for the correction of a remaining error after the deadline with imperfect sensors. With a
+    limit on the jerk, five times this time is used, also with perfect sensors."""
     jerk: Annotated[PerJointPositive | None, Angle("rad/s³ or m/s³", "none")] = None
-    """The limit on the jerk of the command, for each joint; the joint limits have priority."""
+    """The limit on the jerk of the command, for each joint. The joint limits have priority."""
     rate_reserve: Annotated[Share | None, Unit("", "0.05 for a client, else 0")] = None
     """The share of the joint rate limits that re-plans leave for corrections by steps and by the control law.
-    Default: 0.05 for an `opt.Meet`, otherwise zero. After changes of the client's estimate, corrections
-    exceed planned rates by up to 0.05 of the limits. Without a client, a fastest plan may require the full
-    limits."""
-    # The grid of the spline that changes a plan. More intervals near the deadline would allow late, fast
+    Default: 0.05 for an `opt.Meet`, because corrections exceed planned rates by up to this share after
+    changes of the client's estimate; otherwise zero, because a fastest plan may require the full limits."""
+    # The grid of the spline that changes a plan. More intervals near the deadline would allow fast, late
     # changes.
     grid: ClassVar[Grid] = Grid(16, 2, 3)
 
@@ -58,7 +60,7 @@ class ReplanOptions:
             share("rate_reserve", self.rate_reserve)
 
     def band(self, noise: float | None) -> float:
-        """Return the dead band [m] for sensors with `noise` [m]; None: perfect sensors."""
+        """Return the dead band [m] for sensors with a position noise [m]; None: perfect sensors."""
         if self.dead_band is not None:
             return self.dead_band
         return 0.0 if noise is None else min(max(3.0 * noise, 1e-4), 1e-3)
@@ -69,7 +71,10 @@ class ReplanOptions:
         return 1.0 - (default if self.rate_reserve is None else self.rate_reserve)
 
     def rests(self, distance: float, noise: float | None, rested: bool) -> bool:
-        """Return whether an arm rests at a `distance` [m] after the deadline, with hysteresis by `rested`."""
+        """Return whether an arm rests at a `distance` [m] after the deadline.
+
+        Because of hysteresis, the result depends on `rested`, the result of the last step.
+        """
         return distance < self.band(noise) / (1.0 if rested else 3.0)
 
 
@@ -77,8 +82,7 @@ class ReplanOptions:
 class Nearby(Term):
     """The deviation of the joint accelerations from the accelerations (n, 1, K) of the last searched plan.
 
-    With the default weight [s^3/rad^2] an error of a tenth of the tolerance weighs as much as a constant 0.1
-    rad/s^2. With this ratio a re-plan corrects the error without late, fast changes.
+    With the default `weight` [s^3/rad^2] a re-plan corrects errors without fast, late changes.
     """
 
     accelerations: FloatArray
@@ -94,9 +98,8 @@ class Nearby(Term):
 class Approach(Term):
     """The speed at which the distance to a fixed goal increases.
 
-    Near a singular configuration a detour would rotate the base slightly and reduce the error by micrometres,
-    less than the model's errors. With the default weight [s/m^2] a retreat of 1 cm in half a second weighs as
-    much as an error of half a millimetre.
+    Near a singular configuration, a detour that rotates the base may reduce the error by micrometres, which
+    is less than the errors of the model. The unit of `weight` is s/m^2.
     """
 
     weight: float = 100.0
@@ -105,6 +108,6 @@ class Approach(Term):
     def residual(self, m: Variables) -> Any:
         """Return the weighted speed at which the distance increases, zero if the distance decreases."""
         displacement = m.goal - m.tip
-        # At a distance below 1 mm the direction to the goal depends on noise, so the residual is reduced.
+        # Below a distance of 1 mm the direction to the goal depends on noise, so the residual is reduced.
         growth = -displacement.dot(m.velocity) / displacement.norm(1e-3)
         return np.sqrt(self.weight) * np.maximum(growth, 0.0)

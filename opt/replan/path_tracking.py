@@ -22,29 +22,29 @@ from ffsms_pin.opt.trajectory import Trajectory
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.robot.base_motion import advance
 
-_NOISY_GAIN = 2.0  # [1/s] feedback gain for a noisy error
+_NOISY_GAIN = 2.0  # [1/s] the feedback gain for noisy measurements
 _ANOTHER = 5e-3  # [m, rad] if the measured start deviates by more, it replaces the start of the problem
-_APPROACH = 1.0  # [1/s] largest rate of a joint per distance to its position limit
-_RETURN = 2.0  # [1/s] gain of redundant motion towards the plan
+_APPROACH = 1.0  # [1/s] the largest rate of a joint towards a position limit, per distance to the limit
+_RETURN = 2.0  # [1/s] the gain of redundant motion towards the plan
 
 
 def check_options(options: ReplanOptions, weights: StepWeights | None) -> None:
-    """Raise `InvalidValue` for options of re-planning that steps along a path do not support."""
+    """Raise `InvalidValue` for options and weights that steps along a path do not support."""
     for name in ("search_again", "dead_band", "settle", "rate_reserve"):
         if (value := getattr(options, name)) != getattr(ReplanOptions, name):
             remedy = "is not for an opt.Path, which is followed by resolved rates at all times; leave it out"
             raise InvalidValue(name, value, remedy)
     if weights is not None:
-        remedy = "must be left out for an opt.Path: its steps solve no weighted QP"
+        remedy = "must be left out for an opt.Path, because its steps do not solve a weighted QP"
         raise InvalidValue("weights", weights, remedy)
 
 
 class PathTracker:
-    """A path tracker: joint rates that keep the measured end effector on a path within the joint limits.
+    """A tracker that keeps the measured end effector on a path within the joint limits.
 
-    The tracker uses resolved-rate control with the J* of the estimated robot, and feedback compensates errors
-    of the masses. Redundant motion follows a planned motion, which keeps the clearance. The path is evaluated
-    again in every step, so a path on a client moves with the newest estimate of the client.
+    The tracker uses resolved-rate control with the J* of the estimated robot; feedback compensates errors of
+    the masses. Redundant motion follows a planned motion, which keeps the clearance. The path is evaluated in
+    every step, so a path on a client moves with the newest estimate of the client.
     """
 
     def __init__(self, problem: Problem) -> None:
@@ -52,13 +52,13 @@ class PathTracker:
         assert isinstance(problem.goal, Path)
         if problem.goal.timing == "fastest" and problem.goal.law is None:
             remedy = (
-                "has no times yet: give the problem of a plan, plan = opt.solve(problem) and then "
+                "has no times yet; plan the motion first: plan = opt.solve(problem), and then "
                 "opt.Replanning(plan.problem, plan=plan)"
             )
             raise InvalidValue("timing", problem.goal.timing, remedy)
 
     def begun(self, q: FloatArray) -> Problem:
-        """Return the problem with the measured start q (nq,), if it deviates by more than noise."""
+        """Return the problem, whose start becomes the measured q (nq,) if it deviates by more than noise."""
         place = frame_at(self._problem.sms.at(self._problem.q0).end_effector_pose)
         here = self._problem.sms.at(q).end_effector_pose
         distance = float(np.linalg.norm(place.value[:, 0, 0] - here.translation))
@@ -68,13 +68,13 @@ class PathTracker:
         return self._problem
 
     def plan(self, q: FloatArray, trajectory: Trajectory | None) -> JointPlan:
-        """Return the first plan: that of `trajectory`, or if it is None a plan from the measured q (nq,)."""
+        """Return the first plan, from `trajectory` or, if it is None, planned from the measured q (nq,)."""
         if trajectory is None:
             trajectory = plan_along(replace(self._problem, q0=self._within_limits(q)))
         return JointPlan.of_trajectory(trajectory)
 
     def _within_limits(self, q: FloatArray) -> FloatArray:
-        """Return q with joints clipped to their limits, which measurements may exceed by noise."""
+        """Return q with joints clipped to their position limits, which measurements may exceed by noise."""
         sms, q = self._problem.sms, q.copy()
         sms.layout.set_positions(q, np.clip(sms.layout.positions(q), sms.limits.lower, sms.limits.upper))
         return q
@@ -94,8 +94,8 @@ class PathTracker:
     ) -> FloatArray:
         """Return joint rates (n,) for the end of a step that begins at node `step` in the measured q (nq,).
 
-        `command` are the commanded joints, rates and accelerations (n,). `fixed` (n,) is the mask of joints
-        that do not move.
+        `command` has the commanded joint positions, rates and accelerations (n,). `fixed` (n,) is the mask of
+        joints that do not move. With `noisy` measurements the feedback gain is lower.
         """
         problem, dt = self._problem, self._problem.dt
         joints, rates, accelerations = command
@@ -104,8 +104,8 @@ class PathTracker:
         node = PathNodes.of(problem.goal, np.array([(step + 1) * dt]))
         gain = feedback_gain(dt, _NOISY_GAIN) if noisy else feedback_gain(dt)
         task = path_task(problem, node, 0, ahead, sms.layout.positions(ahead), gain)
-        there, wanted = plan.sample((step + 1) * dt)
-        prefer = wanted + _RETURN * (there - joints - dt * rates)
+        planned_joints, planned_rates = plan.sample((step + 1) * dt)
+        prefer = planned_rates + _RETURN * (planned_joints - joints - dt * rates)
         least, greatest = kernel.rate_bounds(sms.limits.table, joints, rates, dt)
         # Joints slow down near a position limit, because a joint that lags behind the command could pass the
         # limit.

@@ -29,13 +29,13 @@ from ffsms_pin.threads import OneThread
 
 # [s] Corrections after the deadline end if the least error is older than this and the error has doubled.
 _PATIENCE = 2.0
-# [rad or m] The command stops while a joint lags behind the command by more than this. Otherwise the joint
-# would overshoot.
+# [rad or m] After the deadline, the command stops while a joint lags behind it by more than this. Otherwise
+# the joint would overshoot.
 _LAG = 0.05
-# [margins] Largest residual of a limit in a plan that is followed. For the clearance between bodies this is
-# 9 mm per metre of the arm.
+# [margins] The largest residual of a limit in a plan to a fixed goal that is followed. For the clearance
+# between bodies this is 9 mm per metre of the arm.
 _BROKEN = 3.0
-_RETURN = 1.0  # [1/s] gain of the return to the best posture
+_RETURN = 1.0  # [1/s] the gain of the return to the best posture
 
 
 class Replanning(Observer):
@@ -43,10 +43,10 @@ class Replanning(Observer):
 
     A closed loop calls `observe` with its measurements, then `sample`. Every `ReplanOptions.period` the rest
     of the motion is planned again, warm-started by the rest of the last plan. The initial state has the
-    measured base pose, but the commanded joint positions, because these satisfy the limits and do not jump.
+    measured base pose, but the commanded joint positions and rates, which satisfy the limits and do not jump.
     The model has the estimated masses and the wheel momenta of `observe_wheels`; failed joints are locked.
     Between re-plans, the arm follows the plan. After the deadline, each step moves the end effector straight
-    to the goal from the measured state.
+    to the goal from the measured state, unless the plan misses the goal by more than 1 cm.
 
     A `Path` is followed by resolved rates near the first plan (`PathTracker`), with the newest estimate of a
     client to which the path is fixed. For a path the options are `period`, `jerk` and `arrived_miss`; other
@@ -57,31 +57,30 @@ class Replanning(Observer):
     problem : Problem
         The problem of the motion, which begins in the first measured state.
     hold : float
-        Time for which the goal is held after the deadline [s]; `duration` includes it.
+        Time for which the goal is held after the deadline [s]. `duration` includes it.
     plan : Trajectory, optional
-        The first plan. Default: the plan of `opt.solve`.
+        The first plan. Default: a search from the first measured state.
     options : ReplanOptions, optional
         The options of re-planning.
     weights : StepWeights, optional
         The weights of single steps.
     learn : Learner, optional
         An `identification.Identifier`. Plans use its estimate when the estimate is accurate enough. Default:
-        `ScaleFactors`, which estimates factors on the masses of the arm's bodies and on the base's inertia
-        by the same filter on the momentum.
+        `ScaleFactors`, which estimates factors on the masses and inertias of the arm's bodies and on the
+        base's inertia.
     law : ModelledLaw, optional
-        The control law of the run, whose model (`law.sms`) is updated to the learnt robot. If None, no
-        law is updated.
+        The control law of the run. Its model `law.sms` is replaced by the estimated robot. Default: none.
 
     Attributes
     ----------
     pushed : bool
-        True during a possible contact with the end effector, set by the caller; masses are not estimated
-        during this time.
+        True during a possible contact with the end effector, set by the caller. During this time masses are
+        not estimated.
     failed_steps, failed_in_a_row : int
         The number of steps in which the arm braked because the step was not solved, in total and since the
         last solved step.
     held_steps : int
-        The number of steps in which the arm stood still, because the new plan violated a limit by far.
+        The number of steps in which the arm was stopped, because the new plan violates a limit by far.
     """
 
     replans = True
@@ -140,17 +139,17 @@ class Replanning(Observer):
             return lambda t: goal.place(t).at(self._seen).position
         if goal.moves:
             return lambda t: goal.places(np.array([t])).position[:, 0]
-        place = goal.place(duration)  # a place on the base is returned for the base's last measured pose
+        place = goal.place(duration)  # a place on the base is evaluated at the last measured base pose
         return (lambda t: place.at(self._seen).position) if place.moves_with_base else place.position
 
     @property
     def task(self) -> Problem:
-        """The problem by whose goals and limits the flown motion is judged."""
+        """The problem whose goals and limits are checked in the flown motion."""
         return self.problem
 
     @property
     def expected_miss(self) -> float:
-        """The predicted distance to the goal at the deadline, the uncorrectable part included [m]."""
+        """The predicted distance to the goal at the deadline, including the uncorrectable part [m]."""
         plan = self._planner.current
         return np.inf if plan is None else math.hypot(plan.miss, self._uncorrectable)
 
@@ -166,7 +165,7 @@ class Replanning(Observer):
 
     @property
     def computing_time(self) -> float:
-        """The computing time of the last plan [s]."""
+        """The computing time of the last plan [s]; zero along a path."""
         return self._planner.computing_time
 
     @property
@@ -181,24 +180,24 @@ class Replanning(Observer):
 
     @property
     def note(self) -> str:
-        """The predicted reason for a miss; empty if there is none."""
+        """The message about failed joints, a predicted miss, and unsolved steps; empty if there are none."""
         names, failed = self.problem.sms.joint_names, self._planner.failed & self.problem.free
         notes = [f"joint '{names[i]}' has failed" for i in np.flatnonzero(failed)]
         if np.isfinite(self.expected_miss) and self.expected_miss > self.options.arrived_miss:
-            notes.append(f"no motion found that arrives: the target is missed by {self.expected_miss:.3g} m")
+            notes.append(f"no motion found that arrives; the target is missed by {self.expected_miss:.3g} m")
         if self._given_up:
             notes.append(
-                "corrections after the deadline did not converge: the arm holds the best posture it had"
+                "corrections after the deadline did not converge, so the arm holds the best posture it had"
             )
         if self.held_steps:
             held = self.held_steps * self.problem.dt
-            notes.append(f"the arm held still for {held:.3g} s, because the motions found violate a limit")
+            notes.append(f"the arm held still for {held:.3g} s, because the planned motions violate a limit")
         if self.failed_steps:
             notes.append(f"the arm braked in {self.failed_steps} steps that were not solved")
         return "; ".join(notes)
 
     def observe(self, t: float, q: FloatArray, v: FloatArray) -> None:
-        """Plan the next step from the state measured at t [s], and the rest of the motion if that is due."""
+        """Plan the next step from the measured state at t [s], and re-plan the rest of the motion if due."""
         with self._thread:
             step = int(t / self.problem.dt + 1e-6)
             if step != self._step:
@@ -266,26 +265,29 @@ class Replanning(Observer):
             self._measured = q, v
 
     def observe_wheels(self, momentum: ArrayLike) -> None:
-        """Store the measured momenta (w,) of the wheels that hold the attitude, relative to the base [N m s].
+        """Store the measured momenta (w,) of the wheels, relative to the base [N m s].
 
-        Call this method before `observe`. Otherwise the momenta follow from conservation, without unloading
-        by thrusters.
+        Call this method before `observe`. Without it, the momenta of wheels that hold the attitude follow
+        from conservation, which ignores unloading by thrusters.
         """
         wheels = self.problem.wheels if self.learn is None else self.problem.sms.wheels
         if wheels is not None:
             self._wheels = vector("momentum", momentum, len(wheels), "N m s")
 
     def sample(self, t: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return joint positions, rates and accelerations, each (n,), at t [s], of the last planned step."""
+        """Return joint positions, rates and accelerations, each (n,), of the last planned step at t [s]."""
         return self._after(t - self._now)
 
     def ahead(self, t: float) -> tuple[FloatArray, FloatArray]:
-        """Return joint positions and rates, each (n,), of the present plan at t [s]."""
+        """Return joint positions and rates, each (n,), of the present plan at t [s].
+
+        Before the first plan they are the commanded joint positions and rates.
+        """
         plan = self._planner.current
         return self._after(0.0)[:2] if plan is None else plan.sample(t)
 
     def expect_noise(self, distance: float) -> None:
-        """Set the standard deviation [m] of the sensors' error of the end-effector position."""
+        """Set the standard deviation [m] of the measured end-effector position."""
         self._noise = distance
         self._planner.noisy = True
         self._planner.learner.expect_noise()
@@ -293,14 +295,14 @@ class Replanning(Observer):
     def observe_robot(self, robot: SpaceManipulator) -> None:
         """Use the robot estimated by the controller from the next re-plan on.
 
-        If `learn` has an estimate, that is used instead.
+        An `identification.Identifier` as `learn` ignores it, and uses its own estimate.
         """
         self._planner.learner.observe_robot(robot)
 
     def joint_failed(self, joint: int, locked: bool) -> None:
         """Plan without a failed joint (index from 0), which is locked or limp.
 
-        A limp joint is assumed to stay at its measured position, updated at every re-plan.
+        A limp joint is assumed to stay at its measured position, which is updated in every step.
         """
         self._planner.without(joint)
         self._renew_stepper()
@@ -313,7 +315,7 @@ class Replanning(Observer):
         would leave the plan.
         """
         dt, now, options = self.problem.dt, self._now, self.options
-        left, rotation, wanted = self.problem.duration - now, None, None
+        left, rotation, prefer = self.problem.duration - now, None, None
         if plan.excess > _BROKEN and not (goal.exact or goal.moves):
             self.held_steps += 1
             still = self._smoothed(np.zeros_like(self._rates))
@@ -322,21 +324,20 @@ class Replanning(Observer):
         # this plan from the goal, and would also stop steps straight to the goal.
         if self.mode == "plan" or plan.miss > 1e-2:
             position = goal.place(now).at(q).position
-            there, wanted = plan.sample(now + dt)
-            on_the_way = 0.5 * dt * (self._rates + wanted)
+            planned_joints, planned_rates = plan.sample(now + dt)
+            displacement = 0.5 * dt * (self._rates + planned_rates)
             # If a limit has led the motion away from the plan, steps return with a gain of 2 /s.
-            wanted = wanted + 2.0 * (there - self._start - on_the_way)
+            prefer = planned_rates + 2.0 * (planned_joints - self._start - displacement)
             if plan.excess <= 1.0:
-                return self._stepper.bounded(self._start, self._rates, self._smoothed(wanted)), True
+                return self._stepper.bounded(self._start, self._rates, self._smoothed(prefer)), True
         else:
             place = goal.place(now if goal.moves else self.problem.duration)
-            aimed = place.aim(self.problem.sms, q)
-            position, rotation = aimed.position, aimed.rotation
+            step_place = place.aim(self.problem.sms, q)
+            position, rotation = step_place.position, step_place.rotation
             if goal.moves and place.velocity is not None:
-                # The end effector keeps up with the goal's velocity v if steps are aimed at a point ahead of
-                # the goal. At the distance d and speed v, a step after the deadline has the speed
-                # 2.5 (d - dt v / 2) / (3.25 dt) (`reference_speed`), which is v for
-                # d = (3.25 / 2.5 + 0.5) dt v.
+                # Steps are aimed at a point ahead of the goal, so that the end effector has the goal's
+                # velocity v. At the distance d and speed v, a step after the deadline has the speed
+                # 2.5 (d - dt v / 2) / (3.25 dt), which is v for d = (3.25 / 2.5 + 0.5) dt v.
                 position = position + (3.25 / 2.5 + 0.5) * dt * place.velocity
             if not goal.moves:
                 left = left if self._jerk is None else 5.0 * options.settle
@@ -351,10 +352,10 @@ class Replanning(Observer):
                     return self._stepper.bounded(self._start, self._rates, still), True
                 self._rests = options.rests(distance, self._noise, self._rests)
                 if self._rests:
-                    wanted = np.zeros_like(self._rates)
+                    prefer = np.zeros_like(self._rates)
                 elif self._noise is not None:
                     left = max(left, options.settle)
-        step = self._stepper.advance(q, self._rates, position, left, rotation, wanted)
+        step = self._stepper.advance(q, self._rates, position, left, rotation, prefer)
         smooth = self._smoothed(step.joint_rates)
         if not np.array_equal(smooth, step.joint_rates):
             step = self._stepper.advance(q, self._rates, position, left, prefer=smooth)
@@ -363,9 +364,9 @@ class Replanning(Observer):
     def _has_given_up(self, error: float, q: FloatArray) -> bool:
         """Return whether corrections after the deadline do not converge, so that the best posture is held.
 
-        Errors grow if an arm with an unknown payload or limp joints lags behind the command. Then every step
-        corrects an error for which earlier steps have already commanded a correction. `error` [m or rad]
-        is the error of this step.
+        If an arm with an unknown payload or limp joints lags behind the command, every step corrects an error
+        for which earlier steps have already commanded a correction, and errors grow. `error` [m or rad] is
+        the error of this step.
         """
         best, _, since = self._best
         if error < best:
@@ -375,7 +376,7 @@ class Replanning(Observer):
         return self._given_up
 
     def _smoothed(self, rates: FloatArray) -> FloatArray:
-        """Return the nearest joint rates (n,) within the jerk limit that can still keep the rate limits."""
+        """Return the nearest joint rates (n,) within the jerk limit that can still satisfy rate limits."""
         if self._jerk is None:
             return rates
         dt, now, jerk, limit = self.problem.dt, self._rates, self._jerk, self._stepper.sms.limits.velocity
@@ -385,7 +386,7 @@ class Replanning(Observer):
         return np.asarray(np.clip(rates, usual - most, usual + most))
 
     def _renew_stepper(self) -> None:
-        """Replace the stepper by a stepper for the present estimate of the robot."""
+        """Use the present estimate of the robot in the stepper, without failed joints, and in `law`."""
         base_start, failed = self._stepper.base_start, self._planner.failed
         robot = self._planner.robot
         if self.law is not None:
@@ -398,7 +399,7 @@ class Replanning(Observer):
         self._stepper.reset(base_start=base_start, deadline=self.problem.duration)
 
     def _after(self, h: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return the motion `h` seconds into the planned step; after its end the rates stay constant."""
+        """Return the motion `h` [s] after the start of the planned step; after its end rates are constant."""
         dt, acceleration = self.problem.dt, self._accelerations.copy()
         late = h > dt * (1.0 + 1e-9)
         within = dt if late else h

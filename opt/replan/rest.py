@@ -1,4 +1,4 @@
-"""Plans of the rest of a motion, each warm-started by the plan before it, for the present robot estimate."""
+"""Plans of the rest of a motion with the present estimate of the robot, warm-started by the last plan."""
 
 from __future__ import annotations
 
@@ -32,18 +32,18 @@ from ffsms_pin.threads import one_blas_thread
 class JointPlan:
     """A planned joint motion; its rates are linear between nodes."""
 
-    start: float  # [s] time of the first node
+    start: float  # [s] the time of the first node
     dt: float  # [s]
     joints: FloatArray  # (n,) joint positions at the first node
     rates: FloatArray  # (N + 1, n) joint rates at the nodes
-    miss: float  # [m] predicted distance to the goal at the deadline
-    damping: float = 0.03  # damping at the end of the descent
-    excess: float = 0.0  # largest residual of a limit, as a share of the limit's margin; above 1: violated
+    miss: float  # [m] the predicted distance to the goal at the deadline
+    damping: float = 0.03  # the damping at the end of the descent
+    excess: float = 0.0  # the largest residual of a limit divided by its margin; above 1: violated
     found: JointPlan | None = None  # the plan of the last search; None if this plan is the result of a search
 
     @classmethod
     def of_trajectory(cls, plan: Trajectory, start: float = 0.0) -> JointPlan:
-        """Return the joint motion of a trajectory that begins at `start`."""
+        """Return the joint motion of a trajectory that begins at `start` [s]."""
         miss, excess = float(plan.position_error[-1]), 2.0 if plan.broken else 0.0
         return cls(start, plan.dt, plan.joint_positions[0], plan.joint_rates, miss, excess=excess)
 
@@ -74,30 +74,30 @@ class JointPlan:
         return np.stack([np.interp(times, nodes, column, right=0.0) for column in self.rates.T], axis=1)
 
     def accelerations_at(self, times: FloatArray) -> FloatArray:
-        """Return joint accelerations (k, n) at times (k,) [s]."""
+        """Return joint accelerations (k, n) at times (k,) [s], constant in each step."""
         k = np.clip(((times - self.start) / self.dt + 1e-9).astype(int), 0, len(self.rates) - 2)
         return np.asarray((self.rates[k + 1] - self.rates[k]) / self.dt)
 
     def mended(
         self, rest: Problem, start: float, times: FloatArray, accelerations: FloatArray | None, jerk: Any
     ) -> FloatArray:
-        """Return rates (k, n) that are added at `start` + times [s] for continuity with the command.
+        """Return rates (k, n) that are added at `start` + `times` (k,) [s] for continuity with the command.
 
-        The command has the rates of `rest` and the `accelerations` (n,). If a limit or a single step has led
-        the command away from the plan, the differences decay by a cubic Hermite polynomial. The decay takes
-        at most half of the acceleration limits and half of the jerk limit, if a jerk limit is set.
+        The command has the joint rates of `rest` and `accelerations` (n,); None: those of the plan. If a
+        limit or a single step has led the command away from the plan, the differences decay by a cubic
+        Hermite polynomial. The decay of the rates takes at most half of the acceleration limits. The decays
+        of rates and accelerations take at most half of the jerk limit each, if there is one.
         """
         dt, most = rest.dt, rest.sms.limits.acceleration
         jerk = np.inf if jerk is None else np.asarray(jerk)
         before, now, after = self.rates_at(start + dt * np.array([-1.0, 0.0, 1.0]))
         slope = (after - now if start < self.start + 0.5 * dt else now - before) / dt
-        off = rest.joint_rates - now
-        turn = np.zeros_like(off) if accelerations is None else accelerations - slope
-        far, hard = np.abs(off), np.abs(turn)
-        times_needed = 0.1 + 0.0 * far, 3.0 * far / most, 8.0 * hard / jerk, np.sqrt(12.0 * far / jerk)
-        time = np.maximum.reduce(times_needed)
-        s = np.minimum(times[:, None] / time, 1.0)
-        return np.asarray((off * (1.0 + 2.0 * s) + turn * time * s) * (1.0 - s) ** 2)
+        dv = rest.joint_rates - now
+        da = np.zeros_like(dv) if accelerations is None else accelerations - slope
+        v, a = np.abs(dv), np.abs(da)
+        T = np.maximum.reduce((0.1 + 0.0 * v, 3.0 * v / most, 8.0 * a / jerk, np.sqrt(12.0 * v / jerk)))
+        s = np.minimum(times[:, None] / T, 1.0)
+        return np.asarray((dv * (1.0 + 2.0 * s) + da * T * s) * (1.0 - s) ** 2)
 
 
 def rest_of(
@@ -115,8 +115,8 @@ def rest_of(
     """Return the problem of the rest of a motion from t [s] on, with the present robot estimate.
 
     `t` is a whole number of steps. The start has the base pose of the measured q (nq,), and the commanded
-    joints (n,) [rad] and rates (n,) [rad/s]. `goal` and `wheel_total` are by default those of the whole
-    problem.
+    joint positions `joints` (n,) and `rates` (n,). The defaults of `goal` and `wheel_total` are those of
+    `problem`.
     """
     goal = problem.goal if goal is None else goal
     if any(limit.joint_bounds is not None for limit in problem.limits):
@@ -134,7 +134,7 @@ def rest_of(
         q0=q0,
         goal=Changed(goal, time_offset=t) if goal.moves else goal,
         duration=(problem.steps - round(t / problem.dt)) * problem.dt,
-        # `limits` keeps the limits of the whole problem's goal, also if `goal` is another goal.
+        # The limits of the whole problem's goal are kept, also if `goal` is another goal.
         goal_limits=(),
         joint_rates=rates,
         locked=tuple(locked),
@@ -155,10 +155,11 @@ def replanned(
 ) -> JointPlan:
     """Return the plan of the rest of a motion (`rest_of`) from `start` [s] on, a change of the last plan.
 
-    A change begins with zero rate and acceleration. There is no change if the rest of the last plan arrives
-    and satisfies the limits. The plan continues the rates and `accelerations` (n,) of the command. `joints`
-    (n,) are continuous in time, unlike the angles of continuous joints in a configuration. Plans use only a
-    share of a fixed goal's tolerance, to leave a margin for unknown errors.
+    The plan continues the rates and `accelerations` (n,) of the command. If the rest of the last plan arrives
+    within the limits, it is not changed further. Otherwise a spline is added that begins with zero rate and
+    acceleration. The joint positions `joints` (n,) of the start are continuous in time, unlike the angles of
+    continuous joints in a configuration. A fixed goal has a smaller tolerance, because there are unknown
+    errors.
     """
     dt, fixed = problem.dt, ~problem.free
     nodes = problem.nodes
@@ -170,7 +171,7 @@ def replanned(
     rates[:, fixed] = 0.0
     goal = problem.goal
     whole = rate_spline(problem.steps, dt, options.grid, not goal.place(problem.duration).rests)
-    # Arrival has priority over a nearly fixed final pose.
+    # With `firm`, an iteration would also penalise changes of a final pose within the tolerance.
     spline, weights = whole.around(dt, rates), LAST_WEIGHTS._replace(firm=False)
     searched = last.found or last
     if not goal.exact and not goal.moves:
@@ -180,7 +181,7 @@ def replanned(
     problem = replace(problem, goal=goal, terms=terms)
     model = Model(problem, goal, spline, ControlQP(problem, spline))
     motion = linearise(model, np.zeros((1, spline.size, len(joints))), weights, last.damping)
-    # The plan is not changed within this share of the tolerance, which is larger for noisy estimates.
+    # The plan is not changed within this share of the tolerance, larger for noisy estimates of an exact goal.
     enough = 0.9 if noisy and goal.exact else 0.5
     # The first descent has three iterations, because with two the commands depend on the last bits of the
     # measurements. Up to three stiffer descents of four iterations follow.
@@ -204,9 +205,10 @@ def replanned(
 class RestPlanner:
     """The planner of the first plan, by default by a search, and of all re-plans.
 
-    `due` is the time of the next re-plan [s]. `robot` is a new object after a change of the estimated masses.
-    `wheel_total` (w,) [N m s] are the momenta that the wheels would have with arm and base at rest, from the
-    last observation, or None without an observation. `failed` (n,) is the mask of joints that do not move.
+    `due` is the time of the next re-plan, and `made` that of the last plan [s]. `robot` is a new object after
+    a change of the estimated masses. `wheel_total` (w,) [N m s] are the momenta of the wheels with arm and
+    base at rest from the last observation, or None without one. `failed` (n,) is the mask of joints that do
+    not move.
     """
 
     def __init__(
@@ -239,10 +241,11 @@ class RestPlanner:
         wheels: FloatArray | None = None,
         measured: tuple[FloatArray, FloatArray] | None = None,
     ) -> None:
-        """Update the learner from a measured state; base limits are relative to the first state.
+        """Update the learner from a measured state q (nq,), v (6 + n,) at t [s].
 
-        `measured` is the unfiltered state, for a learner that models the sensors' noise. During external
-        forces the momentum has no information about masses, and is used for plans only.
+        The base pose of the first state is the reference of base limits. `measured` is the unfiltered state,
+        for a learner that models the sensors' noise. If the robot is `pushed`, its momentum has no
+        information about masses, and is used for plans only. `wheels` (w,) are the measured momenta [N m s].
         """
         if self._base_start is None:
             self._base_start = q[:7].copy()
@@ -255,7 +258,7 @@ class RestPlanner:
             self.due = 0.0  # a body was captured, so the plan is obsolete
 
     def without(self, joint: int) -> None:
-        """Exclude a failed joint, and make a re-plan due."""
+        """Exclude a failed joint (index from 0), and make a re-plan and a search due."""
         self.failed[joint] = True
         self.due = self._next_search = 0.0
 
@@ -283,12 +286,16 @@ class RestPlanner:
         accelerations: FloatArray,
         goal: Goal,
     ) -> JointPlan:
-        """Plan the rest from `now` [s] and the measured q (nq,) to the reachable part of the goal."""
+        """Return the new plan of the rest of the motion from `now` [s] and the measured q (nq,).
+
+        `joints`, `rates` and `accelerations` (n,) are those of the command, and `goal` is the correctable
+        goal.
+        """
         begun, options, whole, last = time.perf_counter(), self._options, self._problem, self.current
         self.renew_robot()
         locked = [name for name, failed in zip(whole.sms.joint_names, self.failed, strict=True) if failed]
-        known = self._base_start, locked, goal, self.wheel_total
-        rest = rest_of(whole, self._with_reserve(), now, q, joints, rates, *known)
+        settings = self._base_start, locked, goal, self.wheel_total
+        rest = rest_of(whole, self._with_reserve(), now, q, joints, rates, *settings)
         if self.momentum is not whole.momentum:
             rest = replace(rest, momentum=self.momentum)
         if last is None:
@@ -316,8 +323,8 @@ class RestPlanner:
 
     def _searched_again(self, rest: Problem, now: float, joints: FloatArray, plan: JointPlan) -> JointPlan:
         """Search briefly, because `plan` misses the goal or violates a limit; return the better plan."""
-        found = Search(rest).run(QUICK)
-        other = JointPlan.of_trajectory(found, now)
+        trajectory = Search(rest).run(QUICK)
+        other = JointPlan.of_trajectory(trajectory, now)
         better = other.miss < plan.miss or (plan.excess > 1.0 and other.miss <= self._options.arrived_miss)
         # Continuous joints are unwrapped from their present positions.
-        return plan if found.broken or not better else replace(other, joints=joints)
+        return plan if trajectory.broken or not better else replace(other, joints=joints)

@@ -1,4 +1,4 @@
-"""The paper's step for use inside a control loop."""
+"""A planner of the paper's steps for use in a control loop."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from ffsms_pin.robot import SpaceManipulator
 
 
 class StepPlanner(Stepper):
-    """A planner of single steps of the paper's method, with the limits of the paper.
+    """A planner of single steps of the paper's method.
 
     See `Stepper` for the step, and for parameters that are not described here.
 
@@ -31,17 +31,17 @@ class StepPlanner(Stepper):
     kappa : float
         Sharpness of C~. The paper states no value; with 10, C~ is close to max(0, cos(theta_a)).
     clearance : float
-        The paper's d_safe between points of the arm, and the margin to the base box [m].
-    collision : {"points", "shapes", "off"}
-        The geometry of the clearance: the joints' origins and the end effector (the paper's points, const4
-        to const7), or the URDF's collision shapes.
+        The paper's d_safe, the least distance within the arm and to the base [m].
+    collision : {"points", "hulls", "shapes", "auto", "off"}
+        The geometry of the clearance, see `Clearance.collision`. Default: the paper's points (const4 to
+        const7).
     aim : str
         The `reference` of a `Stepper`.
     base_limits : BaseLimits, optional
         The limits of the base's motion, relative to the base's pose at the first step after a `reset`.
     limits : sequence of Limit, optional
-        The limits. Default: limits of joints, torques, clearance, |alpha_i| <= 1, the base, and wheels that
-        hold the attitude.
+        The limits; they replace `clearance`, `collision` and `base_limits`. Default: the limits of joints,
+        torques, clearance and base, |alpha_i| <= 1, and limits of wheels that hold the attitude.
     wheel_momentum : array_like, shape (w,), optional
         The `wheel_total` of a `Stepper` [N m s].
     """
@@ -76,19 +76,19 @@ class StepPlanner(Stepper):
         return f"StepPlanner({self.sms.model.name}, {how}; {', '.join(names)})"
 
     def track(self, target: Any, duration: float, hold: float = 0.0) -> Replanning:
-        """Return a reference for a closed loop that re-plans from the measured state.
+        """Return a reference for a closed loop, which is re-planned from the measured state.
 
         Parameters
         ----------
         target : array_like, shape (3,), pinocchio.SE3, callable, or Goal
-            The goal, see `Problem`. A moving goal is met at the deadline with its velocity, and followed
+            The goal, see `Problem`. A moving goal is reached at the deadline with its velocity, and followed
             afterwards.
         duration, hold : float
             Time to arrive, and time for which the target is held afterwards [s].
         """
         sms = self.sms
-        # The motion begins in the first measured state. Until then the problem's start has the joints at
-        # zero, or at the nearest limit.
+        # The motion begins in the first measured state. Until then the joints of the start are at zero, or at
+        # the limit nearest to zero.
         middle = np.clip(np.zeros(sms.n), sms.limits.lower, sms.limits.upper)
         terms = [*default_terms(self.kappa), *self.terms]
         problem = Problem(
