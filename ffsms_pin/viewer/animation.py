@@ -1,4 +1,4 @@
-"""`view`: an animated scene of a planned or simulated motion, in a file or a notebook."""
+"""The function `view`, which makes an animated scene of a motion for a file or a notebook."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ from ffsms_pin.viewer.page import chosen_layers, facts, page, readings, staged
 from ffsms_pin.viewer.robot import animate, draw_motion, moving_layers
 from ffsms_pin.viewer.scene import Stage
 
-_KAPPA = 10.0  # kappa for a motion without a plan, the paper's value
+_KAPPA = 10.0  # the paper's kappa, for a motion without a plan
 
 
 def view(
@@ -78,12 +78,14 @@ def view(
     result : Trajectory, Tracking or capture.Flight
         The motion.
     plan : Trajectory, optional
-        The plan of a `Tracking`. Its path is drawn, and its target and kappa are used.
+        The plan of a `Tracking`. The planned path is drawn, and the plan's target, tolerance and kappa are
+        used.
     target : array_like, shape (3,), or pinocchio.SE3, or callable, optional
         Target in inertial axes [m], or a function of time [s]. Default: the grasp on the client, else the
-        plan's target. Without a target, for example on a path, no direction and no cone are drawn.
+        plan's target. If the motion follows a path, there is no default target. Without a target, no
+        direction and no cone are drawn.
     obstacles : sequence of Obstacle
-        Obstacles of the plan. Obstacles on a client move with `client`, if it is given.
+        Obstacles of the plan. With `client`, obstacles on any client are drawn on `client`.
     client : Client or ClientMotion, optional
         Body to draw: an object with `shapes`, `pose(t)` and `poses(times)`, such as `ffsms_pin.Client`.
     grasp : array_like, shape (3,), or pinocchio.SE3, optional
@@ -91,23 +93,24 @@ def view(
     path : opt.Path, optional
         Path to follow, drawn in the frame to which it is fixed. Default: the plan's path.
     events : sequence of simulation.Phase
-        Phases of a capture, which are marked in the scene and on the time bar. Default: the flight's phases.
-        A stop by a guard is always marked.
+        Phases of a capture, which are marked in the scene and on the time bar of a `Tracking`. Default: the
+        flight's phases. A stop by a guard is always marked.
     show : str or sequence of str, optional
-        Names of the layers in `LAYERS` that are visible at first, or "all". The legend of the page switches
-        all layers.
+        Names of the layers in `LAYERS` that are visible at first, or "all". Default: all except "ghosts",
+        "frames", "base_trail", "principal_motions", "limits" and "clearance". The legend of the page switches
+        layers on and off.
     camera : str
-        First view, a name in `CAMERAS`: "free" (oblique; planar motions from above), "front" (from +x),
-        "side" (from -y), "top" (from +z), or "base", which turns with the base. The page has a control
-        for it.
+        First view, a name in `CAMERAS`: "free" (oblique; motions in an x-y plane from above), "front" (from
+        +x), "side" (from -y), "top" (from +z), or "base" (as "free", but moving with the base). The page has
+        a control for the view.
     background : str
-        "dark" or "white". The page has a control for it.
+        "dark" or "white". The page has a control for the background.
     speed : float
-        Playback speed: 1 is real time, 2 is twice as fast. The page has a control for it.
+        Playback speed: 1 is real time, 2 is twice as fast. The page has a control for the speed.
     fps : float
-        Frame rate [1/s]; the page interpolates between frames.
+        Frame rate [1/s]; the page interpolates between frames. A scene has at most 1800 frames.
     title : str, optional
-        Title of the page.
+        Title of the page. Default: the name of the robot's model.
     play : bool
         True to start playing when the page opens.
 
@@ -119,7 +122,7 @@ def view(
     Raises
     ------
     InvalidValue
-        A value is out of range, or the result is of another robot.
+        A value is out of range, or the result belongs to another robot.
     GeometryError
         The robot's shapes cannot be drawn.
     """
@@ -177,7 +180,7 @@ def _shown_path(path: Path | None, planned: Trajectory | None, client: Any) -> P
 def _grasp_place(grasp: Any, client: DrawnClient | None) -> FloatArray:
     """Return the grasp point (3,) in the client's axes [m]."""
     if client is None:
-        raise InvalidValue("grasp", grasp, "needs a client to be drawn on: add client=")
+        raise InvalidValue("grasp", grasp, "requires client=, on which the grasp is drawn")
     return vector("grasp", grasp.translation if isinstance(grasp, pin.SE3) else grasp, 3, "m")
 
 
@@ -200,7 +203,7 @@ class View:
         """The scene's layers by name, True for a layer that is visible at first."""
 
     def to_html(self, path: str | os.PathLike[str]) -> None:
-        """Write the scene atomically as one HTML file that needs no other file and no network."""
+        """Write the scene atomically as one HTML file, which needs no other file and no network."""
         write_content(path, self.html())
 
     def open(self, path: str | os.PathLike[str] | None = None) -> File:
@@ -238,7 +241,7 @@ class View:
 
 
 def view_capture(outcome: Outcome, **options: Any) -> View:
-    """Make the scene of a scenario with a capture; `options` are those of `view`.
+    """Make the scene of a scenario's outcome with a capture; `options` are other arguments of `view`.
 
     Raises
     ------

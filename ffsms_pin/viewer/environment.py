@@ -26,7 +26,7 @@ Show: TypeAlias = Callable[[Frames, int], None]  # function that moves a layer t
 
 
 def add_path(stage: Stage, name: str, path: FloatArray, cosines: FloatArray | None) -> None:
-    """Draw a path (k, 3) as a tube; colours show the assistance's `cosines` (k,) if they are not None."""
+    """Draw a path (k, 3) as a tube, coloured by the assistance `cosines` (k,) unless they are None."""
     rows = _thinned(path)
     if rows.size < 2:
         return
@@ -78,7 +78,7 @@ def _add_axes(
 
 
 def _thinned(path: FloatArray) -> np.ndarray[tuple[int], np.dtype[np.intp]]:
-    """Return indices of points that are equally spaced along a path, without repeated points."""
+    """Return indices of at most 240 points with nearly equal spacing along a path; none without length."""
     length = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1)))
     if length[-1] < 1e-9:
         return np.empty(0, dtype=np.intp)
@@ -87,7 +87,7 @@ def _thinned(path: FloatArray) -> np.ndarray[tuple[int], np.dtype[np.intp]]:
 
 
 def actuator_layer(stage: Stage, sms: SpaceManipulator) -> Show:
-    """Draw the robot's wheels and thrusters on the base, in proportion to the base's smallest edge."""
+    """Draw the robot's wheels and thrusters on the base, in proportion to the smallest edge of its box."""
     size = sms.base_size or 3 * (0.3 * stage.size,)
     edge, thick = min(size), 0.05 * min(size)
     drawn: dict[str, tuple[Mesh, FloatArray, FloatArray]] = {}
@@ -114,7 +114,8 @@ def _on_faces(sms: SpaceManipulator, half: FloatArray, thick: float) -> FloatArr
     """Return positions (w, 3) of discs in the root frame, where the wheels' axes intersect the base's box.
 
     Wheels have axes but no positions, because positions have no influence on the motion. Of the two faces
-    that an axis intersects, the face further from the arm's first joint is used; discs on a face are stacked.
+    that an axis intersects, the face further from the arm's first joint is used. Discs at the same position
+    are stacked outwards.
     """
     assert sms.wheels is not None
     box, arm = sms.base_box_placement, np.array(sms.model.jointPlacements[2].translation)
@@ -130,7 +131,7 @@ def _on_faces(sms: SpaceManipulator, half: FloatArray, thick: float) -> FloatArr
 
 
 def obstacle_layer(stage: Stage, obstacles: Sequence[Obstacle]) -> Show:
-    """Draw obstacles; some may be fixed to the base or move on their own."""
+    """Draw obstacles, which may be fixed to inertial space, to the base or to a client."""
     for i, obstacle in enumerate(obstacles):
         stage.draw(f"obstacles/{i}", hull(outline(obstacle.shape)), COLOURS["obstacle"], opacity=0.6)
         stage.titles[f"obstacles/{i}"] = obstacle.name or f"obstacle {i + 1}"
@@ -168,7 +169,7 @@ def client_layer(
 ) -> Show:
     """Draw a client with its obstacles; a client without shapes and obstacles is drawn as a ball.
 
-    A client with a single shape gets a grapple ring at `grasp` (3,) [m], body axes.
+    On a client with a single shape, a grapple ring is drawn at `grasp` (3,) [m], body axes.
     """
     own, kept = list(client.shapes), [(body.shape, body.pose) for body in obstacles if body.moves]
     if not own and not kept:

@@ -1,4 +1,4 @@
-"""The animation's frames of a planned or simulated motion, and the directions of the cameras."""
+"""The frames of an animated motion, and the directions of the cameras."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ CAMERAS: Mapping[str, tuple[float, float, float] | None] = {
     ON_BASE: None,
 }
 _ABOVE, _OBLIQUE = (-0.12, -0.75, 1.5), (1.0, -1.5, 0.95)
-_INSTANTS = 25  # number of instants at which robot and client must be in the camera's picture
+_INSTANTS = 25  # largest number of instants at which the cameras must show robot and client
 BALL = 0.1  # [m] radius of a client without shapes
 
 
@@ -48,8 +48,8 @@ BALL = 0.1  # [m] radius of a client without shapes
 class Frames:
     """The k frames of an animation: times t (k,) [s], q (k, nq), v (k, nv), and target (k, 3) [m].
 
-    `force` (k, 3) [N] is the largest contact force on the end effector between a frame and the next frame.
-    Target and force are in inertial axes.
+    `force` (k, 3) [N] is the contact force on the end effector at its largest magnitude between a frame and
+    the next frame. Target and force are in inertial axes.
     """
 
     sms: SpaceManipulator
@@ -64,7 +64,7 @@ class Frames:
     def of(
         cls, sms: SpaceManipulator, result: Result, target: Target | None, kappa: float, rate: float
     ) -> Frames:
-        """Select rows of a result as frames, about `rate` frames per second, without interpolation."""
+        """Select at most `MOST` rows of a result as frames, about `rate` per second; do not interpolate."""
         if result.q.shape[1] != sms.nq:
             problem = f"belongs to another robot: q must have {sms.nq} columns"
             raise InvalidValue("result", result.q.shape, problem)
@@ -87,12 +87,12 @@ class Frames:
 
     @cached_property
     def bases(self) -> list[pin.SE3]:
-        """The poses (pinocchio.SE3) of the root frame."""
+        """The poses (pinocchio.SE3) of the root frame at each frame."""
         return [pin.XYZQUATToSE3(q[:7]) for q in self.q]
 
     @cached_property
     def points(self) -> FloatArray:
-        """The origins of the joints and the end effector (k, n + 1, 3) [m]."""
+        """The origins of the joints and of the end effector (k, n + 1, 3), inertial axes [m]."""
         joints = np.array([self.sms.layout.positions(q) for q in self.q])
         own = self.sms.arm_stack().evaluate(joints.T).points.T
         pairs = zip(own, self.bases, strict=True)
@@ -100,7 +100,7 @@ class Frames:
 
     @property
     def tips(self) -> FloatArray:
-        """The positions of the end effector (k, 3) [m]."""
+        """The positions of the end effector (k, 3), inertial axes [m]."""
         return self.points[:, -1]
 
     @cached_property
@@ -118,12 +118,12 @@ class Frames:
 
     @cached_property
     def ideal(self) -> FloatArray:
-        """The cosine c* (k,) at which the paper's cost is zero."""
+        """The cosine c* (k,) at which the paper's cost is smallest (`opt.costs.ideal_cosine`)."""
         return np.array([ideal_cosine(float(H), self.kappa) for H in self.entropy])
 
 
 def tips_at(sms: SpaceManipulator, result: Result, times: Sequence[float]) -> FloatArray:
-    """Return the positions (k, 3) [m] of the end effector at times (k,) [s] of a result."""
+    """Return the positions (k, 3) [m] of the end effector at the first rows at or after times (k,) [s]."""
     rows = np.searchsorted(result.t, np.asarray(times) - 1e-9).clip(0, len(result.t) - 1)
     tips = [sms.at(result.q[row]).end_effector_pose.translation for row in rows]
     return np.reshape(tips, (-1, 3))
@@ -154,7 +154,7 @@ def path_pose(path: Path, frames: Frames, k: int) -> Any:
 def seen_points(
     frames: Frames, client: DrawnClient | None, obstacles: Sequence[Obstacle], path: Path | None = None
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the points (k, 3) [m] in the view of a fixed camera, and of a camera that moves with the base.
+    """Return the points (k, 3) [m] to show by a fixed camera, and by a camera that moves with the base.
 
     The points are on the robot, target, path, client and the client's obstacles at some instants, in inertial
     axes. For the moving camera, the points of each instant are moved as if the base were at its first pose.
@@ -195,7 +195,7 @@ def _corners(low: FloatArray, high: FloatArray) -> FloatArray:
 
 
 def _client_corners(client: DrawnClient, obstacles: Sequence[Obstacle]) -> FloatArray:
-    """Return the corners (8, 3) of the box around a client's shapes and obstacles, body axes."""
+    """Return the corners (8, 3) of the box around a client's shapes and its obstacles, body axes."""
     shapes = [*client.shapes, *((obstacle.shape, obstacle.pose) for obstacle in obstacles if obstacle.moves)]
     if not shapes:
         return _corners(np.full(3, -BALL), np.full(3, BALL))
@@ -212,7 +212,7 @@ def middle_and_radius(points: FloatArray) -> tuple[FloatArray, float]:
 def camera_direction(name: str, frames: Frames) -> FloatArray:
     """Return the unit vector (3,) from the scene to a camera.
 
-    The free camera is above the scene if the motion is planar: extent along z less than a micrometre.
+    The cameras "free" and "base" are above the scene if the end effector moves less than 1e-6 m along z.
     """
     along = CAMERAS[name]
     if along is None:

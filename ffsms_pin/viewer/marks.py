@@ -20,7 +20,8 @@ class Mark:
     time : float
         The time of the event [s].
     name : str
-        "hold point", "contact", "latched", "retreat", "attempt", "stop", "collision" or "rest".
+        "hold point", "contact", "latched", "retreat", "attempt", "stop", "collision", "identification" or
+        "rest".
     reason : str
         The reason for the event; may be empty.
     """
@@ -36,7 +37,7 @@ class Mark:
 
 
 def marks_of(tracking: Tracking, phases: Sequence[Phase]) -> list[Mark]:
-    """Return the marks for the phases of a capture, and for a stop of the tracking by a guard."""
+    """Return marks for the phases of a capture except the first, and for a stop of the run by a guard."""
     marks = [_mark(phase) for phase in phases if phase.time > 0.0 or phase.name != "approach"]
     if tracking.stopped and not any(mark.stops for mark in marks):
         marks.append(Mark(tracking.stop_time, "stop", tracking.stopped))

@@ -39,7 +39,8 @@ AXIS_COLOURS = ("#D55E00", "#009E73", "#0072B2")  # x, y, z
 ASSISTANCE_STOPS = ("#8C3A00", "#B5B0A8", "#0072B2")
 # Colours for the share of a limit, or of a clearance, that is used, 0 to 1.
 USAGE_STOPS = ("#56B4E9", "#F0E442", "#D55E00")
-_TYPES = {"uint8": 0x12, "uint32": 0x16, "float32": 0x17}  # MessagePack types of arrays in Meshcat's page
+# MessagePack extension types of arrays in Meshcat's page.
+_TYPES = {"uint8": 0x12, "uint32": 0x16, "float32": 0x17}
 _SIDES = 20
 _SHARP = 200  # largest number of triangles of a mesh with sharp edges; larger meshes are shaded smoothly
 INSIDE = 0.985  # scale of an object that may coincide with another object, because coincident faces flicker
@@ -78,7 +79,7 @@ class Mesh(NamedTuple):
 
 
 def tube(path: FloatArray, radii: FloatArray | float, sides: int = 8) -> Mesh:
-    """Make a tube around a path (k, 3); `radii` is one radius or one per point, and zero makes a tip."""
+    """Make a tube around a path (k, 3) with one radius or a radius per point, zero for a tip."""
     k = len(path)
     radius = np.broadcast_to(radii, (k,))
     tangents = np.gradient(path, axis=0)
@@ -113,7 +114,7 @@ def arrow(radius: float) -> Mesh:
 
 
 def turn_arrow(radius: float) -> Mesh:
-    """Make an open ring of radius 1 about z with an arrow's head, for a positive rotation about z."""
+    """Make a curved arrow of radius 1 about z, in the direction of a positive rotation."""
     angles = np.append(np.linspace(0.0, 1.35 * np.pi, 40), np.linspace(1.35 * np.pi, 1.6 * np.pi, 10))
     radii = np.append(np.full(40, radius), np.linspace(2.8 * radius, 0.0, 10))
     return tube(np.column_stack([np.cos(angles), np.sin(angles), np.zeros_like(angles)]), radii, 12)

@@ -1,4 +1,4 @@
-"""Overlays on the moving robot: the coupling, the use of limits, and clearances.
+"""Overlays on the moving robot: the coupling, the contact force, the use of limits, and clearances.
 
 Four parts show the coupling:
 
@@ -6,7 +6,7 @@ Four parts show the coupling:
   centre of mass;
 - the end-effector velocity J*_v v_i for each principal joint direction v_i;
 - the direction d from the end effector to the target;
-- the cone about d with half angle acos(c*), on which the paper's cost is zero.
+- the cone about d with half angle acos(c*), on which the paper's cost is smallest.
 
 The coupling matrix C_bm has the singular values sigma_i and singular vectors u_i, v_i. J*_v is the linear
 part of the generalized Jacobian, and c* is the cosine `Frames.ideal`.
@@ -29,8 +29,8 @@ from ffsms_pin.viewer.environment import Show
 from ffsms_pin.viewer.frames import Frames
 from ffsms_pin.viewer.scene import Stage
 
-_SAFE, _FREE = 0.01, 0.10  # [m] the paper's d_safe, and a large clearance
-_LONGEST = 0.42  # length of the longest arrow, as a share of the robot's size
+_SAFE, _FREE = 0.01, 0.10  # [m] clearances at the ends of the colour scale; _SAFE is the paper's d_safe
+_LONGEST = 0.42  # length of the longest arrow, as a share of `Stage.size`
 
 
 def coupling_layer(stage: Stage, frames: Frames) -> Show:
@@ -81,7 +81,7 @@ def coupling_layer(stage: Stage, frames: Frames) -> Show:
 
 
 def _agreeing(V: FloatArray, rates: FloatArray, last: FloatArray | None) -> FloatArray:
-    """Return signs (n,) that align the columns of V with the joint rates, or with `last` at rest."""
+    """Return signs (n,) for which the columns of V agree with the joint rates, or with `last` at rest."""
     alpha = V.T @ rates
     if last is not None:  # rates below 1e-6 rad/s are rounding errors
         alpha = np.where(np.abs(alpha) < 1e-6, np.einsum("ij,ij->j", V, last), alpha)
@@ -95,7 +95,7 @@ def _scales(frames: Frames) -> FloatArray:
     motions = [np.linalg.norm(state.J_star[:3] @ state.coupling.V, axis=0).max() for state in states]
     u1 = np.linalg.norm(twists.reshape(-1, 2, 3), axis=2).max(axis=0)
     largest = np.maximum([*u1, max(motions)], 1e-12)
-    # Hide the translation or rotation of u_1 if it is only rounding error.
+    # Hide the translation or rotation of u_1 if it is below rounding errors.
     real = largest > 1e-9 * largest[[1, 0, 2]]
     return np.asarray(real * np.array([1.1, 0.62, 1.0]) / largest)
 
@@ -115,7 +115,7 @@ def contact_layer(stage: Stage, forces: FloatArray) -> Show:
 
 
 def limit_layer(stage: Stage, sms: SpaceManipulator) -> Show:
-    """Draw a ball at each joint, coloured by the used share of the joint's position or rate limit."""
+    """Draw a ball at each joint, coloured by `limit_usage`."""
     names, ball = [f"joint limits/{i + 1}" for i in range(sms.n)], meshes.sphere(0.03 * stage.size)
     for name in names:
         stage.draw(name, ball, "#FFFFFF", opacity=0.85, flat=True, through=True)
@@ -155,7 +155,10 @@ def clearance_layer(stage: Stage, sms: SpaceManipulator) -> Show:
 
 
 def limit_usage(sms: SpaceManipulator, q: FloatArray, v: FloatArray) -> FloatArray:
-    """Return the larger of the used shares (n,), 0 to 1, of each joint's position range and rate limit."""
+    """Return the larger used share (n,), 0 to 1, of each joint's position range and rate limit.
+
+    The middle of the position range uses a share of 0, a position limit a share of 1.
+    """
     limits = sms.limits
     with np.errstate(invalid="ignore"):  # a continuous joint has infinite limits
         middle, half = 0.5 * (limits.lower + limits.upper), 0.5 * (limits.upper - limits.lower)

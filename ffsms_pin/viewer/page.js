@@ -1,7 +1,7 @@
 const byId = (id) => document.getElementById(id);
 // The data of the scene, made by `facts` in page.py.
 const facts = JSON.parse(byId("facts").textContent);
-var viewer = null;  // the name on Meshcat's own page
+var viewer = null;  // the variable's name on Meshcat's page
 let animator = null;
 
 const bytesOf = (base64) => Uint8Array.from(atob(base64), (c) => c.charCodeAt(0));
@@ -9,13 +9,13 @@ const bytesOf = (base64) => Uint8Array.from(atob(base64), (c) => c.charCodeAt(0)
 async function commands() {
   const stream = new Blob([bytesOf(byId("commands").textContent)]).stream().pipeThrough(new DecompressionStream("gzip"));
   const bytes = new Uint8Array(await new Response(stream).arrayBuffer());
-  const view = new DataView(bytes.buffer), found = [];
+  const view = new DataView(bytes.buffer), list = [];
   for (let at = 0; at < bytes.length;) {
     const length = view.getUint32(at, true);
-    found.push(bytes.subarray(at + 4, at + 4 + length));
+    list.push(bytes.subarray(at + 4, at + 4 + length));
     at += 4 + length;
   }
-  return found;
+  return list;
 }
 
 function element(tag, parent, text, classes) {
@@ -104,7 +104,7 @@ function lightUp() {
   viewer.scene_tree.find(["ffsms"]).object.add(stars);
 }
 
-// Random stars on a sphere, the same stars each time.
+// Make random stars on a sphere, the same in every scene.
 function starField(radius) {
   const {THREE} = MeshCat, places = [], colours = [];
   let state = 1;
@@ -136,7 +136,7 @@ function frameAt(time) {
   return low;
 }
 
-// Draw the events on the time bar; a click on an event seeks its time. The slider's ends are 8 px inside the bar.
+// Draw the events on the time bar; a click on an event pauses at its time. The slider's ends are 8 px inside the bar.
 function buildMarks() {
   const length = facts.t[facts.t.length - 1];
   for (const mark of facts.marks) {
@@ -178,9 +178,9 @@ function seek(time) {
   showReading(time);
 }
 
-// A view has a fixed direction. In the view "base" the camera moves with the base.
+// In the view "base" the camera moves with the base; in all other views its direction is fixed.
 let rides = false, viewName = "free", moved = false;
-const FIELD = 40;  // [deg] from top to bottom
+const FIELD = 40;  // [deg] vertical field of view
 const MARGIN = 0.9;  // share of the free part of the window that the scene fills
 
 function look(name) {
@@ -191,7 +191,7 @@ function look(name) {
   fit();
 }
 
-// Return the part of the window that is covered neither by the open legend nor by the control bar [pixels].
+// Return the part of the window [pixels] above the control bar and, in a wide window, right of the open legend.
 function freeArea() {
   const legend = byId("legend").getBoundingClientRect(), bar = byId("time").getBoundingClientRect();
   const left = isWide() && byId("legend").open ? legend.right : 0;
@@ -200,7 +200,7 @@ function freeArea() {
 
 const isWide = () => innerWidth >= 900 && innerHeight >= 560;
 
-// Place the camera so that the whole motion stays within an area of the picture.
+// Place the camera so that the whole motion is visible within an area of the window.
 function fit(area = freeArea(), width = innerWidth, height = innerHeight) {
   if (area.right - area.left < 20 || area.bottom - area.top < 20) return;  // a notebook cell that is not shown yet
   const {THREE} = MeshCat, camera = viewer.camera, vector = (x, y, z) => new THREE.Vector3(x, z, -y);  // three.js has y up
@@ -233,7 +233,7 @@ function followWindow() {
   byId("legend").addEventListener("toggle", refit);
 }
 
-// Place the scene's root: at the centre, or in the view "base" so that the base stays at its first pose.
+// Move the scene so that its centre is at the origin, or in the view "base" so that the base stays at its first pose.
 function ride() {
   const [root, base] = [["ffsms"], ["ffsms", "base"]].map((path) => viewer.scene_tree.find(path).object);
   const place = (at) => root.position.set(...at.map((value, i) => value - facts.centre[i]));
@@ -263,7 +263,7 @@ function buildControls() {
   byId("record").addEventListener("click", recordPass);
 }
 
-// Record one pass from the beginning as a video file, at the drawing rate of the browser.
+// Record one pass from the beginning as a video file, at no more than 30 frames per second.
 function recordPass() {
   const kind = ["video/mp4", "video/webm"].find((x) => window.MediaRecorder && MediaRecorder.isTypeSupported(x));
   if (!kind) { showTrouble("This browser cannot record a video; open the page in Chromium or Firefox."); return; }
@@ -307,7 +307,7 @@ function follow() {
   showReading(animator.time);
 }
 
-// Draw each trail, a tube of segments, up to a time.
+// Draw the segments of each trail up to a time.
 function showTrails(time) {
   for (const trail of facts.trails) {
     const last = trail.t.length - 1;
@@ -355,7 +355,8 @@ function isShown(item) {
   return !item || (item.visible && isShown(item.parent));
 }
 
-// Space plays and pauses; the arrow keys move by a hundredth of the motion, with Shift by a tenth.
+// Space plays and pauses. The arrow keys move by a hundredth of the motion, with Shift by a tenth; Home and End
+// move to its ends.
 function listenToKeys() {
   document.addEventListener("keydown", (event) => {
     const on = event.target.tagName;

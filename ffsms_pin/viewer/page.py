@@ -34,7 +34,7 @@ from ffsms_pin.viewer.scene import ROOT, Stage
 
 @dataclass(frozen=True)
 class Layer:
-    """A part of the scene: its label in the legend, its nodes, and its colour in the legend as CSS."""
+    """A part of the scene with its label in the legend, its nodes, and its colour in the legend as CSS."""
 
     label: str
     nodes: tuple[str, ...]
@@ -100,8 +100,8 @@ def staged(
 ) -> tuple[Stage, dict[str, Any]]:
     """Return an empty stage around a motion, its path and client, and the data of the cameras.
 
-    `camera` is the first camera. `page.js` places each camera to show the points `seen`, but the camera
-    "base" to show the points `seen_riding`.
+    `camera` is the first camera. The camera "base" shows the points `seen_riding`, every other camera shows
+    the points `seen`.
     """
     fixed, riding = seen_points(frames, client, obstacles, path)
     centre, radius = middle_and_radius(fixed)
@@ -120,7 +120,7 @@ def _outermost(points: FloatArray) -> list[list[float]]:
     """Return the corners of the hull of points (k, 3) [m]."""
     from scipy.spatial import ConvexHull  # slow to load
 
-    # "QJ" joggles the points, because points in a plane have no hull otherwise.
+    # "QJ" joggles the points, because qhull fails for coplanar points.
     corners: FloatArray = points[ConvexHull(points, qhull_options="QJ").vertices]
     return [[round(float(x), 4) for x in corner] for corner in corners]
 
@@ -134,7 +134,7 @@ def facts(
     marks: Sequence[Mark],
     **looks: Any,
 ) -> dict[str, Any]:
-    """Return the data that `page.js` reads, and make the layers in `shown` visible.
+    """Return the data that `page.js` reads, and make only the layers in `shown` visible.
 
     `marks` are the events for the time bar; `looks` are the readings and the data of cameras and background.
     """
@@ -178,9 +178,9 @@ def readings(
 ) -> list[dict[str, Any]]:
     """Return the readings beside the time bar: labels, units, digits, and values per frame.
 
-    `aim` is the name of the target in the label of the distance. Assistance and distance end at the time
-    `latched` [s]. The distance from `path` requires a path with a time law; for the fastest timing, planning
-    adds the time law.
+    `aim` is the name of the target in the label of the distance. Assistance and distance have no values from
+    the time `latched` [s] on. The distance from `path` is left out for the fastest timing before planning has
+    added the time law.
     """
     before = np.full(len(frames.t), True) if latched is None else frames.t < latched - 1e-9
     rows: list[tuple[str, str, int, FloatArray, str]] = [("entropy", "", 3, frames.entropy, "")]
@@ -209,8 +209,7 @@ def readings(
 def page(title: str, commands: Sequence[bytes], facts: dict[str, Any]) -> str:
     """Return the text of the HTML file, with Meshcat's packed commands and the data for `page.js`."""
     framed = b"".join(struct.pack("<I", len(command)) + command for command in commands)
-    # Without a time stamp the same scene gives the same text. Level 9 would save 1 % in three times the
-    # time.
+    # Without a time stamp the same scene gives the same text. Level 9 saves 1 % in three times the time.
     packed = base64.b64encode(gzip.compress(framed, 6, mtime=0)).decode("ascii")
     data = json.dumps(facts, allow_nan=False).replace("<", "\\u003c")  # "</script>" would end the element
     text = (files("ffsms_pin.viewer") / "page.html").read_text("utf-8")

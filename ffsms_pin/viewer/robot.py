@@ -33,7 +33,7 @@ _DIRECTIONS = np.vstack([np.eye(3), -np.eye(3), _CUBE])
 
 
 def robot_layer(stage: Stage, sms: SpaceManipulator, name: str, ghost: str | None = None) -> environment.Show:
-    """Draw the robot below the node `name`; with a colour `ghost`, only the outlines of the arm."""
+    """Draw the robot below the node `name`, or only the outlines of the arm in the colour `ghost`."""
     shapes, data = visual_shapes(sms), sms.model.createData()
     places, items = pin.GeometryData(shapes), shapes.geometryObjects
     names = [f"{name}/visuals/{item.name}" for item in items]
@@ -64,7 +64,7 @@ def robot_layer(stage: Stage, sms: SpaceManipulator, name: str, ghost: str | Non
 
 
 def panel_layer(stage: Stage, sms: SpaceManipulator) -> environment.Show:
-    """Draw solar cells on a base that is drawn as a box.
+    """Draw solar cells on the largest box of the base, if there is one.
 
     Faces with an arm, and the face opposite the first arm, have no cells.
     """
@@ -90,7 +90,7 @@ def panel_layer(stage: Stage, sms: SpaceManipulator) -> environment.Show:
 
 
 def _face(place: FloatArray, half: FloatArray) -> tuple[int, int]:
-    """Return the face of a box that is nearest to a point: its axis, and 1 for the positive side."""
+    """Return the face of a box in the direction of a point: its axis, and 1 for the positive side, else 0."""
     axis = int(np.argmax(np.abs(place) / half))
     return axis, int(place[axis] > 0.0)
 
@@ -155,7 +155,7 @@ def moving_layers(
 ) -> list[environment.Show]:
     """Draw the robot and its environment, and return the functions that move them to a frame.
 
-    Obstacles on a client are drawn with the client. The target is hidden after the time `latched` [s].
+    Obstacles on a client are drawn with the client. The target is hidden from the time `latched` [s] on.
     """
     sms, around_it = frames.sms, [obstacle for obstacle in obstacles if client is None or not obstacle.moves]
     shows: list[environment.Show] = [
@@ -169,7 +169,7 @@ def moving_layers(
         environment.frame_layer(stage, sms),
     ]
     if frames.target is not None:
-        ball = sphere(max(reach, 0.022 * stage.size))  # radius: the goal's tolerance, or more to be visible
+        ball = sphere(max(reach, 0.022 * stage.size))  # the goal's tolerance, or larger to be visible
         stage.draw("target", ball, COLOURS["target"], flat=True, through=True)
         until = np.inf if latched is None else latched - 1e-9
 
@@ -192,7 +192,7 @@ def moving_layers(
 def draw_motion(
     stage: Stage, frames: Frames, plan: Frames | None, tracked: bool, client: DrawnClient | None
 ) -> None:
-    """Draw objects that do not move: the robot at start and end, paths, and the base's trail."""
+    """Draw objects that do not move: outlines of the arm at start and end, paths, and trails."""
     for name, row in (("start", 0), ("end", -1)):
         robot_layer(stage, frames.sms, name, COLOURS[name])(frames, row)
     if plan is not None:
@@ -209,7 +209,7 @@ def draw_motion(
 
 
 def animate(stage: Stage, frames: Frames, shows: Sequence[environment.Show]) -> None:
-    """Record all frames as key frames; the first frame is also the scene of a page that does not play."""
+    """Record all frames as key frames; without animation, the scene shows the first frame."""
     for show in shows:
         show(frames, 0)
     for k, t in enumerate(frames.t - frames.t[0]):

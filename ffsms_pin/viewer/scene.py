@@ -54,13 +54,13 @@ class KeyFrames:
 class Stage:
     """A scene whose camera turns about a centre (3,) [m].
 
-    `size` is the approximate size of the robot [m], which sets the size of arrows and markers. While
-    `key_frames.time` is not None, motions of nodes are recorded as key frames.
+    `size` [m], half the diagonal of the box around the scene, sets the size of arrows and markers. While
+    `key_frames.time` is not None, motions and colours of nodes are recorded as key frames.
     """
 
     def __init__(self, centre: FloatArray, size: float) -> None:
         self.key_frames, self.size = KeyFrames(), size
-        # The keys are type, path and property, so that a later command replaces an earlier command.
+        # The keys are type, path and property: a command replaces an earlier command with the same key.
         self._commands: dict[tuple[str, str, str], bytes] = {}
         self._opacity: dict[str, float] = {}
         self.titles: dict[str, str] = {}  # names of nodes, shown under the pointer
@@ -157,7 +157,7 @@ class Stage:
     def place(
         self, name: str, position: FloatArray, rotation: FloatArray | None = None, scale: Any = 1.0
     ) -> None:
-        """Move a node; while key frames are recorded, the motion applies to the current frame only."""
+        """Move a node or, while key frames are recorded, add its pose and scale as key frames."""
         size = np.broadcast_to(np.asarray(scale, dtype=np.float64), (3,))
         size = np.where(np.abs(size) < _GONE, _GONE, size)
         turn, path, keys = np.eye(3) if rotation is None else rotation, self._path(name), self.key_frames
@@ -179,7 +179,7 @@ class Stage:
         return name if name.startswith("/") else f"{ROOT}/{name}"
 
     def tint(self, name: str, colour: FloatArray) -> None:
-        """Change a mesh's colour; while key frames are recorded, the change applies from this frame on."""
+        """Change a mesh's colour or, while key frames are recorded, add the colour as a key frame."""
         if self.key_frames.time is None:
             self.set_property(name, "color", [*colour.tolist(), self._opacity[name]])
         else:
