@@ -2,8 +2,9 @@
 
 A satellite of 200 kg with a Panda arm circles the Earth at an altitude of 500 km. A client flies 2 m ahead
 and keeps the same side towards the Earth. Re-planning from the measured state brings the tool to the fixture
-in the first half of the time and keeps the tool there. The direction to the client rotates at 0.063 deg/s in
-inertial axes. No actuator holds the satellite's attitude, and the gravity gradient rotates the satellite.
+in the first half of the time, at most 60 s, and keeps the tool there. The direction to the client rotates at
+0.063 deg/s in inertial axes. No actuator holds the satellite's attitude, and the gravity gradient rotates the
+satellite.
 
 Run: python examples/basilisk_orbit.py [seconds]
 """

@@ -25,7 +25,7 @@ dt = 0.05
 law = "computed-torque"
 dt = 0.01
 
-[campaign.draw]  # factors on the model's masses, unknown to the planner
+[campaign.draw]  # factors on masses and inertias of the model, unknown to the planner
 plant.arm_mass = { uniform = [0.7, 1.3] }
 plant.base_mass = { uniform = [0.9, 1.1] }
 """

@@ -13,7 +13,7 @@ from ffsms_pin.simulation import perturb
 
 
 class PassivitySlidingMode:
-    """A law whose V = s^T H_q s / 2 decreases at any joint rate, with s = qd_e + gamma q_e."""
+    """A law under which V = s^T H_q s / 2 decreases at any joint rate, with s = qd_e + gamma q_e."""
 
     def __init__(self, sms, K=0.05, gamma=10.0, boundary=0.02):
         self.sms, self.K, self.gamma, self.boundary = sms, K, gamma, boundary

@@ -1,4 +1,4 @@
-"""Follow a helix round a tumbling client at a constant distance, with the tool pointing at the client."""
+"""Follow a helix about an axis of a tumbling client, with the tool pointing at the axis."""
 
 import numpy as np
 import pinocchio as pin
@@ -20,7 +20,7 @@ client = ffsms.Client(
 
 
 def helix(share: float) -> pin.SE3:
-    """Return the pose of the tool in the client's axes at a share of the helix about the client's y axis."""
+    """Return the pose of the tool in the client's axes at a share (0 to 1) of the helix about its y axis."""
     turn = pin.exp3(np.array([0.0, share * TURN, 0.0]))
     place = turn @ np.array([0.0, 0.0, -STANDOFF]) + np.array([0.0, share * RISE, 0.0])
     return pin.SE3(turn, place)

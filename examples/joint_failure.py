@@ -1,4 +1,4 @@
-"""Lock a joint during a motion: the first plan misses the target, re-planning reaches it by other joints."""
+"""Lock a joint during a motion: the first plan misses the target, re-planning reaches it."""
 
 import numpy as np
 

@@ -13,7 +13,7 @@ from ffsms_pin import opt
 
 @dataclass(frozen=True)
 class Above(opt.Inequality):
-    """A plane that bounds the end effector's position: normal . position >= height."""
+    """The limit normal . position >= height on the end effector's position."""
 
     normal: tuple[float, float, float]  # of length 1, inertial axes
     height: float = 0.0  # [m]

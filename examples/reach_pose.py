@@ -18,7 +18,7 @@ for name, joints in starts.items():
     here = sms.at(q0).end_effector_pose
     target = pin.SE3(here.rotation, here.translation + np.array([-0.1, 0.15, 0.05]))
     plan = opt.plan(sms, q0, target, duration=8.0)
-    smooth = ffsms.Conditions(friction=JointFriction())  # without the friction in the file of xarm7
+    smooth = ffsms.Conditions(friction=JointFriction())  # not the friction in xarm7's URDF
     track = ffsms.simulate(sms, plan, ffsms.SlidingModeController(sms), dt=2e-3, conditions=smooth)
     off, turn = track.position_error[-1], np.degrees(plan.base_rotation.max())
     end = sms.at(track.q[-1]).end_effector_pose
