@@ -93,7 +93,7 @@ def test_the_distance_is_to_the_moving_grasp_until_it_is_latched(latched: captur
 
 
 def test_a_grasp_needs_a_client(planar: ffsms.SpaceManipulator, tracking: ffsms.Tracking) -> None:
-    with pytest.raises(InvalidValue, match=r"grasp .*add client="):
+    with pytest.raises(InvalidValue, match=r"grasp .*requires client="):
         view(planar, tracking, grasp=[0.0, 0.0, -0.4])
     client = ffsms.Client(1.0, [1.0, 1.0, 1.0])
     with pytest.raises(InvalidValue, match="grasp must have shape"):
