@@ -102,8 +102,8 @@ class BodyStack(ClearanceStack):
             self.margins = np.minimum(most, self.margins)
             self.largest = np.where(guided, clearance + 2.0 * _GUIDED_MARGIN, nearest)
         else:
-            of = {body.carrier: body for body in own}
-            self._take([(of[a], of[b]) for a, b in body_pairs(sms, list(of))])
+            by_carrier = {body.carrier: body for body in own}
+            self._take([(by_carrier[a], by_carrier[b]) for a, b in body_pairs(sms, list(by_carrier))])
             if not self.names:
                 count = sum(len(body.whole) for body in own)
                 message = "must have at least one pair of bodies that a joint does not connect"
@@ -228,8 +228,9 @@ class PointStack(ClearanceStack):
         poses = Poses.of(np.random.default_rng(0).uniform(-1.0, 1.0, (n, 4)))
         self._take(np.array(ends, dtype=np.int64))
         nearest = self.nearest(poses, self.every(poses))
-        apart, there = nearest.distance.reshape(4, -1), nearest.points[:, 1].reshape(4, -1, 3)
-        changes = np.where(self.ends[:, 1] < 0, np.ptp(there, axis=0).max(axis=1), np.ptp(apart, axis=0))
+        distances, points = nearest.distance.reshape(4, -1), nearest.points[:, 1].reshape(4, -1, 3)
+        moved = np.ptp(points, axis=0).max(axis=1)
+        changes = np.where(self.ends[:, 1] < 0, moved, np.ptp(distances, axis=0))
         self._take(self.ends[changes > _THIN])
 
     def _take(self, ends: Indices) -> None:
@@ -263,18 +264,22 @@ def _as_met(sms: ShapedMechanism, body: Body, obstacle: Obstacle, clearance: flo
         return (body if obstacle.piece_of is None else body._replace(parts=[], whole=[])), np.inf
     request, to_link = coal.DistanceRequest(), frame.placement * obstacle.grasp.inverse()
 
-    def apart(part: Part, other: Obstacle) -> float:
-        there = to_link * other.pose
-        place = coal.Transform3s(there.rotation, there.translation)
+    def distance_at_grasp(part: Part, other: Obstacle) -> float:
+        pose = to_link * other.pose
+        place = coal.Transform3s(pose.rotation, pose.translation)
         distance = coal.distance(part.shape, part.place, other.shape, place, request, coal.DistanceResult())
         return float(distance)
 
     whole = obstacle if obstacle.piece_of is None else obstacle.piece_of
     kept = [
-        [part for part in some if (apart(part, whole) >= clearance) == (obstacle.piece_of is None)]
-        for some in (body.parts, body.whole)
+        [
+            part
+            for part in parts
+            if (distance_at_grasp(part, whole) >= clearance) == (obstacle.piece_of is None)
+        ]
+        for parts in (body.parts, body.whole)
     ]
-    nearest = min((apart(part, obstacle) for part in kept[0]), default=np.inf)
+    nearest = min((distance_at_grasp(part, obstacle) for part in kept[0]), default=np.inf)
     return body._replace(parts=kept[0], whole=kept[1]), nearest
 
 

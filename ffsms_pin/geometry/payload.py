@@ -81,17 +81,17 @@ class HeldClient:
         """
         limits, q = self._sms.limits, self._q.copy()
         for _ in range(_STEPS):
-            slopes, lacks = [], []
+            slopes, deficits = [], []
             self._sms.layout.set_positions(q, joints)
             for stack in self._stacks:
                 poses = stack.at(q, 0.0)
                 requested = self.clearance + _BESIDE + (more if stack is self._held else 0.0)
                 entries, violations = stack.below(poses, requested)
                 slopes.append(stack.slopes(poses, entries, violations)[0])
-                lacks.append(requested - violations.distance)
-            if not sum(map(len, lacks)):
+                deficits.append(requested - violations.distance)
+            if not sum(map(len, deficits)):
                 break
-            step = np.linalg.pinv(np.hstack(slopes).T, rcond=1e-3) @ np.concatenate(lacks)
+            step = np.linalg.pinv(np.hstack(slopes).T, rcond=1e-3) @ np.concatenate(deficits)
             step *= min(1.0, _FARTHEST / float(np.abs(step).max(initial=_FARTHEST)))
             joints = np.clip(joints + step, limits.lower, limits.upper)
         return joints

@@ -80,12 +80,12 @@ def _labels(columns: FloatArray, names: Sequence[str]) -> list[str | None]:
     labels: list[str | None] = [names[i] if i < len(names) else None for i in range(columns.shape[1])]
     with np.errstate(invalid="ignore"):  # infinite values
         tolerance = 1e-3 * np.abs(columns[np.isfinite(columns)]).max(initial=0.0)
-        apart = np.abs(columns[:, :, None] - columns[:, None, :]).max(axis=0, initial=-np.inf)
+        differences = np.abs(columns[:, :, None] - columns[:, None, :]).max(axis=0, initial=-np.inf)
     if not len(columns) or len(names) < len(labels):
         return labels
     groups: dict[int, list[str]] = {}
     for i in range(len(labels)):
-        first = next((j for j in groups if apart[i, j] <= tolerance), i)
+        first = next((j for j in groups if differences[i, j] <= tolerance), i)
         groups.setdefault(first, []).append(names[i])
     return [coincident(groups[i]) if i in groups else None for i in range(len(labels))]
 
@@ -161,8 +161,8 @@ def _differs(planned: Series, flown: Series) -> bool:
     """Return whether two motions differ visibly while both last."""
     both = planned.t <= flown.t[-1] + 1e-9
     interpolated = np.array([np.interp(planned.t[both], flown.t, column) for column in flown.values.T])
-    apart = float(np.abs(interpolated.T - planned.values[both]).max(initial=0.0))
-    return apart > max(_SAME * float(np.abs(planned.values).max(initial=0.0)), 1e-9)
+    difference = float(np.abs(interpolated.T - planned.values[both]).max(initial=0.0))
+    return difference > max(_SAME * float(np.abs(planned.values).max(initial=0.0)), 1e-9)
 
 
 @drawing
