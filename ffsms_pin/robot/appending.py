@@ -83,18 +83,25 @@ def append(
     return _made(model, options, box, description)
 
 
-def whole(robot: Any, options: LoadOptions, shapes: ShapePair) -> SpaceManipulator:
-    """Return the robot that a pinocchio.Model with a free-flyer root describes."""
+def whole(
+    robot: Any, options: LoadOptions, shapes: ShapePair, box: tuple[Any, Any] | None = None
+) -> SpaceManipulator:
+    """Return the robot that a pinocchio.Model with a free-flyer root describes.
+
+    `box` has size [m] and pose of the base's box in the root frame. Without it, the size is that of `options`
+    or of a box among the shapes of the base.
+    """
     JointLayout(robot)  # checks the free-flyer, and that other joints have one degree of freedom
     model = pin.Model()
     join = _Join(model, 0, pin.SE3.Identity(), robot, options.locked or {})
-    model.name, description, box = robot.name, None, (options.base_size, None)
+    model.name, description, given = robot.name, None, box
+    box = (options.base_size, None) if given is None else given
     if shapes is not None:
         own = [pin.GeometryModel(), pin.GeometryModel()]
         for known, added in zip(own, shapes, strict=True):
             join.add_shapes(known, added)
         description = GivenShapes(*own)
-        if options.base_size is None:
+        if options.base_size is None and given is None:
             box = _base_box(model, own)
     return _made(model, options, box, description)
 
@@ -119,8 +126,8 @@ def joined(
                 join.add_shapes(known, sms.geometry(kind))
     model.inertias[1] = pin.Inertia.FromDynamicParameters(parameters)
     model.name = "_".join(["satellite", *(sms.model.name.removeprefix("satellite_") for sms in robots)])
-    size = base.size if options.base_size is None else options.base_size
-    return whole(model, replace(options, base_size=size), tuple(own) if drawn else None)
+    box = (base.size, pin.SE3.Identity()) if options.base_size is None else None
+    return whole(model, options, tuple(own) if drawn else None, box)
 
 
 def _prefixed(model: Any, prefix: str) -> Any:

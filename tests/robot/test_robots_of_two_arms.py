@@ -127,6 +127,16 @@ def test_a_model_beside_a_urdf_is_its_urdf(mixed: ffsms.SpaceManipulator) -> Non
     assert sms.geometry("collision").ngeoms == ffsms.mount("panda").geometry("collision").ngeoms
 
 
+def test_the_box_of_a_satellite_stays_when_its_mass_is_off_its_centre() -> None:
+    model = pin.buildModelFromUrdf(str(find_arm("ur5")[0]))
+    placed = [
+        ffsms.mount(arms, ffsms.SatelliteBase(com=(0.1, 0.0, 0.0))).base_box_placement
+        for arms in ("panda", ["panda", "ur5"], ["panda", model])
+    ]
+    for pose in placed:
+        np.testing.assert_allclose(pose.translation, placed[0].translation, atol=1e-12)
+
+
 def test_mjcf_files_stand_beside_other_arms(tmp_path: Path) -> None:
     """Each arm moves as it does alone at its place, and the masses are those of both."""
     path = tmp_path / "boom.xml"
