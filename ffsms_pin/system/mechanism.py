@@ -86,6 +86,8 @@ class JointLayout:
             message = ""
             if joint.nv != 1 or joint.nq not in (1, 2):
                 message = f"has {joint.nv} degrees of freedom; only joints with one are supported"
+            elif joint.shortname().startswith("JointModelH"):
+                message = "is helical; only revolute and prismatic joints are supported"
             elif model.parents[j] == 0:
                 message = "is not carried by the free-flyer"
             elif model.parents[j] not in model.supports[j - 1]:

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 import pytest
 
 import ffsms_pin as ffsms
@@ -211,3 +212,13 @@ def test_bad_acceleration(refused: Refused, acceleration: Any) -> None:
 )
 def test_bad_options(refused: Refused, options: dict[str, Any], words: str) -> None:
     refused(lambda: ffsms.load("planar_3r", **options), InvalidValue, words)
+
+
+def test_helical_joints_are_refused() -> None:
+    model = pin.Model()
+    root = model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "root")
+    screw = model.addJoint(root, pin.JointModelHX(0.01), pin.SE3.Identity(), "screw")
+    for joint in (root, screw):
+        model.appendBodyToJoint(joint, pin.Inertia.FromSphere(1.0, 0.1), pin.SE3.Identity())
+    with pytest.raises(UnsupportedJoint, match="joint 'screw' is helical; only revolute and prismatic"):
+        ffsms.load(model)
