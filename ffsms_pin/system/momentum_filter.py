@@ -110,7 +110,7 @@ class MomentumFilter:
     def slopes(self, q: FloatArray, A: FloatArray) -> FloatArray:
         """Return the derivatives (k + 7, 6, 6 + n) of the equations with respect to the velocity.
 
-        `A` (6, 6 + n) is the momentum map at q. The term due to `linearise_about` is not included.
+        `A` (6, 6 + n) is the momentum map at q.
         """
         model, data = self._model, self._data
         pin.computeJointJacobians(model, data, q)
@@ -121,7 +121,7 @@ class MomentumFilter:
             wide[PER_BODY * k : PER_BODY * (k + 1)] = Y.swapaxes(0, 1)
         rows = np.zeros((len(self.sums), 6, model.nv))
         rows[:-7] = np.tensordot(self.basis.T, wide, 1)
-        rows[-1] = A
+        rows[-1] = A if self._offset is None else A - np.tensordot(self._offset, rows[:-7], 1)
         return rows
 
     def add(self, Z: FloatArray, weight: FloatArray) -> None:
