@@ -45,7 +45,8 @@ class State(Unchanging):
         return State, (self._robot, np.array(self.q), np.array(self.v))
 
     def __repr__(self) -> str:
-        return f"State of '{self._robot.model.name}': joints {np.array2string(self.q[7:], precision=4)}"
+        joints = np.array2string(self._robot.layout.positions(self.q), precision=4)
+        return f"State of '{self._robot.model.name}': joints {joints}"
 
     # -- intermediate results
     @cached_property
