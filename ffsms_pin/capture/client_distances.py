@@ -125,12 +125,12 @@ class ClientDistances:
     def closing_speed(self, v: FloatArray, client_twist: FloatArray) -> float:
         """Return an upper bound of the closing speeds [m/s] of all pairs.
 
-        `v` (6 + n,) is the servicer's velocity and `client_twist` (6,) the client's twist. The bound assumes
-        revolute joints.
+        `v` (6 + n,) is the servicer's velocity and `client_twist` (6,) the client's twist.
         """
         length = self._stack.arm.length + float(self._stack.sizes[:, 0].max())
-        turning = float(np.linalg.norm(v[3:6]) + np.abs(v[6:]).sum())
-        linear = float(np.linalg.norm(v[:3]) + np.linalg.norm(client_twist[:3]))
+        rates, turns = np.abs(v[6:]), self._sms.layout.turns
+        turning = float(np.linalg.norm(v[3:6]) + rates[turns].sum())
+        linear = float(np.linalg.norm(v[:3]) + rates[~turns].sum() + np.linalg.norm(client_twist[:3]))
         return linear + turning * length + self.radius * float(np.linalg.norm(client_twist[3:]))
 
     def flown(

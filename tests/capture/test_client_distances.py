@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import coal
 import numpy as np
 import pinocchio as pin
 import pytest
+from rails import sliding
 
 import ffsms_pin as ffsms
 from ffsms_pin import opt
@@ -54,6 +56,18 @@ def _by_coal(sms: ffsms.SpaceManipulator, q: FloatArray, pose: pin.SE3) -> float
         asked = coal.DistanceRequest(), coal.DistanceResult()
         found.append(float(coal.distance(item.geometry, here, box, there, *asked)))
     return min(found)
+
+
+def test_joints_that_slide_close_with_their_rate(tmp_path: Path) -> None:
+    """On the rail the bound of the closing speed is at least the rate of the cart, however short the arm."""
+    rail = sliding(tmp_path)
+    ball = Client(10.0, [1.0, 1.0, 1.0], pin.SE3.Identity(), [0.0] * 6, [coal.Sphere(0.1)])
+    distances = ClientDistances(rail, [opt.Obstacle(coal.Sphere(0.1), on=ball, name="ball")], 0.01, "points")
+    v = np.zeros(8)
+    v[6] = 0.1
+    assert distances.closing_speed(v, np.zeros(6)) == pytest.approx(0.1)
+    v[6:] = 0.0, 0.1
+    assert 0.0 < distances.closing_speed(v, np.zeros(6)) < 0.2
 
 
 @pytest.mark.parametrize("away", [0.03, 0.2, -0.05])
