@@ -90,7 +90,7 @@ _ATTRIBUTES: dict[str, dict[str, int]] = {
     "mesh": {"scale": 3},
 }
 # Elements whose unreadable numbers are not reported as blocking.
-_NOT_READ = {"cylinder", "capsule", "sphere", "mesh", "mimic"}
+_NOT_READ = {"cylinder", "capsule", "sphere", "mesh"}
 _COMMA = re.compile(r"[+-]?\d+,\d+", re.ASCII)
 _FORMULA = re.compile(r"(?:[\d.+\-*/() \t]|[eE](?=[+-]?\d)|math\.pi|M_PI|PI|pi)+", re.ASCII)
 _OPERATORS: dict[type[ast.AST], Callable[..., float]] = {

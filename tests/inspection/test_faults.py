@@ -109,6 +109,12 @@ MENDED: dict[str, tuple[str, str, str, Callable[[ffsms.SpaceManipulator], bool]]
         "mimics",
         lambda sms: sms.joint_names == ["joint_1", "joint_3"],
     ),
+    "mimic with a formula": (
+        in_joint_2("<limit", '<mimic joint="joint_1" offset="pi/2"/><limit'),
+        "joint 'joint_2'",
+        "pi/2",
+        lambda sms: sms.joint_names == ["joint_1", "joint_3"],
+    ),
     "empty dynamics": (
         in_joint_2("<limit", "<dynamics/><limit"),
         "joint 'joint_2'",
