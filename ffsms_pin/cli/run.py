@@ -280,7 +280,7 @@ def _clearance(label: str, clearance: Mapping[str, Any]) -> Iterator[tuple[str, 
         return
     text = length_text(clearance["least_m"])
     kept = clearance["least_m"] >= clearance["required_m"] - 1e-5
-    yield label, text if kept else f"[red]{text}[/]", f">= {length_text(clearance['wanted_m'])}"
+    yield label, text if kept else f"[red]{text}[/]", f">= {length_text(clearance['required_m'])}"
     yield "    between", escape(clearance["pair"]), f"at {clearance['time_s']:.4g} s"
 
 
