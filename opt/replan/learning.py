@@ -39,9 +39,10 @@ class Learner(ABC):
     def update(
         self, t: float, q: FloatArray, v: FloatArray, wheel_momentum: FloatArray | None = None
     ) -> bool | None:
-        """Add the measured state q (nq,), v (6 + n,) at t [s]; return True if a body was captured.
+        """Add the measured state q (nq,), v (6 + n,) at t [s]; return True if a re-plan is due at once.
 
-        `wheel_momentum` (w,) are the measured momenta of the wheels [N m s].
+        It is due if the robot has changed, for example by a capture. `wheel_momentum` (w,) are the measured
+        momenta of the wheels [N m s].
         """
 
     @abstractmethod
