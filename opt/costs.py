@@ -149,7 +149,7 @@ class Coupling(Term):
 
     kappa: Annotated[Positive, Unit()] = 10.0
     """The sharpness of the paper's C~."""
-    weight: Annotated[NotNegative, Unit()] = 1.0
+    weight: Annotated[Positive, Unit()] = 1.0
     """The weight of the integral in the objective."""
     name = "coupling"
     measures_cost = True

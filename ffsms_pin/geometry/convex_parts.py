@@ -110,7 +110,10 @@ def _hull(corners: FloatArray, body: int, placed: Any) -> Part:
 
 
 def hull_of(corners: FloatArray) -> Any:
-    """Return the convex hull of points (k, 3), which must not be coplanar."""
+    """Return the convex hull of points (k, 3); raise ValueError if they are coplanar to a millionth."""
+    spread = np.linalg.svd(corners - corners.mean(axis=0), compute_uv=False)
+    if len(corners) < 4 or spread[2] <= 1e-6 * spread[0]:  # coal crashes for coplanar points
+        raise ValueError("the points are coplanar")
     points = coal.StdVec_Vec3s()
     points.extend(list(corners))
     return coal.ConvexBase.convexHull(points, True, "Qt")

@@ -21,7 +21,7 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from ffsms_pin.checks import FloatArray, Indices
+from ffsms_pin.checks import LARGEST, FloatArray, Indices
 from ffsms_pin.geometry.convex_parts import Part
 from ffsms_pin.geometry.mechanism import ShapedMechanism
 from ffsms_pin.geometry.obstacle import Obstacle
@@ -317,7 +317,7 @@ class PartPairs:
 
     @cached_property
     def reaches(self) -> FloatArray:
-        """The bounds `ClearanceStack.reaches` (m, n), for prismatic joints with finite limits.
+        """The bounds `ClearanceStack.reaches` (m, n).
 
         A joint between two bodies moves one body relative to the other. A revolute joint changes their
         distance at most by its displacement times the largest distance from the joint to a point of the body.
@@ -325,7 +325,7 @@ class PartPairs:
         """
         arm, n, robot = self.arm, self.arm.n, cast(Any, self.arm.robot)
         slides = np.maximum(np.abs(robot.limits.lower), np.abs(robot.limits.upper))
-        slides = np.where(np.isfinite(slides), slides, 0.0)
+        slides = np.where(np.isfinite(slides), slides, LARGEST)
         steps = np.linalg.norm(arm.offset, axis=1) + np.where(arm.revolute, 0.0, slides)
         others = max(0, int(self.bodies.max(initial=-1)) + 1 - n)
         carried = np.vstack([arm.carries.T, np.zeros((others + 1, n))])

@@ -90,8 +90,9 @@ def _states(capture: Captured, ax: Axes) -> None:
     ax.set_yticks(range(len(names)), names)
     ax.invert_yaxis()
     ax.grid(False)
-    held, label = capture.phases[1].time, "contact" if capture.caught else "not caught"
-    for t, name, side in ((held, "hold point", "right"), (capture.contact_at, label, "left")):
+    second, label = capture.phases[1], "contact" if capture.caught else "not caught"
+    decision = "hold point" if second.name == "closing" else second.name
+    for t, name, side in ((second.time, decision, "right"), (capture.contact_at, label, "left")):
         _write_at(ax, t, f"{name}, {t:.4g} s", 1.03, ha=side, va="bottom")
 
 

@@ -73,7 +73,8 @@ def plot_motion(
     seen = along if isinstance(along, np.ndarray) else np.delete(np.eye(3), across, axis=0)
     parent, ax = ax, axes_or_new(ax)
     for i, posture in enumerate(shown):
-        posture.draw(ax, seen, 0.15 + 0.85 * i / (len(shown) - 1), last=i == len(shown) - 1)
+        last = i == len(shown) - 1
+        posture.draw(ax, seen, 1.0 if last else 0.15 + 0.85 * i / (len(shown) - 1), last=last)
     for obstacle in obstacles:
         _draw_obstacle(ax, seen, obstacle, motion, _rows(motion.t, instants)[[0, -1]])
     label = "end-effector path" if not paths and flown is None else "end effector as planned"

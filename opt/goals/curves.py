@@ -68,7 +68,10 @@ class FunctionCurve:
             finite &= np.isfinite(rotations).all(axis=(0, 1))
         if not finite.all():
             k = int(np.argmin(finite))
-            raise InvalidValue(f"curve({parameters[k]:g})", positions[:, k], "must be finite [m]")
+            name, position = f"curve({parameters[k]:g})", positions[:, k]
+            if rotations is not None and np.isfinite(position).all():
+                raise InvalidValue(f"{name}.rotation", rotations[:, :, k], "must be finite")
+            raise InvalidValue(name, position, "must be finite [m]")
         return Points(positions, rotations)
 
 

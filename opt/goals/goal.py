@@ -334,7 +334,8 @@ class Fixed(Goal):
         check_reaches(self)
         axis = None if axis is None else checks.direction("goal.free_axis", axis)
         if checks.one_of("goal.on", self.on, (INERTIAL, BASE)) == BASE and velocity is not None:
-            raise InvalidValue("goal.velocity", velocity, "must be left out of a goal on the base")
+            name = "goal.velocity" if angular_velocity is None else "goal.twist"
+            raise InvalidValue(name, velocity, "must be left out of a goal on the base")
         object.__setattr__(self, "_place", Place(position, turn, velocity, angular_velocity, axis, self.on))
 
     def place(self, t: float) -> Place:

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 import numpy as np
 
-from ffsms_pin.checks import FloatArray, number, one_of, pose, set_frozen
+from ffsms_pin.checks import FloatArray, at_least_zero, one_of, pose, set_frozen
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.geometry.bodies import MODES, BodyStack, clearance_stack
 from ffsms_pin.geometry.convex_parts import convex_shape, part_of
@@ -45,9 +45,9 @@ class Clearance(Limit):
     """The geometry of the robot: "points", the joints' origins, the end effector and the base's box, as in
     the paper (const4 to const7); "hulls", the URDF's collision shapes as convex parts; "shapes", the exact
     shapes, which take much longer; "off", none; "auto", "hulls" if bodies with shapes can collide, else
-    "points", for example for planar arms. The clearance to obstacles is measured from the convex parts, also
-    with "off" and "shapes". With "points", or if the robot has no shapes, it is measured from the points and
-    from the lines between them."""
+    "points", for example for planar arms. The clearance to obstacles is measured from the exact shapes
+    with "shapes", and from the convex parts with "hulls" and "off". With "points", or if the robot has no
+    shapes, it is measured from the points and from the lines between them."""
     margin: float = 0.01
     """The safety margin of whole motions during a search [arm lengths], in addition to the clearance. With
     "hulls" or "shapes" it is 3e-3, because neighbouring bodies are close in every posture."""
@@ -64,7 +64,7 @@ class Clearance(Limit):
     _stacks: tuple[ClearanceStack, ...] = field(default=(), repr=False)
 
     def __post_init__(self) -> None:
-        number("clearance", self.clearance)
+        at_least_zero("clearance", self.clearance, "m")
         one_of("collision", self.collision, MODES)
         set_frozen(self, obstacles=named("obstacles", self.obstacles))
         if self.payload is not None:

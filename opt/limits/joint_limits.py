@@ -53,18 +53,19 @@ class JointLimits(Limit):
         harder = limits.acceleration[:, None] - np.abs(accelerations)
         rounding = 1e-12  # rounding error of sums over a thousand nodes
         kinds = (
-            ("position", left, limits.upper - limits.lower, "rad", rounding),
-            ("rate", faster, limits.velocity, "rad/s", rounding),
-            ("acceleration", harder, limits.acceleration, "rad/s^2", rounding / float(steps.min())),
+            ("position", left, limits.upper - limits.lower, "", rounding),
+            ("rate", faster, limits.velocity, "/s", rounding),
+            ("acceleration", harder, limits.acceleration, "/s^2", rounding / float(steps.min())),
         )
         amount, notes, binds = 0.0, [], np.zeros(len(motion.times), dtype=bool)
-        for kind, slack, whole, unit, least in kinds:
+        for kind, slack, whole, per_time, least in kinds:
             near = slack < 1e-3 * np.where(np.isfinite(whole), whole, 1.0)[:, None]
             binds[: slack.shape[1]] |= near.any(axis=0)
             joint, k = np.unravel_index(int(np.argmin(slack)), slack.shape)
             worst = -float(slack[joint, k])
             if worst > least:
-                amount, by = max(amount, worst), f"{worst:.3g} {unit} at {motion.times[k]:.3g} s"
+                unit = "rad" if robot.layout.turns[joint] else "m"
+                amount, by = max(amount, worst), f"{worst:.3g} {unit}{per_time} at {motion.times[k]:.3g} s"
                 notes.append(f"the {kind} limit of '{robot.joint_names[joint]}' is violated by {by}")
         return Violation(amount, motion.times[binds], "; ".join(notes))
 

@@ -7,7 +7,7 @@ from typing import Annotated, Any, ClassVar
 
 import numpy as np
 
-from ffsms_pin.checks import FloatArray, at_least_zero, share
+from ffsms_pin.checks import FloatArray, at_least_zero, positive, share
 from ffsms_pin.opt.costs import Term
 from ffsms_pin.opt.derivatives import Variables
 from ffsms_pin.opt.search.spline import Grid
@@ -53,7 +53,8 @@ class ReplanOptions:
     grid: ClassVar[Grid] = Grid(16, 2, 3)
 
     def __post_init__(self) -> None:
-        for name in ("period", "arrived_miss", "search_again", "settle"):
+        positive("period", self.period, "s")
+        for name in ("arrived_miss", "search_again", "settle"):
             at_least_zero(name, getattr(self, name))
         at_least_zero("dead_band", self.band(None), "m")
         if self.rate_reserve is not None:
