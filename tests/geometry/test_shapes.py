@@ -13,7 +13,7 @@ import pinocchio as pin
 import pytest
 
 import ffsms_pin as ffsms
-from ffsms_pin import robot
+from ffsms_pin import opt, robot
 from ffsms_pin.errors import FfsmsError, FfsmsWarning, GeometryError, InvalidValue
 from ffsms_pin.urdf import model_names, model_path
 
@@ -153,3 +153,22 @@ def test_meshes_are_found_beside_the_file_or_in_package_folders(tmp_path: Path, 
         folders = [tmp_path / "elsewhere"]
         assert ffsms.load(lone, package_dirs=folders).geometry("visual").ngeoms == 4
         assert ffsms.mount(lone, package_dirs=folders).geometry("visual").ngeoms == 5
+
+
+@pytest.mark.parametrize("height", [0.0, 1e-9])
+def test_a_flat_mesh_is_refused_as_an_obstacle_and_boxed_as_a_link(tmp_path: Path, height: float) -> None:
+    """The library that computes hulls crashes for coplanar points."""
+    corners = [(0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (1.0, 1.0, height), (0.0, 1.0, 0.0)]
+    lines = [f"v {x} {y} {z}" for x, y, z in corners] + ["f 1 2 3", "f 1 3 4"]
+    (tmp_path / "plate.obj").write_text("\n".join(lines) + "\n")
+    with pytest.raises(InvalidValue, match=r"must be a mesh with a volume; give a thin coal\.Box"):
+        opt.Obstacle.mesh(tmp_path / "plate.obj")
+    text = (
+        model_path("planar_3r")
+        .read_text()
+        .replace('<box size="0.3 0.03 0.03"/>', '<mesh filename="plate.obj"/>')
+    )
+    (tmp_path / "arm.urdf").write_text(text)
+    sms = ffsms.load(tmp_path / "arm.urdf")
+    plate = next(part for part in sms.convex_parts() if part.body == 0)
+    np.testing.assert_allclose(2.0 * plate.half[:2], [1.0, 1.0])

@@ -17,6 +17,7 @@ from ffsms_pin import opt
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt import flown
 from ffsms_pin.opt.plans import replannable
+from ffsms_pin.opt.trajectory import measure
 
 
 @pytest.fixture(scope="module")
@@ -283,3 +284,11 @@ def test_a_clearance_below_what_is_asked_is_a_breach(problem: opt.Problem, plan:
     assert verdict.breaches
     assert verdict.clearance is not None
     assert not verdict.clearance.kept
+
+
+def test_a_violation_without_a_note_is_in_the_note_of_the_plan(
+    problem: opt.Problem, plan: opt.Trajectory
+) -> None:
+    weak = measure(replace(problem, limits=[Counted()]), 20.0 * plan.joint_rates)
+    assert not weak.reached
+    assert "the limit 'a third' is violated by " in weak.note

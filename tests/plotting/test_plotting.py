@@ -219,3 +219,8 @@ def test_lines_that_coincide_share_an_entry_of_the_legend() -> None:
     assert ax.get_legend_handles_labels()[1] == ["x, y (coincide)", "z"]
     apart = plot_series(None, t, np.column_stack([t, np.inf * np.ones(5), 0.9 * t]), "rate [deg/s]", "xyz")
     assert apart.get_legend_handles_labels()[1] == ["x", "y", "z"]
+
+
+def test_a_motion_is_drawn_at_a_single_instant(outcome: Outcome) -> None:
+    ax = plotting.plot_motion(outcome.sms, outcome.trajectory, instants=[outcome.trajectory.duration])
+    assert len(ax.get_lines()) > 0

@@ -49,8 +49,9 @@ def test_off_keeps_nothing_apart(planar: ffsms.SpaceManipulator) -> None:
         clearance_stack(planar, "everything")
     with pytest.raises(InvalidValue, match="collision"):
         opt.Clearance(collision="everything")
-    with pytest.raises(InvalidValue, match="clearance"):
-        opt.Clearance(float("nan"))
+    for value in (float("nan"), -0.5):
+        with pytest.raises(InvalidValue, match="clearance"):
+            opt.Clearance(value)
 
 
 def test_what_is_broken_is_told_with_place_time_and_size(planar: ffsms.SpaceManipulator) -> None:

@@ -14,6 +14,7 @@ from rails import sliding
 import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.errors import InvalidValue
+from ffsms_pin.opt.trajectory import measure
 
 
 def _planar(tmp_path: Path) -> opt.Trajectory:
@@ -105,3 +106,13 @@ def test_the_base_pose_is_that_of_the_state(plan: opt.Trajectory) -> None:
 def test_a_node_that_is_not_there_is_refused(plan: opt.Trajectory, k: Any) -> None:
     with pytest.raises(InvalidValue, match=r"^k must be a node of the motion, from -"):
         plan.base_pose(k)
+
+
+def test_violations_of_sliding_joints_are_in_metres(tmp_path: Path) -> None:
+    sms = sliding(tmp_path)
+    problem = opt.Problem(sms, sms.configuration([0.0, 0.0]), [0.8, 0.0, 0.6], 4.0, 0.1)
+    rates = np.zeros((problem.steps + 1, 2))
+    rates[10:-10, 0] = 0.25
+    note = measure(problem, rates).note
+    assert "the rate limit of 'rail' is violated by 0.05 m/s at" in note
+    assert "m/s^2" in note
