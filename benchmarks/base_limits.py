@@ -1,6 +1,7 @@
-"""Count the targets that are reached with a limited base, and measure their cost: `python base_limits.py`.
+"""Count the targets that are reached under base limits, and measure the cost of the plans.
 
-The targets are reachable by construction (see `targets`) if the base may turn freely. Base limits are checked
+Run from the repository's root: python benchmarks/base_limits.py [--targets 24]
+The targets are reachable by construction (see `targets`) if the base rotates freely. Base limits are checked
 independently of the planner: the momentum equation is integrated in twenty substeps per step.
 """
 
@@ -41,14 +42,14 @@ def start_of(sms: ffsms.SpaceManipulator) -> FloatArray:
 
 
 def pose_of(sms: ffsms.SpaceManipulator, task: Task) -> Any:
-    """Return the pose at the end of the straight move behind a target."""
+    """Return the pose at the end of the straight joint move that defines a target."""
     move = task.joint_goal - sms.layout.positions(task.q0)
     q, _ = roll_out(sms, task.q0, move, np.zeros((STEPS, sms.n)), 1.0 / STEPS)
     return sms.at(q[-1]).end_effector_pose
 
 
 def turns(sms: ffsms.SpaceManipulator, plan: opt.Trajectory) -> FloatArray:
-    """Integrate the base's rotation from its start [rad], at the nodes and between them."""
+    """Return the base rotation from the start [rad], integrated at the nodes and between them."""
     accelerations = np.repeat(plan.joint_accelerations, SUBSTEPS, axis=0)
     q, _ = roll_out(sms, plan.q[0], plan.joint_rates[0], accelerations, plan.dt / SUBSTEPS)
     first = pin.XYZQUATToSE3(q[0, :7]).rotation.T
@@ -58,7 +59,7 @@ def turns(sms: ffsms.SpaceManipulator, plan: opt.Trajectory) -> FloatArray:
 def measured(
     sms: ffsms.SpaceManipulator, tasks: list[Task], posed: bool, limits: opt.BaseLimits | None
 ) -> list[dict[str, float]]:
-    """Return one row for each task."""
+    """Plan each task under base limits, and return one row for each."""
     rows = []
     for task in tasks:
         target = pose_of(sms, task) if posed else task.target
@@ -81,7 +82,7 @@ def measured(
 
 
 def line(robot: str, kind: str, name: str, rows: list[dict[str, float]]) -> str:
-    """Return one line of the table; medians are of the plans that reach."""
+    """Return one line of the table; medians and maxima are over the plans that reach their targets."""
     good = [row for row in rows if row["reached"]]
     most, last, cost = ([row[key] for row in good] for key in ("most", "last", "cost"))
     cells = [
@@ -108,8 +109,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--kinds", nargs="+", choices=("position", "pose"), default=("position", "pose"))
     given = parser.parse_args(arguments)
     print(
-        "| robot | target | limit on the base | reached | limit kept | largest turn, median / most [deg] "
-        "| turn left, median / most [deg] | median cost [s] | median time [s] |"
+        "| robot | target | base limit | reached | limit satisfied "
+        "| largest base rotation, median / max [deg] | final base rotation, median / max [deg] "
+        "| median cost [s] | median CPU time [s] |"
     )
     print("|---|---|---|---|---|---|---|---|---|")
     for robot in given.robots:

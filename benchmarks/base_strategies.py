@@ -6,7 +6,7 @@
 - restored: a floating motion at whose end the base has its initial attitude.
 - straight: a floating motion by resolved rates, after which the wheels turn the base back.
 
-Friction of the wheels is left out.
+The wheels are frictionless.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ FloatArray = NDArray[np.float64]
 
 STRATEGIES = ("held", "held-longer", "used", "restored", "straight")
 RESTORED_WITHIN = np.radians(0.1)  # [rad] the final base rotation of "restored"
-MARGIN = 0.08  # share of the wheels' limits that the motion back leaves to feedback control
+MARGIN = 0.08  # share of the wheels' limits that the return motion leaves to feedback control
 SAMPLES = 401  # number of instants while the base is turned back
 
 
@@ -47,8 +47,8 @@ class WheelUse(NamedTuple):
 class Strategy(NamedTuple):
     """A plan, the use of the wheels during the plan, and their use while they turn the base back.
 
-    The latter is None if the base is not turned back. `carried` is the displacement of the end effector by
-    the motion back [m].
+    `after` is None if the base is not turned back. `carried` is the displacement of the end effector by
+    the return motion [m].
     """
 
     plan: opt.Trajectory
@@ -58,7 +58,7 @@ class Strategy(NamedTuple):
 
 
 def held_torque(sms: ffsms.SpaceManipulator, plan: opt.Trajectory) -> FloatArray:
-    """Compute the rate (N + 1, 3) of the angular momentum of arm and base along a plan [N m], root axes.
+    """Compute the rate of change (N + 1, 3) of the angular momentum of arm and base [N m], root axes.
 
     The wheels provide the opposite torque while they hold the attitude.
     """
@@ -73,7 +73,7 @@ def held_torque(sms: ffsms.SpaceManipulator, plan: opt.Trajectory) -> FloatArray
 
 
 def use_along(sms: ffsms.SpaceManipulator, plan: opt.Trajectory) -> WheelUse:
-    """Compute the use of the wheels along a plan: zero while the base floats."""
+    """Compute the use of the wheels along a plan, which is zero if the base floats."""
     held = (plan.base_rotation < 1e-9).all() and (np.abs(plan.v[:, 3:6]) < 1e-12).all()
     if not held:
         zero = np.zeros((len(plan.t), len(sms.wheels.axes)))

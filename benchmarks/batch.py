@@ -2,8 +2,8 @@
 
     OMP_NUM_THREADS=1 python benchmarks/batch.py
 
-A coupling is C_bm, its singular values and its entropy. Each time is the least CPU time of several turns. The
-calls are timed in turns, so that other load on the machine affects all of them.
+A coupling is C_bm, its singular values and its entropy. Each time is the shortest CPU time of several
+repetitions. The calls alternate, so that other load on the machine affects all of them.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ import numpy as np
 import ffsms_pin as ffsms
 
 ROBOTS = ("planar_3r", "space_arm_7", "satellite_panda", "satellite_ur5")
-STATES = 1000  # number of single states per turn
+STATES = 1000  # number of single states per repetition
 
 
 def seconds(call: Callable[[], object]) -> float:
@@ -28,7 +28,7 @@ def seconds(call: Callable[[], object]) -> float:
 
 
 def rates(name: str, rows: int, turns: int) -> tuple[float, float, float]:
-    """Return couplings per second of single states and of a batch, and batch rows with all quantities."""
+    """Return rates [1/s]: single couplings, couplings of a batch, batch rows with all quantities."""
     sms = ffsms.load(name)
     joints = np.random.default_rng(0).uniform(-2.0, 2.0, (rows, sms.n))
     configurations = [sms.configuration(row) for row in joints[:STATES]]
@@ -61,7 +61,10 @@ def main() -> None:
     parser.add_argument("--rows", type=int, default=65536)
     parser.add_argument("--turns", type=int, default=8)
     arguments = parser.parse_args()
-    print("| robot | `sms.at(q).coupling` [1/s] | `sms.batch` [1/s] | ratio | all of a batch [1/s] |")
+    print(
+        "| robot | `sms.at(q).coupling` [1/s] | `sms.batch` [1/s] | ratio "
+        "| `sms.batch`, all quantities [1/s] |"
+    )
     print("|---|---|---|---|---|")
     for name in ROBOTS:
         single, batch, everything = rates(name, arguments.rows, arguments.turns)

@@ -1,4 +1,4 @@
-"""Measure the cost of campaigns: whole commands, and a large table.
+"""Measure the CPU time, wall time and memory of campaigns, and the time to write a large table.
 
 Run from the repository's root: python benchmarks/campaigns.py [RUNS ...]
 """
@@ -39,9 +39,9 @@ def whole(count: int, jobs: int, folder: Path) -> tuple[str, ...]:
 
 
 def large(folder: Path) -> tuple[float, float, float]:
-    """Return the times [s] to write one run and to make the table of `MANY` runs, and its size [MB].
+    """Return the times [s] to write one run and to write the table of `MANY` runs, and its size [MB].
 
-    The simulation of a run is replaced by stored numbers, so that only the campaign is timed.
+    Stored numbers replace planning and simulation, so that only the campaign itself is timed.
     """
     chosen = Campaign.read(SCENARIO, 1)
     campaign(chosen, folder, jobs=1)
@@ -61,10 +61,10 @@ if __name__ == "__main__":
     with tempfile.TemporaryDirectory() as name:
         rows = [whole(count, jobs, Path(name)) for count in counts for jobs in (1, 2)]
         written, read, size = large(Path(name) / "large")
-    head = ("runs", "processes", "arrived", "processor time", "by the clock", "memory of the first process")
+    head = ("runs", "processes", "arrived", "CPU time", "wall time", "memory of the first process")
     print(markdown(head, rows))
     costs = (
-        ("a run besides planning and simulation", f"{1e3 * written:.2g} ms"),
-        (f"the table of {MANY} runs that are done", f"{read:.2g} s, {size:.0f} MB"),
+        ("a run without planning and simulation", f"{1e3 * written:.2g} ms"),
+        (f"the table of {MANY} completed runs", f"{read:.2g} s, {size:.0f} MB"),
     )
-    print(f"\n{markdown(('what', 'processor time'), costs)}")
+    print(f"\n{markdown(('operation', 'CPU time'), costs)}")

@@ -1,4 +1,4 @@
-"""Fly captures with noise, interrupted cameras and wrong masses, and check that failures are safe.
+"""Simulate captures with noise, interrupted cameras and wrong masses, and check that failures are safe.
 
 Run from the repository's root:
     python benchmarks/captures.py [KIND ...] [--seeds 20] [--first 0] [--resume FILE]
@@ -6,14 +6,16 @@ The kinds are
     capture   the packaged scenario with other noise
     dark      the packaged nozzle, without measurements from 40 to 59.5 s; from the fourth seed on, without
               measurements in a random time span
-    axis      the packaged nozzle, with a client that is turned and rotates about a random axis
+    axis      the packaged nozzle, with a client that rotates at 3 deg/s about a random axis
     drawn     clients of 50 to 3,000 kg at 0.1 to 6 deg/s about any axis; wheels, thrusters or none
-    right     random clients with errors of mass and inertia as assumed: the base's rate after the catch
+    right     random clients whose mass and inertia have errors of the assumed size: the base's rate after
+              the catch
     wrong     as `right`, with the servicer's masses off by up to 20 %
-    estimate  the clients of `right`, measured until a second before the contact: the rate without a flight
-Without a kind nothing is flown. To save time, all kinds but `capture` use control steps of 10 ms, and the
+    estimate  the clients of `right`, measured until a second before the contact: the base's rate, computed
+              without a simulation
+Without a kind nothing is simulated. To save time, all kinds but `capture` use control steps of 10 ms, and the
 kinds with random clients re-plan only every 0.5 s. With `--resume` each run is a line of that file. Runs in
-the file are not flown again, but are included in the table.
+the file are not simulated again, but are included in the table.
 
 Bodies overlap if a collision shape of the servicer is more than 1 mm inside a body of the client, or 5 mm
 inside a nozzle. Coal checks this every 20 ms, or less often if the bodies are further apart than 40 mm. The
@@ -50,7 +52,7 @@ from ffsms_pin.scenarios.problems import rendezvous
 
 KINDS = ("capture", "dark", "axis", "drawn", "right", "wrong", "estimate")
 OFF = 0.1  # relative standard deviation of a client's assumed mass and inertia
-AFTER = 3.0  # [s] after the contact at which rates of `estimate` are compared, without a flight
+AFTER = 3.0  # [s] after the contact at which the kind `estimate` compares rates
 BENDING = 5e3  # [N/m] default stiffness of `capture.probe_in_nozzle`
 STEP, DEEP, IN_NOZZLE = 0.02, 1e-3, 5e-3  # [s] between checks; [m] allowed overlap, also in a nozzle
 APPROACH = 2.0  # [m/s] largest closing speed of bodies, for less frequent checks of distant bodies
@@ -149,7 +151,7 @@ def drawn(kind: str, seed: int, rng: np.random.Generator) -> str:
     text = put(put(text, "spin_deg", spin.tolist()), "velocity", rng.uniform(-0.002, 0.002, 3).tolist())
     text = re.sub(r"(?m)^size = .*$", f"size = {size.tolist()}", text)
     text = put(text, "grasp", [0.0, 0.0, float(-0.5 * size[2] - 0.05)])
-    if mass > 300.0:  # for heavy clients: the servicer of the nozzle scenario, with a slower motion
+    if mass > 300.0:  # a heavy client needs the servicer of the nozzle scenario and a slower motion
         heavy = packaged_path("nozzle").read_text("utf-8")
         start = re.findall(r"(?m)^joints_deg = (\[.*?\])", heavy)[0]
         client = np.array([14.0, 14.0, -30.0, 51.0, 34.0, -32.0, -78.0]) + rng.uniform(-15.0, 15.0, 7)
@@ -228,7 +230,7 @@ def overlap(outcome: Any) -> float:
 
 
 def begins_clear(text: str) -> bool:
-    """Return whether the client of a scenario file is 0.1 m from the servicer at the start."""
+    """Return whether the client of a scenario file is more than 0.1 m from the servicer at the start."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "drawn.toml"
         path.write_text(text, encoding="utf-8")
@@ -239,7 +241,7 @@ def begins_clear(text: str) -> bool:
 
 
 def flown(kind: str, seed: int) -> dict[str, Any]:
-    """Fly a run, and return its outcome."""
+    """Simulate a run, and return its outcome."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / f"{kind}.toml"
         path.write_text(scenario_text(kind, seed), encoding="utf-8")
@@ -308,8 +310,8 @@ def table(rows: list[dict[str, Any]]) -> str:
         "runs",
         "caught",
         "control lost",
-        "not caught, without a reason",
-        "overlaps untold",
+        "missed without a reason",
+        "unreported overlaps",
         "largest force [N]",
     )
     shown, lines = [], []

@@ -1,6 +1,6 @@
 """Plan Case 1 and Case 2 repeatedly, with a limit changed by 1e-12, and print the ranges of the results.
 
-Run by hand, with one thread:
+Run with one thread:
 
     OMP_NUM_THREADS=1 python benchmarks/cases.py [--runs 12] [--methods paper horizon] [--settings]
 
@@ -27,7 +27,7 @@ DURATIONS, STEPS, KAPPAS = (10.0, 12.0, 20.0), (0.01, 0.02, 0.05), (5.0, 10.0, 2
 
 
 def plans(name: str, method: str, runs: int) -> list[opt.Trajectory]:
-    """Plan a case once for each changed limit."""
+    """Plan a case once for each changed acceleration limit."""
     case = scenario(name)
     sms, made = case.load(), []
     for i in range(runs):
@@ -45,9 +45,9 @@ def numbers(plan: opt.Trajectory) -> dict[str, float]:
     return {
         "final error [mm]": 1e3 * float(plan.position_error[-1]),
         "cost integral [s]": plan.cost_integral,
-        "base turn, largest [deg]": float(np.degrees(plan.base_rotation.max())),
-        "base shift, largest [mm]": 1e3 * float(base.max()),
-        "least cos(theta_a)": float(before.min()),
+        "largest base rotation [deg]": float(np.degrees(plan.base_rotation.max())),
+        "largest base displacement [mm]": 1e3 * float(base.max()),
+        "smallest cos(theta_a)": float(before.min()),
         "time with cos(theta_a) < 0 [%]": 100.0 * float((before < 0.0).mean()),
         "joint travel [rad]": plan.joint_travel,
     }
@@ -57,7 +57,8 @@ def print_ranges(methods: list[str], runs: int) -> None:
     """Print a table for each case, with the smallest and the largest values of the runs."""
     for name in CASES:
         found = {method: plans(name, method, runs) for method in methods}
-        print(f"\n{name}, {runs} runs a method\n\n| | {' | '.join(methods)} |\n|---{'|---' * len(methods)}|")
+        print(f"\n{name}, {runs} runs per method\n")
+        print(f"| | {' | '.join(methods)} |\n|---{'|---' * len(methods)}|")
         reached = [f"{sum(plan.reached for plan in made)} of {runs}" for made in found.values()]
         print(f"| reached | {' | '.join(reached)} |")
         rows = {method: [numbers(plan) for plan in made] for method, made in found.items()}

@@ -1,11 +1,11 @@
-"""Check with Pinocchio and Coal alone that plans reported as clear keep the exact meshes apart.
+"""Check by Pinocchio and Coal alone that the exact meshes of plans reported as clear keep the clearance.
 
 From the repository's root: python benchmarks/clearances.py [ROBOT ...] [--targets N] [--modes points auto]
-Each plan has the library's defaults. It goes from a random posture to the end effector's position in another
-posture; both postures keep the clearance. Then all pairs of meshes except neighbours are tested, at the nodes
-and at instants that divide each step into `PARTS` parts. The planner itself checks convex parts of the
-meshes, at nodes and middles of steps. `--modes` also plans with the paper's points, or with the shapes
-themselves.
+Each plan uses the library's defaults. It starts at a random posture, and its target is the end effector's
+position in another posture; both postures keep the clearance. Then all pairs of meshes except neighbours are
+tested, at the nodes and at instants that divide each step into `PARTS` parts. The planner itself checks
+convex parts of the meshes, at the nodes and in the middle of each step. `--modes` selects other collision
+models: the paper's points, or the shapes themselves.
 """
 
 from __future__ import annotations
@@ -78,7 +78,7 @@ class Meshes:
             request.security_margin = CLEARANCE - TOLERANCE
 
     def collide(self, joints: FloatArray, near: bool = False) -> bool:
-        """Return whether two meshes collide at joint positions (n,); with `near`, violate the clearance."""
+        """Return whether meshes collide at joint positions (n,), or with `near` violate the clearance."""
         q, placed = self._sms.configuration(joints), self._near if near else self._touching
         return bool(pin.computeCollisions(self._sms.model, self._data, self._geometry, placed, q, True))
 
@@ -94,7 +94,7 @@ def judged(meshes: Meshes, plan: opt.Trajectory) -> tuple[bool, bool]:
 
 
 def plans(name: str, count: int, seed: int, collision: str) -> list[Judged]:
-    """Plan for one robot, and judge the plans."""
+    """Plan for one robot, and check the plans."""
     sms = ffsms.load(name)
     postures, limits, meshes = clear_postures(sms, 2 * count, seed), sms.limits, Meshes(sms)
     found = []
@@ -120,7 +120,7 @@ def plans(name: str, count: int, seed: int, collision: str) -> list[Judged]:
 def run(
     count: int = TARGETS, seed: int = 1, robots: tuple[str, ...] = ROBOTS, modes: tuple[str, ...] = ("auto",)
 ) -> list[dict[str, Any]]:
-    """Run all robots and modes."""
+    """Return the results of all robots and collision models."""
     return [
         {"robot": robot, "mode": mode, "plans": [one._asdict() for one in plans(robot, count, seed, mode)]}
         for robot in robots
@@ -131,8 +131,8 @@ def run(
 def report(results: list[dict[str, Any]]) -> str:
     """Return a Markdown table."""
     lines = [
-        "| robot | kept apart | called clear | of these through meshes | nearer than asked | reached | "
-        "median CPU time [s] | longest [s] |",
+        "| robot | collision model | reported clear | of these colliding | of these below the clearance | "
+        "reached | median CPU time [s] | longest [s] |",
         "|" + "---|" * 8,
     ]
     for r in results:

@@ -1,4 +1,4 @@
-"""Measure by how much the end effector misses if a floating base is assumed to be fixed, and draw a figure.
+"""Measure the final error of a motion that is planned for a fixed base, and draw a figure.
 
 Run from the repository's root:
     python benchmarks/fixed_base.py --targets 100 --figure docs/images/fixed-or-free.png
@@ -30,7 +30,7 @@ def as_if_fixed(sms: ffsms.SpaceManipulator, q0: FloatArray, target: FloatArray)
     Return None if the inverse kinematics finds no such move.
     """
     q, start = np.array(q0), sms.joint_positions(q0)
-    sms.layout.set_positions(q, start + 0.05)  # away from a stretched arm, which is singular
+    sms.layout.set_positions(q, start + 0.05)  # away from the stretched posture, which is singular
     for _ in range(200):
         state = sms.at(q)
         off = target - state.end_effector_pose.translation
@@ -48,7 +48,7 @@ def as_if_fixed(sms: ffsms.SpaceManipulator, q0: FloatArray, target: FloatArray)
 
 
 def row(name: str, count: int) -> str:
-    """Return the line of a robot: medians and largest errors over its targets."""
+    """Return the table row of a robot: medians and largest errors over its targets."""
     sms = ffsms.load(name)
     misses, turns, planned = [], [], []
     for q0, target, _ in islice(tasks(sms, 1), count):
@@ -92,7 +92,10 @@ def main() -> None:
     parser.add_argument("--targets", type=int, default=100)
     parser.add_argument("--figure", type=Path)
     arguments = parser.parse_args()
-    print("| robot | targets | as if fixed: off by, median, worst [mm] | base turns [deg] | ours [mm] |")
+    print(
+        "| robot | targets | error with a fixed base, median, max [mm] | base rotation [deg] "
+        "| error of `opt.plan` [mm] |"
+    )
     print("|---|---|---|---|---|")
     for name in ROBOTS:
         print(row(name, arguments.targets), flush=True)

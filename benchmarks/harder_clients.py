@@ -128,7 +128,7 @@ def written(robot: str, sms: ffsms.SpaceManipulator, seed: int) -> str:
 
 
 def flown(servicer: tuple[str, ffsms.SpaceManipulator], seed: int) -> tuple[float, dict[str, Any]]:
-    """Return the CPU time [s] of a run, and its outcome; divergence does not count as an abort."""
+    """Return the CPU time [s] of a run, and its outcome; a diverged simulation counts as not met."""
     text, began = written(*servicer, seed), time.process_time()
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "client.toml"
@@ -141,8 +141,8 @@ def flown(servicer: tuple[str, ffsms.SpaceManipulator], seed: int) -> tuple[floa
     return time.process_time() - began, found.capture.numbers()
 
 
-def told(share: float) -> None:
-    """Print the number of completed clients."""
+def print_progress(share: float) -> None:
+    """Print the share of completed clients."""
     print(f"{100.0 * share:.0f} % done", file=sys.stderr, flush=True)
 
 
@@ -158,7 +158,7 @@ def main() -> None:
     servicer = arguments.robot, sms
     seeds = range(arguments.first, arguments.first + arguments.clients)
     misses, times, missed = [], [], {}
-    runs = map_in_processes(partial(flown, servicer), seeds, arguments.jobs, told)
+    runs = map_in_processes(partial(flown, servicer), seeds, arguments.jobs, print_progress)
     for seed, (used, numbers) in zip(seeds, runs, strict=True):
         times.append(used)
         if numbers.get("caught"):
@@ -171,10 +171,10 @@ def main() -> None:
     rows = [
         ("clients met inside the envelope", f"{len(met)} of {len(times)}"),
         *((f"not met: {seed}", words) for seed, words in missed.items()),
-        ("at contact, median", UNITS.format(*np.median(met, axis=0))),
-        ("at contact, at most", UNITS.format(*met.max(axis=0, initial=0.0))),
-        ("processor time, median", f"{np.median(times):.2g} s"),
-        ("processor time, nine in ten within", f"{np.percentile(times, 90):.2g} s"),
+        ("errors at contact, median", UNITS.format(*np.median(met, axis=0))),
+        ("errors at contact, max", UNITS.format(*met.max(axis=0, initial=0.0))),
+        ("CPU time, median", f"{np.median(times):.2g} s"),
+        ("CPU time, 90th percentile", f"{np.percentile(times, 90):.2g} s"),
     ]
     print(markdown(("", ""), rows))
 

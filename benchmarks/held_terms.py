@@ -1,6 +1,6 @@
 """Measure the benefit of the cost terms for wheels and propellant, on Case 2 with the base held.
 
-`python benchmarks/held_terms.py`. The wheels are the small ones of `wheels.py`; twelve thrusters with
+Run: python benchmarks/held_terms.py. The wheels are the small ones of `wheels.py`; twelve thrusters with
 proportional force are at the midpoints of a cube's edges.
 """
 
@@ -24,8 +24,8 @@ HELD: dict[str, tuple[str, tuple[opt.Term, ...]]] = {
         (opt.WheelMomentum(1.0), opt.WheelEnergy(0.01), opt.WheelEnergy(0.1)),
     ),
     "rotation-flying": ("attitude, by thrusters", (opt.Propellant(0.1),)),
-    "translation-flying": ("place, by thrusters", (opt.Propellant(0.1),)),
-    "flying": ("both, by thrusters", (opt.Propellant(0.1),)),
+    "translation-flying": ("position, by thrusters", (opt.Propellant(0.1),)),
+    "flying": ("attitude and position, by thrusters", (opt.Propellant(0.1),)),
 }
 
 

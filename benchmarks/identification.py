@@ -1,4 +1,4 @@
-"""Measure errors on wrong plants with and without an identification motion, and identified parameters.
+"""Measure tracking errors with and without an identification motion, and errors of identified parameters.
 
 Run from the repository's root:
     python benchmarks/identification.py [ROW ...] [--count 20] [--resume FILE]
@@ -7,11 +7,11 @@ The rows are
                     of 10 s with the sensors below, then a motion of 12 s (10 s for `panda`), planned once
     payload         an unknown body of 10 kg at the tip of `satellite_panda`, re-planned with and without
                     identification
-    client          captured clients of 50 to 200 kg at 0.5 to 3 deg/s, assumed mass and inertia wrong by up
-                    to 15 %: an identification motion of 8 s after the braking
+    client          captured clients of 50 to 200 kg at 0.5 to 3 deg/s, with errors of up to 15 % in the
+                    assumed mass and inertia: an identification motion of 8 s after the braking
     base            base inertia from a recording of MuJoCo, with the sensors below
     intervals       95 % intervals of the base's parameters over seeds of the noise
-    time            one update of `Identifier`
+    time            the CPU time of one update of `Identifier`
 Sensors, at 100 Hz: gyros with an angle random walk of 0.0035 deg/sqrt(h) (Honeywell GG1320AN, data sheet),
 which is 1e-5 rad/s per sample; encoders of 19 bit, whose differences give rates to 5e-4 rad/s; the base's
 velocity to 1 mm/s. With `--resume` each run is a line of that file. Runs in the file are not repeated, but
@@ -84,7 +84,7 @@ def measured(sms: ffsms.SpaceManipulator, t: Any, q: Any, v: Any, seed: int) -> 
 
 
 def flown(sms: ffsms.SpaceManipulator, reference: Any, plant: ffsms.SpaceManipulator, q0: Any) -> Any:
-    """Return the recording of a plant under the computed-torque law of the model."""
+    """Return the recording of a plant under computed torque with the nominal model."""
     return simulation.simulate(sms, reference, control.ComputedTorque(sms), dt=STEP, q0=q0, plant=plant)
 
 
@@ -125,7 +125,7 @@ def errors_row(name: str, runs: list[dict[str, Any]]) -> list[str]:
         errors = np.array([run[key] for run in runs])
         count = f"{np.sum(errors <= WITHIN)} of {len(errors)}"
         words.append(f"{count} (median {1e3 * np.median(errors):.2f} mm)")
-    return [f"{name}, 15 % off, planned once: within 2 mm", *words]
+    return [f"{name}, errors of 15 %, planned once: within 2 mm", *words]
 
 
 def payload(seed: int) -> dict[str, Any]:
@@ -157,7 +157,7 @@ def payload(seed: int) -> dict[str, Any]:
 def payload_row(runs: list[dict[str, Any]]) -> list[str]:
     """Return the row of flights with an unknown payload."""
     words = [f"{sum(run[key] for run in runs)} of {len(runs)}" for key in ("without", "with")]
-    return ["10 kg at the tip, re-planned: within 2 mm, all rates kept", *words]
+    return ["10 kg at the tip, re-planned: within 2 mm and the rate limits", *words]
 
 
 def by_mujoco(plant: ffsms.SpaceManipulator, model: ffsms.SpaceManipulator, motion: Any) -> Any:
@@ -213,19 +213,19 @@ def percent(errors: Any) -> str:
 def base_row(runs: list[dict[str, Any]]) -> list[str]:
     """Return the row of the base's inertia."""
     words = [percent([run[key] for run in runs]) for key in ("without", "with")]
-    return [f"base inertia by {len(runs)} recordings of MuJoCo, error: median, largest", *words]
+    return [f"base inertia from {len(runs)} recordings of MuJoCo, error: median, largest", *words]
 
 
 @cache
 def swung_base() -> tuple[Any, Any]:
-    """Return a plant with another base, and its recording."""
+    """Return a plant with other base parameters, and the recording of its identification motion."""
     sms, q0, _, _ = case("panda")
     plant = simulation.perturb(sms, base_mass=1.1, base_inertia=0.9, base_com=[0.02, -0.01, 0.03])
     return plant, flown(sms, teaching_base(), plant, q0)
 
 
 def intervals(seed: int) -> dict[str, Any]:
-    """Return how many of ten 95 % intervals have the true value, and whether the estimate is consistent."""
+    """Return how many of ten 95 % intervals contain the true value, and if the estimate is consistent."""
     sms = case("panda")[0]
     plant, run = swung_base()
     recording = measured(sms, run.t, run.q, run.v, seed)
@@ -239,7 +239,7 @@ def intervals_row(runs: list[dict[str, Any]]) -> list[str]:
     """Return the row of the intervals."""
     inside = 10.0 * sum(run["inside"] for run in runs) / len(runs)
     counts = f"{inside:.1f} % of {10 * len(runs)}; {sum(run['consistent'] for run in runs)} of {len(runs)}"
-    return ["95 % intervals of the base's ten parameters hold the truth; consistent", "", counts]
+    return ["95 % intervals of the base's ten parameters with the true value; consistent", "", counts]
 
 
 def client(seed: int) -> dict[str, Any]:
@@ -300,7 +300,7 @@ def client_row(runs: list[dict[str, Any]]) -> list[str]:
 
 
 def update_time() -> list[str]:
-    """Return the least time of one update over several series of hundreds of updates."""
+    """Return a row with the mean time of one update in the fastest of 50 series of 192 updates."""
     sms, q0, _, _ = case("panda")
     v = sms.velocity(q0, np.full(sms.n, 0.1))
     words = []
@@ -312,10 +312,10 @@ def update_time() -> list[str]:
                 identifier.update(1.0 * (192 * block + k), q0, v)
             best = min(best, (time.process_time() - begun) / 192)
         words.append(f"{1e6 * best:.0f} us ({', '.join(unknown)})")
-    return ["one update of `Identifier`, CPU", "", ", ".join(words)]
+    return ["CPU time of one update of `Identifier`", "", ", ".join(words)]
 
 
-# By name: a function of one run and its seed, a function of the row, and runs per `--count`.
+# For each row: functions that run one seed and format the row, and the number of runs per `--count`.
 Run = tuple[Callable[[int], dict[str, Any]], Callable[[list[dict[str, Any]]], list[str]], float]
 RUNS: dict[str, Run] = {
     "planar": (partial(learnt_before, "planar"), partial(errors_row, "planar_3r"), 1),

@@ -1,4 +1,4 @@
-"""Measure the drift of the integrators over an hour of free flight: a Markdown table.
+"""Measure the drift of the integrators over an hour of free flight, and print a Markdown table.
 
 Run from the repository's root: python benchmarks/integrators.py [--hours 1] [--robot planar_3r]
 The robot tumbles and its joints move without torque and friction. Energy and momentum should be constant.
@@ -16,7 +16,7 @@ import pinocchio as pin
 import ffsms_pin as ffsms
 from ffsms_pin.simulation.integrators import INTEGRATORS
 
-# Steps [s] of each integrator, at which the momentum changes by less than 1e-10, relative, in an hour. The
+# Steps [s] at which the relative change of the momentum in an hour is below 1e-10, for each integrator. The
 # variational integrator reaches this only if the centre of mass is at rest, see docs/closed-loop.md.
 STEPS = {"rk4": (0.005,), "adaptive": (1.0,)}
 

@@ -1,9 +1,9 @@
-"""Plan the whole motion of the planar arm as one nonlinear programme by CasADi and IPOPT, for comparison.
+"""Plan the whole motion of the planar arm as a nonlinear program by CasADi and IPOPT, for comparison.
 
 The unknowns are joint positions, rates and the base's yaw at the nodes. Joint accelerations are constant in a
 step, and the yaw follows by the trapezoidal rule. The planar system's kinematics and momentum have a closed
-form, with exact first and second derivatives. IPOPT starts from the straight joint-space move of which the
-target is the end, and has no collision constraints. Both are in IPOPT's favour.
+form, with exact first and second derivatives. IPOPT starts from the straight joint-space move that ends
+at the target, and has no collision constraints. Both are in IPOPT's favour.
 """
 
 from __future__ import annotations
@@ -120,10 +120,10 @@ def solve(
     time_limit: float,
     expanded: bool = True,
 ) -> Solution:
-    """Solve the nonlinear programme on `steps` steps, within IPOPT's `time_limit` [s].
+    """Solve the nonlinear program on `steps` steps, within IPOPT's `time_limit` [s].
 
-    If `expanded`, every step is expanded to scalar formulas (CasADi's SX). These take long to build and are
-    fast to evaluate. Otherwise the programme is a graph of calls (MX, as from CasADi's Opti), which is fast
+    If `expanded`, every step is expanded to scalar expressions (CasADi's SX). These take long to build and
+    are fast to evaluate. Otherwise the program is a graph of calls (MX, as from CasADi's Opti), which is fast
     to build and slow to evaluate.
     """
     begin = time.process_time()
@@ -181,7 +181,7 @@ def solve(
 
 
 def straight_move(task: Task, steps: int, yaw_rate: Any) -> FloatArray:
-    """Return the straight joint-space move with ramps as values of the programme's unknowns."""
+    """Return the straight joint-space move with ramps as values of the program's unknowns."""
     h, share = task.duration / steps, np.linspace(0.0, 1.0, steps + 1)
     speed = np.minimum(np.minimum(share / RAMP, (1.0 - share) / RAMP), 1.0)
     speed /= np.sum(speed[1:] + speed[:-1]) / 2.0 / steps

@@ -1,7 +1,7 @@
-"""Measure how well integration keeps the total momentum through a capture and for a minute after it.
+"""Measure the error of the total momentum during a capture and the minute after it.
 
 Run from the repository's root: python benchmarks/ledger.py [--after 60]
-The packaged `capture` is flown without noise and planned once, with and without wheels that hold the
+The packaged `capture` is simulated without noise and planned once, with and without wheels that hold the
 attitude. The table has the largest change of the momentum of arm, base, wheels and client together, as a
 share of the larger of the momenta of servicer and client at the start. No external force acts.
 """
@@ -30,7 +30,7 @@ METHODS = ("rk4", "variational")
 def made(after: float, method: str, wheels: bool) -> str:
     """Return the text of the scenario file."""
     text = packaged_path("capture").read_text("utf-8")
-    for name in ("[client.sensor]", "[reference]"):  # known exactly, planned once
+    for name in ("[client.sensor]", "[reference]"):  # exact measurements, and one plan
         begin = text.index(name)
         text = text[:begin] + text[text.index("\n[", begin) + 1 :]
     text = text.replace("after = 10.0", f"after = {after}") + f'\n[simulation]\nintegrator = "{method}"\n'
@@ -40,7 +40,7 @@ def made(after: float, method: str, wheels: bool) -> str:
 
 
 def flown(text: str) -> Any:
-    """Fly the scenario, and return its numbers."""
+    """Simulate the scenario, and return its capture."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "ledger.toml"
         path.write_text(text, encoding="utf-8")
@@ -52,7 +52,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--after", type=float, default=60.0, help="seconds simulated after the capture")
     after = parser.parse_args().after
-    print("| integrator | wheels | caught | ledger off by, relative | energy less work [J] |")
+    print("| integrator | wheels | caught | relative error of the momentum | energy minus work [J] |")
     print("|---|---|---|---|---|")
     for method in METHODS:
         for wheels in (False, True):

@@ -1,4 +1,4 @@
-"""The machine of a measurement: processor, system, versions; no names of hosts, users or folders."""
+"""Describe the machine of a measurement: processor, system, versions; no names of hosts, users or folders."""
 
 from __future__ import annotations
 

@@ -23,7 +23,7 @@ def run(plans: int = PLANS) -> dict[str, Any]:
 
 
 def efficiency(plans: int) -> dict[str, Any]:
-    """Return the sequential time over cores times the time of `plan_many`, for a first and a second call."""
+    """Return the time of single plans / (cores x time of `plan_many`), for a first and a second call."""
     sms, jobs = ffsms.load("planar_3r"), min(2, usable_cores())
     tasks = paper_tasks(sms, plans, 3)
     arguments = (
@@ -51,7 +51,7 @@ def efficiency(plans: int) -> dict[str, Any]:
 
 
 def tiny() -> list[dict[str, Any]]:
-    """Return times of small plans (20 steps, by step) in growing numbers."""
+    """Return the times of 1 to 1000 small plans of 20 steps each, by `method="step"`."""
     sms = ffsms.load("planar_3r")
     targets = [task.target for task in paper_tasks(sms, 10, 3)]
     q0 = paper_tasks(sms, 1, 3)[0].q0

@@ -1,9 +1,9 @@
-"""Plan to meet tumbling clients, each of which can be met by construction.
+"""Plan rendezvous with tumbling clients, each of which can be met by construction.
 
 A case is a 7-joint arm at a random posture, a straight joint-space move to a random posture nearby, and a
 client that tumbles so that its grasp is at the end effector at the deadline. The client's corridor is
-entered along the end effector's z axis. Plans that meet are judged independently of the planner
-(`benchmarks.meet_check`). With `--bodies` the client has a body beyond the grasp, which is an obstacle.
+entered along the end effector's z axis. Plans that meet the client are checked independently of the planner
+(`meet_check.py`). With `--bodies` the client has a body beyond the grasp, which is an obstacle.
 
     python benchmarks/meet.py --clients 200
 """
@@ -28,7 +28,7 @@ from ffsms_pin.opt.trajectory import measure
 DEG = np.pi / 180.0
 DURATION, DT = 20.0, 0.02  # [s]
 CLEARANCE = 0.01  # [m]
-SLIGHT = 1e-6  # [m, or share of a limit] tolerated violation
+SLIGHT = 1e-6  # [m or share of a limit] tolerated violation
 BODY = (0.6, 0.6, 0.5)  # [m] size of the client's body with `--bodies`
 HANDLE = 0.12  # [m] by which the grasp sticks out of the body
 
@@ -40,7 +40,7 @@ def case(
     speed: float = 0.0,
     mode: str = "floating",
 ) -> tuple[np.ndarray, ffsms.Client, pin.SE3]:
-    """Draw start, client and grasp; the joints clear the robot's own body at both ends and between them.
+    """Draw start, client and grasp, with a straight move to the grasp that has no self-collision.
 
     With `bodies` the straight move also clears the client's body. The client's centre of mass moves with up
     to `speed` [m/s].
@@ -137,15 +137,15 @@ def main() -> None:
     lines = (
         ("clients met", f"{met} of {arguments.clients}"),
         (
-            "processor time, median; nine in ten within",
+            "CPU time, median; 90th percentile",
             f"{np.median(times):.2g} s; {np.quantile(times, 0.9):.2g} s",
         ),
         (
-            "at contact, at most",
+            "errors at contact, max",
             f"{1e3 * worst.position:.2f} mm, {worst.attitude / DEG:.3f} deg, "
             f"{1e3 * worst.speed:.2f} mm/s, {worst.spin / DEG:.3f} deg/s",
         ),
-        ("plans that break a joint limit, the corridor or the clearance", str(broken)),
+        ("plans that violate a joint limit, the corridor or the clearance", str(broken)),
     )
     print(markdown(("", ""), lines))
 

@@ -1,7 +1,7 @@
-"""Judge a plan that meets a client, by Pinocchio, Coal and Euler's equations alone.
+"""Check a plan that meets a client, by Pinocchio, Coal and Euler's equations alone.
 
-The servicer's base follows from its centroidal map, the client's motion from its inertia, both by the
-classical Runge-Kutta method on half the plan's step. Only the joint accelerations of the plan are used.
+The base's motion follows from the centroidal momentum matrix, the client's motion from its inertia, both by
+the classical Runge-Kutta method on half the plan's step. Only the joint accelerations of the plan are used.
 """
 
 from __future__ import annotations

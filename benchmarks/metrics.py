@@ -1,6 +1,6 @@
 """Measure how the normalised entropy depends on the unit of length and on the base's reference point.
 
-Prints the tables of docs/coupling.md:  python benchmarks/metrics.py
+Run from the repository's root: python benchmarks/metrics.py. docs/coupling.md shows the tables.
 """
 
 from __future__ import annotations

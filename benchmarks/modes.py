@@ -1,9 +1,8 @@
 """Compare many moves of two arms with the base held and floating.
 
 Run: python benchmarks/modes.py --targets 100
-The moves are drawn as in `wheels.py`: straight moves of 0.1 to 0.5 m that resolved rates can make in 12 s
-with the base floating (0.1 to 0.3 m for `planar_3r`, in its
-plane). docs/used-or-fought.md has the results.
+The moves are drawn as in `wheels.py`: straight moves of 0.1 to 0.5 m (for `planar_3r` 0.1 to 0.3 m in its
+plane) that resolved rates reach in 12 s with a floating base. docs/used-or-fought.md has the results.
 """
 
 from __future__ import annotations
@@ -64,8 +63,8 @@ def tables(name: str, rows: list[dict[str, Any]]) -> str:
         "torque [N m]": ("wheel_torque_max_Nm", 1.0),
         "energy [J]": ("wheel_energy_J", 1.0),
         "time [s]": ("time_s", 1.0),
-        "base turns [deg]": ("rotation_max_deg", 1.0),
-        "carried off [mm]": ("carried_m", 1e3),
+        "base rotation [deg]": ("rotation_max_deg", 1.0),
+        "displacement on return [mm]": ("carried_m", 1e3),
         "joint travel [rad]": ("joint_travel_rad", 1.0),
     }
     common = [row for row in rows if all(row[k]["reached"] for k in STRATEGIES if k != "restored")]
@@ -90,7 +89,7 @@ def tables(name: str, rows: list[dict[str, Any]]) -> str:
     return f"{markdown(head, lines)}\n\n{markdown(beside, less)}"
 
 
-MISSION = {  # the strategies' names in a mission, in the order of the README
+MISSION = {  # labels of the strategies in the mission table of docs/used-or-fought.md
     "held": "wheels hold the base",
     "used": "coupling used, then turned back",
     "restored": "the arm alone restores the attitude",
@@ -99,16 +98,16 @@ MISSION = {  # the strategies' names in a mission, in the order of the README
 
 
 def mission(name: str, rows: list[dict[str, Any]]) -> str:
-    """Return a Markdown table of a mission's costs for one move: medians of the moves that arrive."""
+    """Return a Markdown table of the costs of a move: medians over the moves that reach their targets."""
     cells = {
         "wheel momentum [N m s]": "wheel_momentum_max_Nms",
         "wheel energy [J]": "wheel_energy_J",
-        "base turns by [deg]": "rotation_max_deg",
+        "base rotation [deg]": "rotation_max_deg",
         "joint travel [rad]": "joint_travel_rad",
         "time [s]": "time_s",
     }
     arrived = [[row[key] for row in rows if row[key]["reached"]] for key in MISSION]
-    lines = [("arrives", *(f"{len(own)} of {len(rows)}" for own in arrived))]
+    lines = [("reached", *(f"{len(own)} of {len(rows)}" for own in arrived))]
     lines += [
         (label, *(f"{np.median([row[key] for row in own]):.2g}" for own in arrived))
         for label, key in cells.items()
@@ -122,7 +121,7 @@ def main() -> None:
     parser.add_argument("--targets", type=int, default=10)
     parser.add_argument("--arms", nargs="+", choices=tuple(ARMS), default=list(ARMS))
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--mission", action="store_true", help="the README's table instead")
+    parser.add_argument("--mission", action="store_true", help="the mission table instead")
     parser.add_argument("--time-limit", type=float, default=60.0, help="of each plan [s]")
     parser.add_argument("--out", default="results/modes.json", help="file for all numbers")
     arguments = parser.parse_args()

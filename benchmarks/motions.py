@@ -22,7 +22,7 @@ from ffsms_pin import opt
 from ffsms_pin.files import write_content
 
 DURATION, DT = 12.0, 0.02  # [s]
-METHODS = {  # with their names in the table
+METHODS = {  # methods, and their labels in the table
     "horizon": "`opt.plan`",
     "base": "`opt.plan(..., base=1)`",
     "step": "the paper's step",
@@ -50,7 +50,7 @@ def measured(sms: ffsms.SpaceManipulator, q0: Any, target: Any, method: str) -> 
 
 
 def tasks(sms: ffsms.SpaceManipulator, seed: int) -> Iterator[tuple[Any, Any, dict[str, float]]]:
-    """Yield starts, targets, and the numbers of the resolved-rate move that reaches them, without end."""
+    """Yield starts, targets, and the numbers of the resolved-rate move to them, endlessly."""
     rng = np.random.default_rng(seed)
     low, high = np.maximum(sms.limits.lower, -np.pi), np.minimum(sms.limits.upper, np.pi)
     while True:
@@ -65,7 +65,7 @@ def tasks(sms: ffsms.SpaceManipulator, seed: int) -> Iterator[tuple[Any, Any, di
 
 
 def rows(name: str, count: int, seed: int) -> list[dict[str, dict[str, float]]]:
-    """Return one row for each target, with the numbers of each method."""
+    """Return the numbers of all methods for each target."""
     sms = ffsms.load(name)
     found: list[dict[str, dict[str, float]]] = []
     for q0, target, straight in islice(tasks(sms, seed), count):
@@ -78,7 +78,7 @@ def rows(name: str, count: int, seed: int) -> list[dict[str, dict[str, float]]]:
 def table(results: dict[str, list[dict[str, dict[str, float]]]]) -> str:
     """Return a Markdown table of medians, and of ratios to the resolved-rate move."""
     head = (
-        "| arm | method | reached | cost [s] | travel, ratio (95 %) | path / straight | base turn, ratio "
+        "| arm | method | reached | cost [s] | travel, ratio (95 %) | path / straight | base rotation, ratio "
         "| time [s] |"
     )
     lines = [head, "|" + "---|" * 8]
@@ -98,8 +98,8 @@ def table(results: dict[str, list[dict[str, dict[str, float]]]]) -> str:
         excess = max(row["horizon"]["cost"] - row["step"]["cost"] for row in both)
         longer = np.median([row["horizon"]["path"] / row["step"]["path"] for row in both])
         lines.append(
-            f"| | `opt.plan` beside the paper's step ({len(both)} targets) | | at most + {excess:.2g} | "
-            f"| {longer:.2f} times as long | | |"
+            f"| | `opt.plan` compared with the paper's step ({len(both)} targets) | "
+            f"| at most + {excess:.2g} | | {longer:.2f} times as long | | |"
         )
     return "\n".join(lines)
 
@@ -109,7 +109,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     arms = ["satellite_ur5", "satellite_panda", "satellite_xarm7"]
     parser.add_argument("--arms", nargs="+", default=arms)
-    parser.add_argument("--targets", type=int, default=100, help="a robot (default: 100)")
+    parser.add_argument("--targets", type=int, default=100, help="targets per robot (default: 100)")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--out", default="results/motions.json", help="file for all numbers")
     arguments = parser.parse_args()

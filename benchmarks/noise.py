@@ -1,9 +1,9 @@
-"""Measure the final error with noisy, late sensors on plants that differ from the model: a Markdown table.
+"""Measure the final error with noisy, delayed sensors and random plants, and print a Markdown table.
 
 Run from the repository's root: python benchmarks/noise.py [--plants 30] [--jobs 2] [--sensors raw]
 Each plant is drawn at random: the masses of the arm's bodies +-30 %, the base's +-20 %, every centre of mass
-2 cm off in any direction. The reference is updated at 100 Hz and re-planned every 0.1 s, under computed
-torque at 500 Hz. `SENSORS` has the classes of the sensors. --sensors raw uses the measurements without an
+shifted by 2 cm in any direction. The reference is updated at 100 Hz and re-planned every 0.1 s; computed
+torque runs at 500 Hz. `SENSORS` has the data of the sensors. --sensors raw uses the measurements without an
 estimator, --sensors perfect the true state.
 """
 
@@ -44,8 +44,8 @@ ROWS = (("planar_3r", 1), ("satellite_panda", 1), ("planar_3r", 2))
 class Run(NamedTuple):
     """The numbers of one run.
 
-    All distances from the target are in mm: at the deadline, its part in the directions that the arm can
-    correct, its largest increase during the motion, and its largest value in the hold. The torque in the hold
+    The first four are errors in mm: at the deadline, its part in the directions that the arm can correct, its
+    largest increase during the motion, and its largest value in the hold. The torque in the hold
     (root mean square, worst joint) is divided by the torque that noise alone causes in a robot at rest.
     """
 
@@ -57,7 +57,7 @@ class Run(NamedTuple):
 
 
 def random_plant(sms: Any, rng: np.random.Generator) -> Any:
-    """Draw a plant with wrong masses and centres of mass."""
+    """Draw a plant with other masses and centres of mass than the model."""
     shifts = rng.normal(size=(sms.n + 1, 3))
     shifts *= 0.02 / np.linalg.norm(shifts, axis=1, keepdims=True)
     return perturb(
@@ -119,7 +119,8 @@ def main() -> None:
     arguments = parser.parse_args()
     print(f"{arguments.plants} random plants, {DURATION:g} s and {HOLD:g} s of hold; all but torque in mm:\n")
     print(
-        "| robot | case | within 2 mm | whole distance | median | worst | rise on the way | hold | torque |"
+        "| robot | case | within 2 mm | whole error within 2 mm | median | max "
+        "| largest increase | hold | torque |"
     )
     print("|---|---|---|---|---|---|---|---|---|")
     for row in arguments.rows:
@@ -135,7 +136,7 @@ def main() -> None:
         print(
             f"| {robot} | {case} | {(correctable <= 2.0).sum()} of {len(runs)} | {(end <= 2.0).sum()} | "
             f"{np.median(correctable):.2g} | {correctable.max():.2g} | {rise.max():.2g} | {hold.max():.2g} | "
-            f"{np.median(torque):.2g}, worst {torque.max():.2g} |",
+            f"{np.median(torque):.2g}, max {torque.max():.2g} |",
             flush=True,
         )
 

@@ -1,12 +1,12 @@
-"""Fly the packaged `nozzle` with other plants and other noise; print latches, loads and times.
+"""Simulate the packaged `nozzle` with other plants and other noise; print latches, loads and times.
 
 Run from the repository's root:
     python benchmarks/nozzle.py [--seeds 100] [--first 0] [--mujoco] [--resume FILE]
-With `--resume` each run is a line of that file. Runs in the file are not flown again, but are in the table. A
+With `--resume` each run is a line of that file. Runs in the file are not repeated, but are in the table. A
 seed draws the plant's masses and inertias, and the noise of sensors and camera; everything else is as
 packaged except the time after the catch. For each run without a latch, the reason is printed. CPU times are
 those of planning before the flight, of all re-plans, and of the whole run. With `--mujoco` each catch is
-flown again in MuJoCo, see nozzle_in_mujoco.py.
+repeated in MuJoCo, see nozzle_in_mujoco.py.
 """
 
 from __future__ import annotations
@@ -34,13 +34,13 @@ from ffsms_pin.scenarios.definition import packaged_path
 WORDS = {
     "guide": "largest force across the rod, in the guide [N]",
     "force": "largest force [N]",
-    "share": "largest share of a joint's torque",
-    "above": "share of the time above it",
-    "limited": "share of the time at it",
-    "planning": "CPU of planning [s]",
-    "replanning": "CPU of re-planning [s]",
-    "cpu": "CPU of the whole run [s]",
-    "off": "final rate off in MuJoCo, share",
+    "share": "largest joint torque, share of its limit",
+    "above": "share of the time above the limit",
+    "limited": "share of the time at the limit",
+    "planning": "CPU time of planning [s]",
+    "replanning": "CPU time of re-planning [s]",
+    "cpu": "CPU time of the whole run [s]",
+    "off": "final rates, relative difference to MuJoCo",
 }
 
 ASKED = {"guide": 20.0, "share": 1.0, "planning": 5.0, "replanning": 5.0, "off": 0.01}  # upper bounds
@@ -65,7 +65,7 @@ REPLANNING: list[float] = []
 
 
 def flown(seed: int, mujoco: bool) -> dict[str, Any]:
-    """Fly one seed, and return its numbers."""
+    """Simulate one seed, and return its numbers."""
     text = re.sub(r"(?m)^after = .*$", "after = 2.0", packaged_path("nozzle").read_text("utf-8"))
     text = text.replace("[plant.random]\nseed = 1", f"[plant.random]\nseed = {seed}")
     for table in ("[client.sensor]", "[sensors]"):
@@ -141,7 +141,7 @@ def main() -> None:
             asked = ASKED.get(name)
             beyond = "" if asked is None else f"{sum(value > asked for value in values)} above {asked:g}"
             table.append((words, str(len(values)), middle, high, most, beyond))
-    print(markdown(("", "runs", "median", "95 %", "most", "of them"), table))
+    print(markdown(("", "runs", "median", "95 %", "max", "above the bound"), table))
 
 
 if __name__ == "__main__":

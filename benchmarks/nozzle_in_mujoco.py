@@ -1,11 +1,11 @@
 """Repeat a catch of the packaged `nozzle` in MuJoCo, with the same motion of the joints.
 
-MuJoCo simulates from the hold point on, with its own dynamics and its own contact of rod and nozzle, with the
-same spring and friction (see tests/capture/test_contact_beside_mujoco.py). The grip has the load of
-`GripLoad`, and the joints have the friction of the scenario. The latch is a plastic impact, after which
-MuJoCo simulates the joined bodies. The joints have the recorded torques. In addition, feedback with the gains
-of the law keeps them on the recorded motion, because torques alone do not determine the motion of joints
-about nearly parallel axes for half a minute. Base, client and contact are not constrained.
+MuJoCo simulates the motion from the hold point on, with its own dynamics. It computes the contact of rod and
+nozzle with the same stiffness and friction (see tests/capture/test_contact_beside_mujoco.py). The grip has
+the load of `GripLoad`, and the joints have the friction of the scenario. The latch is a plastic impact, after
+which MuJoCo simulates the joined bodies. The joints have the recorded torques, and feedback with the gains of
+the law towards the recorded motion. Torques alone do not determine the motion of joints with nearly parallel
+axes for half a minute. Base, client and contact are not constrained.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
 """Count the targets reached among obstacles, and measure the clearance and the cost of the plans.
 
-Targets are reachable by construction (`benchmarks.targets`) by a straight joint-space move. Three obstacles
-are drawn near the volume that the arm sweeps in that move, but at a distance from it. The table has the share
-of targets reached among obstacles, of those that are reached without obstacles. Coal checks finished plans
-with the robot's meshes, at nodes.
+A straight joint-space move reaches each target by construction (see `targets.py`). Three obstacles
+are drawn near the volume that the arm sweeps in that move, but at a distance from it. Targets that are not
+reached without obstacles are left out. Coal checks finished plans with the robot's meshes, at every fourth
+node.
 """
 
 from __future__ import annotations
@@ -32,13 +32,13 @@ NEAR = 0.3  # [m] largest distance of an obstacle's centre from the path of a li
 MOVE = 200  # number of configurations of the straight move that are checked
 HEAD = (
     "robot, seed",
-    "reached without",
-    "among them",
-    "in the way",
-    "called clear and are not",
-    "least distance",
+    "reached without obstacles",
+    "reached among obstacles",
+    "obstacles in the way",
+    "wrongly reported clear",
+    "smallest distance",
     "CPU time, median",
-    "in all",
+    "total CPU time",
 )
 EVERY = 4  # meshes are measured at every EVERY-th node of a plan
 
@@ -81,7 +81,7 @@ def random_shape(rng: np.random.Generator) -> coal.ShapeBase:
 
 
 def obstacles_beside(sms: ffsms.SpaceManipulator, task: Task, rng: np.random.Generator) -> list[opt.Obstacle]:
-    """Draw obstacles near the straight move that the move does not touch."""
+    """Draw obstacles near the straight move, with a clearance to it."""
     profile = 1.5 * (1.0 - (2.0 * np.linspace(0.0, 1.0, MOVE + 1) - 1.0) ** 2)
     rates = profile[:, None] * (task.joint_goal - sms.joint_positions(task.q0))
     motion = rolled_out(sms, ArmStack(sms), task.q0, rates, 1.0 / MOVE)
@@ -104,7 +104,7 @@ def obstacles_beside(sms: ffsms.SpaceManipulator, task: Task, rng: np.random.Gen
 
 
 def least_distance(sms: ffsms.SpaceManipulator, plan: opt.Trajectory, obstacles: list[opt.Obstacle]) -> float:
-    """Return the least distance [m] of meshes to obstacles along a plan, at nodes."""
+    """Return the least distance [m] of meshes to obstacles along a plan, at every `EVERY`-th node."""
     meshes = Meshes(sms)
     return min(
         meshes.distance(places, one)

@@ -20,12 +20,12 @@ from table import markdown
 ROWS = (
     ("final error of the plan [mm]", "final_error_m", 1e3),
     ("cost integral [s]", "cost_integral_s", 1.0),
-    ("base rotation, largest [deg]", "base.rotation_max_deg", 1.0),
-    ("joint error of the tracked plan, largest [mrad]", "tracking.joint_error_max_rad", 1e3),
-    ("end effector from the target at the end [mm]", "tracking.final_error_m", 1e3),
-    ("total momentum, largest [kg m/s]", "tracking.momentum_linear_max_kg_m_per_s", 1.0),
-    ("the same [kg m^2/s]", "tracking.momentum_angular_max_kg_m2_per_s", 1.0),
-    ("energy less work of the torques, relative", "tracking.energy_error_relative", 1.0),
+    ("largest base rotation [deg]", "base.rotation_max_deg", 1.0),
+    ("largest joint error in the simulation [mrad]", "tracking.joint_error_max_rad", 1e3),
+    ("final error in the simulation [mm]", "tracking.final_error_m", 1e3),
+    ("largest total linear momentum [kg m/s]", "tracking.momentum_linear_max_kg_m_per_s", 1.0),
+    ("largest total angular momentum [kg m^2/s]", "tracking.momentum_angular_max_kg_m2_per_s", 1.0),
+    ("energy minus work of the torques, relative", "tracking.energy_error_relative", 1.0),
 )
 
 

@@ -1,9 +1,10 @@
-"""Follow 40 paths, ten on each of four robots: `python benchmarks/paths.py`.
+"""Follow 40 paths, ten with each of four robots.
 
+Run from the repository's root: python benchmarks/paths.py
 The paths are circles, lines, rounded squares and helices. They take 20 s after an approach of 2 s. Each path
-begins at the end effector's position in a random posture. A path is used if simple resolved-rate control,
-written here with Pinocchio, stays within the joints' ranges and rates and keeps the clearance, so the limits
-allow the path. The plans are judged by integration with Pinocchio at ten times their resolution.
+begins at the end effector's position in a random posture. A path is used only if resolved-rate
+control, written here with Pinocchio, follows it within the joints' ranges, half of their rate limits and the
+clearance. The plans are checked by integration with Pinocchio at ten times their resolution.
 """
 
 from __future__ import annotations
@@ -72,7 +73,7 @@ def curve_of(kind: str, begin: FloatArray, axes: FloatArray, size: float) -> Cur
 
 
 def allowed(sms: ffsms.SpaceManipulator, q0: FloatArray, curve: Curve, apart: Any) -> bool:
-    """Return whether simple resolved-rate control along a curve keeps ranges, rates and clearance."""
+    """Return whether resolved-rate control follows a curve within ranges, half of the rates and clearance."""
     limits, dt, q = sms.limits, 0.1, q0.copy()
     model = sms.model
     for k in range(round(PERIOD / dt)):
@@ -94,7 +95,7 @@ def allowed(sms: ffsms.SpaceManipulator, q0: FloatArray, curve: Curve, apart: An
 
 
 def paths(name: str, sms: ffsms.SpaceManipulator, seed: int) -> Iterator[tuple[str, FloatArray, Curve]]:
-    """Draw paths, cycling through the kinds; return kind, start and curve over the share s of the path."""
+    """Draw paths of all kinds in turn; yield kind, start and curve over the share s of the time."""
     rng, limits, apart = np.random.default_rng(seed), sms.limits, apart_by(sms)
     middle = np.where(np.isfinite(limits.lower + limits.upper), 0.5 * (limits.lower + limits.upper), 0.0)
     half = np.minimum(

@@ -1,8 +1,8 @@
-"""Time adam, MuJoCo and Pink at the same work as this library, in the same run.
+"""Compare the times of adam, MuJoCo and Pink with those of this library for the same computations.
 
-Their results are checked against ours before the measurement. Licences: adam BSD-3-Clause, MuJoCo and Pink
-Apache-2.0, qpsolvers (used by Pink) LGPL-3.0. A package that is not installed is named in the table, with the
-reason.
+The results are compared before the measurement. Licences: adam BSD-3-Clause, MuJoCo and Pink
+Apache-2.0, qpsolvers (used by Pink) LGPL-3.0. The table has a row without times for a package that is
+not installed.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ class Work(NamedTuple):
 
 
 def run(turns: int = 60) -> list[dict[str, Any]]:
-    """Return a row for each peer, robot and piece of work; `reason` is set if it was not measured."""
+    """Return a row for each peer, robot and computation; `reason` is set if it was not measured."""
     rows: list[dict[str, Any]] = []
     for peer, package, make in (
         ("adam", "adam-robotics", adam_work),

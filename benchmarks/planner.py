@@ -1,4 +1,4 @@
-"""Measure reach, cost and time of `opt.plan` on targets that are reachable by construction."""
+"""Measure reached targets, cost and time of `opt.plan`; all targets are reachable by construction."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def smoothness(rates: FloatArray, dt: float) -> dict[str, float]:
 
 
 def apart_by(sms: ffsms.SpaceManipulator) -> Apart:
-    """Return a check of the clearances that `opt.plan` keeps by default, by meshes or the paper's points.
+    """Return a function that checks the default clearances of `opt.plan`, by meshes or the paper's points.
 
     The planner itself checks convex parts, which are slightly larger than the meshes.
     """
@@ -57,7 +57,7 @@ def apart_by(sms: ffsms.SpaceManipulator) -> Apart:
 
 
 def limits_kept(sms: ffsms.SpaceManipulator, plan: opt.Trajectory, apart: Apart) -> bool:
-    """Return whether all limits and clearances are kept, at nodes and between them, without the planner."""
+    """Return whether limits and clearances are kept at and between nodes, without the planner's code."""
     limits = sms.limits
     if (np.abs(plan.joint_rates) > limits.velocity + 1e-9).any():
         return False

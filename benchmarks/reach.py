@@ -1,6 +1,6 @@
-"""Measure the planner's reach in space: targets of seven-joint arms that are reachable by construction.
+"""Count the reached targets of arms with seven joints; all targets are reachable by construction.
 
-`python benchmarks/reach.py` prints the table, which is also a section of `make bench`.
+Run: python benchmarks/reach.py. The table is also the section `space` of `make bench`.
 """
 
 from __future__ import annotations

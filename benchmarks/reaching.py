@@ -1,4 +1,4 @@
-"""Problems of the benchmarks of re-planning: robots, starts and targets."""
+"""Define robots, starts and targets for the benchmarks of re-planning."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Measure the time of a warm re-plan, and the final error on wrong plants: a Markdown table.
+"""Measure the time of a re-plan and the final error on random plants, and print a Markdown table.
 
 Run from the repository's root: python benchmarks/replan.py [--plants 10] [--seed 1]
 The problems are those of benchmarks/reaching.py. All re-plans of all runs are timed, without the first plans.
@@ -61,7 +61,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=1)
     arguments = parser.parse_args()
     print(
-        "| robot, case | planned once: within 2 mm | worst [mm] | planned again | worst [mm] "
+        "| robot, case | planned once: within 2 mm | max [mm] | re-planned: within 2 mm | max [mm] "
         "| first plan [ms] | re-plan, median [ms] | 99 % [ms] | median, linearisations | 99 % |"
     )
     print("|---|---|---|---|---|---|---|---|---|---|")

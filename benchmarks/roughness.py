@@ -1,4 +1,4 @@
-"""Compare the roughness of a re-planned motion and of a motion planned once: a Markdown table.
+"""Compare the roughness of a re-planned motion with that of a motion planned once; print a Markdown table.
 
 Run from the repository's root: python benchmarks/roughness.py [--plants 3]
 The problems are those of benchmarks/reaching.py, the wrong plants and the sensors those of
@@ -37,10 +37,13 @@ def measured(sms: Any, reference: Any, plan: Any, plant: Any, sensors: Any) -> l
 def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--plants", type=int, default=3, help="that are not the model")
+    parser.add_argument("--plants", type=int, default=3, help="number of random plants")
     parser.add_argument("--rows", type=int, nargs="*", default=range(len(ROWS)), help="which rows")
     arguments = parser.parse_args()
-    print("| robot, case | model | sensors | made once: step, torque, deg/s^2, mm | planned again | ratio |")
+    print(
+        "| robot, case | model | sensors | planned once: torque step [N m], torque [N m], "
+        "acceleration [deg/s^2], error [mm] | re-planned | ratio of the torque steps |"
+    )
     print("|---|---|---|---|---|---|")
     for robot, case in (ROWS[i] for i in arguments.rows):
         sms, q0, target = problem(robot, case)
@@ -54,9 +57,10 @@ def main() -> None:
                     again = opt.Replanning(opt.Problem(sms, q0, target, DURATION), plan=plan)
                     both.append([measured(sms, one, plan, plant, sensors) for one in (plan, again)])
                 once, again = np.max(both, axis=0)
-                told = [", ".join(f"{x:.2g}" for x in one) for one in (once, again)]
+                cells = [", ".join(f"{x:.2g}" for x in one) for one in (once, again)]
                 print(
-                    f"| {robot}, {case} | {model} | {kind} | {' | '.join(told)} | {again[0] / once[0]:.2f} |",
+                    f"| {robot}, {case} | {model} | {kind} | {' | '.join(cells)} "
+                    f"| {again[0] / once[0]:.2f} |",
                     flush=True,
                 )
 

@@ -2,7 +2,7 @@
 
 All tables are written to one Markdown file and all numbers to one JSON file. `--only` chooses sections. One
 core is used, except for the section `many`. Compare ratios, because their numerators and denominators are
-measured in turns in the same run.
+measured alternately in the same run.
 """
 
 from __future__ import annotations
@@ -33,9 +33,9 @@ from planner import DT, paper_tasks, run_plans, smoothness
 import ffsms_pin as ffsms
 from ffsms_pin.files import write_content
 
-COARSE = 100  # number of steps of the nonlinear programme
+COARSE = 100  # number of steps of the nonlinear program
 TIME_LIMIT = 120.0  # [s] time limit of a solution
-# The forms of the programme: label, True for the plan's time grid, `expanded` of `ipopt.solve`.
+# The forms of the program: label, True for the plan's time grid, `expanded` of `ipopt.solve`.
 FORMS = {
     "coarse": (f"IPOPT, {COARSE} steps", False, True),
     "graph": (f"IPOPT, {COARSE} steps, as a graph", False, False),
@@ -82,17 +82,15 @@ def parser() -> argparse.ArgumentParser:
     )
     p.add_argument("--seeds", type=int, nargs="+", default=[2], help="of the targets (default: 2)")
     p.add_argument("--kappa", type=float, nargs="+", default=[10.0, 1.0], help="default: 10 1")
-    p.add_argument("--reach", type=int, default=100, help="targets for reach, a seed (default: 100)")
-    p.add_argument("--space", type=int, default=100, help="targets in space, a set (default: 100)")
-    p.add_argument("--targets", type=int, default=10, help="targets beside IPOPT, a seed (default: 10)")
-    p.add_argument(
-        "--fine", type=int, default=2, help="of these, how many on the plan's own grid (default: 2)"
-    )
+    p.add_argument("--reach", type=int, default=100, help="targets of `reach` per seed (default: 100)")
+    p.add_argument("--space", type=int, default=100, help="targets of `space` per set (default: 100)")
+    p.add_argument("--targets", type=int, default=10, help="targets of `cost` per seed (default: 10)")
+    p.add_argument("--fine", type=int, default=2, help="number of these on the plan's own grid (default: 2)")
     p.add_argument("--clear", type=int, default=40, help="targets of each satellite (default: 40)")
     p.add_argument(
-        "--each", type=int, nargs=2, default=[12, 4], help="targets a kind, 3 and 7 joints (default: 12 4)"
+        "--each", type=int, nargs=2, default=[12, 4], help="targets per kind, 3 and 7 joints (default: 12 4)"
     )
-    p.add_argument("--plans", type=int, default=200, help="plans over processes (default: 200)")
+    p.add_argument("--plans", type=int, default=200, help="plans of `many` (default: 200)")
     p.add_argument("--bare", action="store_true", help="print tables alone, for docs/records.py")
     p.add_argument("--out", default="results/bench.json", help="file for all numbers; tables beside it")
     return p
@@ -133,7 +131,7 @@ def reach(sms: ffsms.SpaceManipulator, kappa: float, seed: int, count: int) -> d
 
 
 def compare(sms: ffsms.SpaceManipulator, kappa: float, seed: int, count: int, fine: int) -> dict[str, Any]:
-    """Solve the same tasks by the planner and by the nonlinear programme in each of its `FORMS`."""
+    """Solve the same tasks by the planner and by the nonlinear program in each of its `FORMS`."""
     from ipopt import solve
 
     tasks = paper_tasks(sms, count, seed)
@@ -179,8 +177,8 @@ def print_reach(results: list[dict[str, Any]]) -> None:
 def print_costs(results: list[dict[str, Any]]) -> None:
     """Print the library's and IPOPT's costs: medians over the same targets."""
     print(
-        "\n| kappa | seed | planner | done | median cost [s] | worst excess of ours [s] | building [ms] | "
-        "solving [ms] | both over ours | solving over ours | sign changes | "
+        "\n| kappa | seed | planner | solved | median cost [s] | largest excess of `opt.plan` [s] | "
+        "building [ms] | solving [ms] | ratio of total times | ratio of solving times | sign changes | "
         "integral of squared acceleration |"
     )
     print("|" + "---|" * 12)
@@ -214,11 +212,11 @@ def row_of(label: str, r: dict[str, Any], rows: list[dict[str, Any]], plans: lis
 
 SECTIONS: dict[str, Section] = {
     "startup": ("Start-up, whole processes", lambda _: startup.run(), table.startup),
-    "state": ("A state and a control step over their floors", lambda _: state_floor.run(), table.state),
-    "step": ("A planning step over its floor", lambda _: step_floor.run(), step_floor.report),
-    "peers": ("The same work by others", lambda _: peers.run(), table.peers),
+    "state": ("A state and a control step, and their floors", lambda _: state_floor.run(), table.state),
+    "step": ("A planning step and its floor", lambda _: step_floor.run(), step_floor.report),
+    "peers": ("Other libraries", lambda _: peers.run(), table.peers),
     "sizes": ("Growth with joints and duration", lambda _: sizes.run(), table.sizes),
-    "many": ("Many plans over processes", lambda a: many.run(a.plans), table.many),
+    "many": ("Many plans in several processes", lambda a: many.run(a.plans), table.many),
     "reach": ("Reach of the planner", reach_section, lambda found: printed(print_reach, found)),
     "space": (
         "Reach of the planner in space",
@@ -226,16 +224,16 @@ SECTIONS: dict[str, Section] = {
         space.report,
     ),
     "clear": (
-        "Plans called clear, judged on the meshes",
+        "Plans reported clear, checked on the meshes",
         lambda a: clearances.run(a.clear, a.seeds[0]),
         clearances.report,
     ),
     "strategies": (
-        "What each strategy of the search earns",
+        "Effect of each strategy of the search",
         lambda a: strategies.run(tuple(a.each), a.seeds[0]),
         strategies.report,
     ),
-    "cost": ("The plan beside IPOPT", cost_section, lambda found: printed(print_costs, found)),
+    "cost": ("The plan compared with IPOPT", cost_section, lambda found: printed(print_costs, found)),
 }
 
 

@@ -1,4 +1,4 @@
-"""Measure time over the number of joints, and time and memory over the length of a simulation."""
+"""Measure times against the number of joints, and time and memory against the length of a simulation."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ STATES, STEP, DT = 10, 0.01, 1e-3  # number of states, [s] planning step, [s] co
 
 
 def run(turns: int = 40, hour: bool = True) -> dict[str, Any]:
-    """Measure times over the number of joints and over the duration."""
+    """Return times for several numbers of joints and durations."""
     rows = [joints(n, turns) for n in JOINTS]
     what = ("state", "planning step", "control step")
     exponents = {name: exponent([(row["joints"], row[name]["median"]) for row in rows]) for name in what}
@@ -104,7 +104,8 @@ def planned(n: int) -> dict[str, Any]:
     }
 
 
-# The joints swing steadily, so only the recording grows. Each run has its own process, to measure memory.
+# Only the recording grows, because the joints swing with constant amplitude. Each run has its own process, so
+# that its memory can be measured.
 SIMULATION = """
 import json, sys, time, numpy as np, resource
 import ffsms_pin as ffsms
@@ -121,7 +122,7 @@ class Sway:
 
 law = ffsms.SlidingModeController(sms)
 
-def taken():  # [MB] what the system cannot take back: mapped files, it can
+def taken():  # [MB] anonymous memory, without mapped files
     lines = open("/proc/self/status").read().split("\\n")
     return sum(int(line.split()[1]) for line in lines if line.startswith("RssAnon")) / 1024
 

@@ -30,7 +30,7 @@ BASE = "import pinocchio, numpy"
 
 
 def run(repeats: int = 15) -> dict[str, Any]:
-    """Return times of whole processes, in turns, and their ratios to importing Pinocchio and NumPy."""
+    """Return times of whole processes, run alternately, and ratios to importing Pinocchio and NumPy."""
     samples: dict[str, list[float]] = {name: [] for name in PROGRAMS}
     # Byte code is cached, as for an installed package, even if the environment forbids caches.
     with tempfile.TemporaryDirectory() as cache:

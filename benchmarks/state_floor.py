@@ -1,10 +1,9 @@
 """Compare states and control steps with the least library calls that they need: Markdown tables.
 
 Run from the repository's root: python benchmarks/state_floor.py
-The library and the floor (the sum of these calls) process the same states in the same run, in short turns.
-The least time of each is used, because other load on the machine affects it least. Compare ratios. The floor
-calls LAPACK directly; with NumPy's
-solve and SVD it would be higher (`numpy_us`).
+The library and the floor (the sum of these calls) process the same states in the same run, alternately. The
+shortest time of each is used, because other load on the machine affects it least. Compare ratios. The floor
+calls LAPACK directly; with NumPy's solve and SVD it would be higher (`numpy_us`).
 """
 
 from __future__ import annotations
@@ -32,10 +31,11 @@ _WORLD, _AXES = pin.Convention.WORLD, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
 
 
 class Floor(TypedDict):
-    """The times of a piece of work in microseconds, each the least of many turns.
+    """The times of an operation in microseconds, each the shortest of many repetitions.
 
-    `parts` are the unavoidable calls by name and `floor_us` their sum; `least_us` is the time of the library,
-    and `ratio` its multiple of the floor. `numpy_us` is the floor with `numpy.linalg` in place of LAPACK.
+    `parts` are the calls of the floor by name and `floor_us` their sum; `least_us` is the time of the
+    library, and `ratio` its multiple of the floor. `numpy_us` is the floor with `numpy.linalg` in place of
+    LAPACK.
     """
 
     what: str
@@ -224,7 +224,10 @@ def where(robot: str, turns: int = TURNS) -> dict[str, float]:
 
 def main() -> None:
     """Print the tables."""
-    print("| what | robot | time [us] | unavoidable [us] | with numpy.linalg [us] | ratio | of which |")
+    print(
+        "| operation | robot | time [us] | floor [us] | floor with numpy.linalg [us] | ratio "
+        "| calls of the floor |"
+    )
     print("|---|---|---|---|---|---|---|")
     for rows in run().values():
         for row in rows:
@@ -235,7 +238,7 @@ def main() -> None:
                 flush=True,
             )
     found = [where(robot) for robot in ROBOTS]
-    print(f"\n| where it goes [us] | {' | '.join(ROBOTS)} |\n|---|{'---|' * len(ROBOTS)}")
+    print(f"\n| part [us] | {' | '.join(ROBOTS)} |\n|---|{'---|' * len(ROBOTS)}")
     for name in found[0]:
         print(f"| {name} | {' | '.join(f'{one[name]:.1f}' for one in found)} |")
 

@@ -6,8 +6,8 @@ tables:
 
     OMP_NUM_THREADS=1 python benchmarks/step_floor.py
 
-Other programs on the machine lengthen single calls by milliseconds. So a rollout is repeated with
-the same work at every step, and a step's time is the least of its repeats.
+Other programs on the machine lengthen single calls by milliseconds. Therefore a rollout is repeated with
+identical steps, and the time of a step is the shortest of its repetitions.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ PARTS: dict[str, tuple[Any, tuple[str, ...]]] = {
     "direction, objective, all rows in alpha": (stepper, ("ideal_cosine", "programme_of")),
     "ProxQP, its active rows solved exactly": (StepSolver, ("solve",)),
 }
-REST = "the rest: rates, cosine, cost; reading the clock"
+REST = "remainder: rates, cosine, cost, reading the clock"
 CALLS = ("crba with Jacobians", "frame Jacobian", "6 x 6 solve", "SVD", "ProxQP, warm")
 
 
@@ -79,7 +79,7 @@ def run(repeats: int = 7) -> dict[str, Any]:
 
 
 def roll_out_steps(name: str) -> Task:
-    """Roll out a long reach of the planar arm, or one of similar size with another robot."""
+    """Roll out a long motion of the planar arm, or one of similar size with another robot."""
     sms = ffsms.load(name)
     if name == "planar_3r":
         q, duration = sms.configuration(np.deg2rad([1.0, 1.0, 1.0])), 12.0
@@ -113,7 +113,7 @@ def _stepper(sms: ffsms.SpaceManipulator) -> Stepper:
 def measure(task: Task, repeats: int) -> dict[str, Any]:
     """Measure the times of a rollout's steps and of their floors [us]."""
     empty = _clock()
-    # Step and floor are timed in turns, so that other load slows both.
+    # Step and floor are timed alternately, so that other load slows both.
     times = [(_steps(task), _floors(task), _parts(task)) for _ in range(repeats)]
     steps = np.min([step for step, _, _ in times], axis=0) - empty
     floors = np.array([floor for _, floor, _ in times]) - empty
@@ -135,7 +135,7 @@ def measure(task: Task, repeats: int) -> dict[str, Any]:
 
 
 def _clock() -> float:
-    """Return the time that two readings of the clock take [us]."""
+    """Return the time between two successive readings of the clock [us]."""
     now = time.perf_counter_ns
     return 1e-3 * float(np.median([-(now() - now()) for _ in range(10000)]))
 
@@ -225,7 +225,7 @@ def report(results: dict[str, Any]) -> str:
         lines.append(f"| `{name}` | {calls} | {r['floor']:.1f} |")
     lines.append("")
     lines.append(
-        "| model | step, median [us] | step / floor | 99.9th percentile [us] | over the median | steps |"
+        "| model | step, median [us] | step / floor | 99.9th percentile [us] | percentile / median | steps |"
     )
     lines.append("|" + "---|" * 6)
     lines += [

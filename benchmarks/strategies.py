@@ -1,10 +1,10 @@
-"""Measure the effect of each strategy of the search by leaving it out.
+"""Measure the effect of each strategy of the search by omitting it.
 
-Targets are easy (with kappa 10 and 1), near, beside the start, hard, obstructed, short, hurried, with
-momentum, and with weak wheels. A straight joint-space move with a reacting base reaches the targets, except
-the obstructed targets, some of the hard and short targets, and those with weak wheels. Hurried targets are
-reached by `method="resolved-rate"` in little more than the minimum time. `python benchmarks/strategies.py`
-prints the table, as does `make bench` with `BENCH="--only strategies"`.
+The kinds of targets are easy (with kappa 10 and 1), near, beside the start, hard, obstructed, short, hurried,
+with momentum, and with weak wheels. A straight joint-space move with a floating base reaches the targets,
+except the obstructed targets, some of the hard and short targets, and those with weak wheels. Hurried targets
+are reached by `method="resolved-rate"` in little more than the minimum time. `python
+benchmarks/strategies.py` prints the table, as does `make bench` with `BENCH="--only strategies"`.
 """
 
 from __future__ import annotations
@@ -142,7 +142,7 @@ def _straight(
     duration: float,
     momentum: FloatArray | None,
 ) -> Rollouts:
-    """Return the straight move, from rest to rest."""
+    """Return the rollout of a straight joint move from rest to rest."""
     s = np.linspace(0.0, 1.0, round(duration / DT) + 1)
     rates = (6.0 * s * (1.0 - s))[:, None] * way / duration
     return rolled_out(sms, stack, q0, rates, duration / (len(s) - 1), momentum)
@@ -164,7 +164,7 @@ def _momentum(stack: ArmStack, start: FloatArray, duration: float, rng: np.rando
 
 
 def _in_the_way(stack: ArmStack, move: Rollouts) -> list[opt.Obstacle]:
-    """Return balls at the end effector after half of the time, and at the last joint after a third."""
+    """Return spheres at the end effector after half of the time, and at the last joint after a third."""
     third = len(move.times) // 3
     middle = move.end_effector[:, 0, len(move.times) // 2]
     wrist = move.com[:, third] + move.base_attitude[:, :, 0, third] @ (
@@ -230,14 +230,14 @@ def report(rows: list[dict[str, Any]]) -> str:
         ]
         words = (
             "within tolerance",
-            "break a limit",
+            "violate a limit",
             "cost, median",
             "95 %",
             "travel [rad]",
-            "detour, beside [mm]",
+            "largest error, beside [mm]",
         )
-        head = ("taken out", *KINDS, *words, "CPU [s]")
-        parts.append(f"{model}: what is reached; costs [s] where both reach\n\n{markdown(head, table)}")
+        head = ("strategy left out", *KINDS, *words, "CPU [s]")
+        parts.append(f"{model}: reached targets; costs [s] if both plans reach\n\n{markdown(head, table)}")
     return "\n\n".join(parts)
 
 

@@ -1,4 +1,4 @@
-"""Format results as Markdown tables, one for each section; the heads distinguish ratios and times."""
+"""Format results as Markdown tables, one or more for each section."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def startup(found: dict[str, Any]) -> str:
         (name, spread(found["times"][name], 1e3, 0), f"{found['ratios'][name]:.2f}")
         for name in found["times"]
     ]
-    return markdown(("process", "time [ms], median (10 to 90 %)", "over pinocchio and numpy"), rows)
+    return markdown(("process", "time [ms], median (10 to 90 %)", "relative to pinocchio and numpy"), rows)
 
 
 def state(found: dict[str, Any]) -> str:
@@ -62,7 +62,7 @@ def state(found: dict[str, Any]) -> str:
 
 
 def peers(found: list[dict[str, Any]]) -> str:
-    """Return the table of the same work by other libraries."""
+    """Return the table that compares other libraries."""
     rows = []
     for row in found:
         who = f"{row['peer']} {row.get('version', '')}".strip()
@@ -118,9 +118,9 @@ def sizes(found: dict[str, Any]) -> str:
     third = markdown(
         (
             "simulated [s]",
-            "time a step [us]",
-            "memory taken [MB]",
-            "bytes a step",
+            "time per step [us]",
+            "memory [MB]",
+            "bytes per step",
             "largest momentum",
         ),
         runs,

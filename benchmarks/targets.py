@@ -1,9 +1,9 @@
-"""Targets that are reachable by construction.
+"""Draw targets that are reachable by construction.
 
 A joint goal is drawn from 90 % of the joint box. If the straight joint-space move to it keeps the clearances
 that `opt.plan` keeps by default, the target is the position (or pose) of the end effector at its end, with a
-reacting base. The duration is 1.5 times the minimum time of the slowest joint, so the straight move is a
-solution. Clearances are those with which `opt.Clearance` judges finished motions: between the bodies'
+floating base. The duration is 1.5 times the minimum time of the slowest joint, so the straight move is a
+solution. Clearances are those by which `opt.Clearance` checks finished motions: between the bodies'
 collision shapes, and between the paper's points (const4 to const7) for planar arms and bodies without shapes.
 """
 
@@ -28,7 +28,7 @@ STEPS = 120  # number of steps of the straight move, for its clearances and the 
 
 
 class Task(NamedTuple):
-    """A start, a target, a duration, the joint goal behind them, and the target as a pose (pinocchio.SE3)."""
+    """A start, a target, a duration, the joint goal that defines the target, and its pose (pinocchio.SE3)."""
 
     q0: FloatArray
     target: FloatArray

@@ -1,4 +1,4 @@
-"""Time calls in turns, so that other load affects all of them, and time whole commands."""
+"""Time calls alternately, so that other load affects all of them, and time whole commands."""
 
 from __future__ import annotations
 
@@ -31,16 +31,16 @@ def times(samples: ArrayLike) -> Times:
 
 
 def in_turns(calls: Mapping[str, Callable[[int], Any]], turns: int = 60, inner: int = 20) -> dict[str, Times]:
-    """Time calls in turns.
+    """Time calls alternately.
 
     Parameters
     ----------
     calls : mapping of str to callable
-        Functions of a running number, by which they choose a state.
+        Functions of the index of a state.
     turns : int
-        The number of turns of each call.
+        The number of series of each function.
     inner : int
-        The number of calls per turn. Each is a sample, so that an interruption affects one sample only.
+        The number of calls per series. Each call is a sample, so an interruption affects one sample only.
     """
     for call in calls.values():
         call(0)  # the first use fills caches

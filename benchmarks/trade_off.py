@@ -1,6 +1,6 @@
 """Measure cost, base rotation and joint travel for different weights of `opt.BaseTurn` and `opt.Effort`.
 
-`python benchmarks/trade_off.py --targets 10 --figure docs/images/trade-off.png` makes the figure of the docs.
+`python benchmarks/trade_off.py --targets 10 --figure docs/images/trade-off.png` draws the figure of the docs.
 The targets are those of `motions.py`. The figure has medians; base rotation and joint travel are divided by
 those of the resolved-rate move for each target. `--draw` draws the numbers of an earlier run.
 """
@@ -25,7 +25,7 @@ BASE = (0.0, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 100.0)  # weights of opt.Base
 EFFORT = (1e-4, 1e-3, 1e-2, 1e-1, 1.0)  # weights of opt.Effort, without opt.BaseTurn
 NUMBERS = ("cost", "turn", "travel")
 FAMILIES = ("base", "effort")
-# Weights that the figure writes beside their points; the labels of other weights would overlap.
+# Weights with labels in the figure; the labels of other weights would overlap.
 LABELLED = {"base": BASE[5:], "effort": (1e-2, 1.0)}
 OTHERS = {"step": 'method="step"', "resolved-rate": 'method="resolved-rate"'}
 
@@ -108,7 +108,7 @@ def _families(ax: Any, found: dict[str, dict[str, float]], key: str) -> None:
 
 def table(results: dict[str, dict[str, dict[str, float]]]) -> str:
     """Return a Markdown table of the medians."""
-    lines = ["| arm | setting | reached | cost [s] | base turn | joint travel |", "|" + "---|" * 6]
+    lines = ["| arm | setting | reached | cost [s] | base rotation | joint travel |", "|" + "---|" * 6]
     for name, found in results.items():
         lines += [
             f"| `{name}` | {setting} | {row['reached']:.0f} of {row['targets']:.0f} | {row['cost']:.2g} "
@@ -122,7 +122,7 @@ def main() -> None:
     """Measure, print the table and draw the figure."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--arms", nargs="+", default=["satellite_ur5", "satellite_panda"])
-    parser.add_argument("--targets", type=int, default=10, help="a robot (default: 10)")
+    parser.add_argument("--targets", type=int, default=10, help="targets per robot (default: 10)")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--out", default="results/trade-off.json", help="file for all numbers")
     parser.add_argument("--figure", default="results/trade-off.png", help="file for the figure")

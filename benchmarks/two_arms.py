@@ -1,7 +1,8 @@
-"""Measure by how much the second arm reduces the base's rotation while the first moves to a goal.
+"""Measure the base rotation while one arm moves to a goal, with the second arm free and locked.
 
 Run: python benchmarks/two_arms.py
-Robot, start and position goal are those of docs/goals.md. The pose goal also turns the hand by 0.25 rad.
+Robot, start and position goal are those of docs/goals.md. The pose goal also rotates the end effector by
+0.25 rad.
 """
 
 from __future__ import annotations
@@ -15,8 +16,8 @@ from ffsms_pin import opt
 
 HALF = [0.3, 0.5, 0.2, -1.0, 0.2, 0.6, 0.1]  # [rad] joint positions of each arm
 WAY, TURN, DURATION = np.array([-0.15, -0.1, 0.15]), np.array([0.0, 0.0, 0.25]), 15.0  # [m], [rad], [s]
-ASKED = {
-    "no price": {},
+SETTINGS = {
+    "no penalty": {},
     "`base=1`": {"base": 1.0},
     "`base=100`": {"base": 100.0},
     "`BaseLimits(attitude=np.radians(0.3))`": {"base_limits": opt.BaseLimits(attitude=np.radians(0.3))},
@@ -24,7 +25,7 @@ ASKED = {
 }
 
 
-def said(plan: opt.Trajectory) -> str:
+def cell(plan: opt.Trajectory) -> str:
     """Return a cell of the table: the base's rotation and, if the target is missed, the final error."""
     turn = f"{np.degrees(plan.base_rotation.max()):.2g} deg"
     return turn if plan.reached else f"{turn}, missed by {1e3 * plan.position_error[-1]:.0f} mm"
@@ -41,21 +42,21 @@ if __name__ == "__main__":
         (
             label,
             *(
-                said(opt.plan(sms, q0, goal, DURATION, locked=names, **words))
+                cell(opt.plan(sms, q0, goal, DURATION, locked=names, **options))
                 for goal in (place, pose)
                 for names in ((), locked)
             ),
         )
-        for label, words in ASKED.items()
+        for label, options in SETTINGS.items()
     ]
     print(
         markdown(
             (
-                "largest turn of the base",
-                "place: both arms",
-                "second arm locked",
+                "largest base rotation",
+                "position: both arms",
+                "position: second arm locked",
                 "pose: both arms",
-                "locked",
+                "pose: second arm locked",
             ),
             lines,
         )

@@ -1,9 +1,9 @@
-"""Measure the momentum over an hour of turning wheels, and the attitude held on the README's moves.
+"""Measure the momentum error in an hour with moving wheels, and the error of an attitude held by wheels.
 
 Run `python benchmarks/wheels.py --targets 20` for the moves, and `python benchmarks/wheels.py --hour
 [--integrator NAME]` for the hour. The moves are those of `motions.py`; four wheels hold the attitude. Plans
-take this into account (`opt.plan(..., mode="rotation-floating")`), or are for a floating base and ignore the
-wheels.
+include the held attitude (`opt.plan(..., mode="rotation-floating")`), or are for a floating base and ignore
+the wheels.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ class Swinging:
 
 
 def an_hour(seconds: float, integrator: str, dt: float) -> dict[str, float]:
-    """Return the relative error of the total momentum over an hour."""
+    """Return the relative error of the total momentum over a run [s] with steps dt [s]."""
     sms = ffsms.load("planar_3r").with_actuators(wheels=SMALL)
     start, began = [0.4, -0.3, 0.2, 0.5], time.process_time()
     run = ffsms.simulate(
@@ -142,7 +142,7 @@ def hour(integrator: str) -> str:
         )
         for run in runs
     ]
-    return markdown(("flight [s]", "step [ms]", "momentum changed by, relative", "processor time [s]"), lines)
+    return markdown(("flight [s]", "step [ms]", "relative change of the momentum", "CPU time [s]"), lines)
 
 
 def main() -> None:
@@ -169,13 +169,13 @@ def main() -> None:
                 lines.append(line(f"`{name}`, planned {mode}", duration, own))
     head = (
         "plans",
-        "time",
+        "duration",
         "reached",
-        "held within 0.1 deg",
-        "median, largest error",
-        "at a limit of torque",
+        "attitude within 0.1 deg",
+        "attitude error, median, max",
+        "at a torque limit",
     )
-    print(markdown((*head, "largest momentum", "off the planned one"), lines))
+    print(markdown((*head, "largest momentum", "difference from the plan"), lines))
 
 
 if __name__ == "__main__":

@@ -1,7 +1,8 @@
-"""Run all solvers on the problem set: `python -m benchmarks.problems --solvers ours resolved-rate`.
+"""Run all solvers on the problem set.
 
-Each result is a row of a file, written at once; results in the file are not computed again. The table beside
-the file has how many problems of each family the judge accepts as solved in limited CPU time.
+Run: python -m benchmarks.problems --solvers ours resolved-rate
+Each result is appended to a file; results in the file are not computed again. The table has the number of
+problems of each family that are solved, according to the judge, within a limit of CPU time.
 """
 
 from __future__ import annotations
@@ -32,11 +33,12 @@ SOLVERS: dict[str, tuple[str, dict[str, Any]]] = {
     "ipopt": ("nonlinear", {}),
     "crocoddyl": ("crocoddyl_ddp", {}),
 }
-BESIDE = "resolved-rate"  # the solver by whose costs, travels and turns those of the others are divided
+# The solver to whose costs, joint travels and base rotations those of the others are relative.
+BESIDE = "resolved-rate"
 
 
 class OutOfTime(BaseException):
-    """The end of a solver's time, a BaseException so that no solver catches it."""
+    """Raised if a solver exceeds its CPU time; a BaseException, so that no solver catches it."""
 
 
 def run(solver: str, problem: Problem, seconds: float) -> dict[str, Any]:
@@ -74,14 +76,15 @@ def family(row: dict[str, Any]) -> str:
 
 
 def share(rows: list[dict[str, Any]]) -> str:
-    """Return how many are solved as text: n/a if the solver does not apply, "" if it was not run."""
+    """Return the number of solved problems, n/a if the solver does not apply, "" if it was not run."""
     count = sum(row["applies"] for row in rows)
     return f"{sum(row['solved'] for row in rows)} of {count}" if count else "n/a" if rows else ""
 
 
 def table(rows: list[dict[str, Any]]) -> str:
     """Return a Markdown table with a line for each solver."""
-    head = ["solver", *FAMILIES, "all", "exactly", "break a limit", "cost", "travel", "base turn", "CPU [s]"]
+    columns = ("all", "exact", "limit violated", "cost", "travel", "base rotation", "CPU [s]")
+    head = ["solver", *FAMILIES, *columns]
     lines = [f"| {' | '.join(head)} |", "|" + "---|" * len(head)]
     beside = {row["problem"]: row for row in rows if row["solver"] == BESIDE and row["solved"]}
     for solver in SOLVERS:
@@ -109,7 +112,7 @@ def table(rows: list[dict[str, Any]]) -> str:
         )
         lines.append(
             f"\nThe library and the judge agree on {agree} of {len(sure)} plans: reached, exact, limits kept."
-            f" Of {len(said) - len(sure)} more the library could not prove the clearance between instants."
+            f" For {len(said) - len(sure)} more, the library could not prove the clearance between instants."
         )
     return "\n".join(lines)
 
@@ -120,9 +123,9 @@ def main() -> None:
     parser.add_argument("--solvers", nargs="+", choices=SOLVERS, default=list(SOLVERS), help="default: all")
     parser.add_argument("--families", nargs="+", choices=FAMILIES, default=FAMILIES, help="default: all")
     parser.add_argument("--limit", type=int, help="problems of each family (default: all)")
-    parser.add_argument("--seconds", type=float, default=30.0, help="of CPU time a problem (default: 30)")
+    parser.add_argument("--seconds", type=float, default=30.0, help="CPU time per problem [s] (default: 30)")
     parser.add_argument("--out", type=Path, default=Path("results/problems.jsonl"), help="file for the rows")
-    parser.add_argument("--table", action="store_true", help="only the table of the rows that there are")
+    parser.add_argument("--table", action="store_true", help="print only the table of the existing rows")
     given = parser.parse_args()
     given.out.parent.mkdir(parents=True, exist_ok=True)
     known = given.out.read_text("utf-8").splitlines() if given.out.exists() else []

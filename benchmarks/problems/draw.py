@@ -1,4 +1,4 @@
-"""Draw the common parts of all problems: a start, and motions that keep the joints' limits."""
+"""Draw the parts that all problems have: a start, and motions within the joints' limits."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ Motion = dict[str, Array]
 
 
 class Redraw(Exception):
-    """The error if a draw cannot be used."""
+    """Raised if a draw cannot be used."""
 
 
 def rounded(values: Any) -> list[float]:
@@ -107,7 +107,8 @@ class Draw:
     def timed(self, joints: Array, rates: Array, duration: float, part: float = 1.0) -> Motion:
         """Return a witness through joints (K, n) with rates (K, n) over `part` of the time, then at rest.
 
-        The rates are those of a motion that takes `duration` [s]; it is made as long as the joints need.
+        The rates are those of a motion of `duration` [s]. The motion is lengthened until the joints keep
+        their limits.
         """
         steps = duration / (len(joints) - 1)
         hardest = max(
@@ -129,7 +130,7 @@ class Draw:
         return {"t": t, "joints": joints, "rates": rates}
 
     def straight(self, *postures: Array, part: float = 0.9) -> Motion:
-        """Return straight moves from one posture to the next, each from rest to rest, then a rest."""
+        """Return straight moves between successive postures, each from rest to rest, and then rest."""
         way, speed = profile(NODES // (len(postures) - 1))
         joints, rates = [postures[0][None]], [0.0 * postures[0][None]]
         for here, there in pairwise(postures):

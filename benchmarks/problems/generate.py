@@ -1,9 +1,10 @@
-"""Write the 500 problems: `python -m benchmarks.problems.generate`. The files are the same every time.
+"""Write the 500 problems; each run writes the same files.
 
-Each problem is drawn around a motion that solves it, its witness, which no solver gets: a straight joint
-move, one by way of a third posture, one in the reaction null space, or one that ends moving. A problem that
-the judge does not accept as solved by its witness is drawn again. So each problem can be solved, and no
-planner has an influence on the choice.
+Run: python -m benchmarks.problems.generate
+Each problem is drawn from a motion that solves it, its witness, which no solver gets. The witness is a
+straight joint move, a move through a third posture, a move in the reaction null space, or a move that ends
+with nonzero rates. A problem is drawn again if the judge does not accept its witness. Therefore each problem
+can be solved, and no planner influences the selection.
 """
 
 from __future__ import annotations
@@ -32,7 +33,7 @@ from benchmarks.problems.judge import EXACT, FAMILIES, HERE, Array, World, clien
 
 SEED = 26
 ARMS = ("ur5", "panda", "xarm7")
-# The number of problems of each family, and the robots, which take turns.
+# The number of problems of each family, and the robots, which alternate.
 SETS: dict[str, tuple[int, tuple[str, ...]]] = {
     "positions": (100, ("planar_3r", *ARMS, "space_arm_7")),
     "poses": (100, (*ARMS, "space_arm_7")),
@@ -52,7 +53,7 @@ CLIENT_TURN = 0.2  # [rad] tolerance of the attitude of a client's grasp in the 
 
 
 def plain(draw: Draw, turned: bool) -> Motion:
-    """Return a position or pose as goal, reached by a straight move."""
+    """Set a position or a pose as goal, and return its witness, a straight move."""
     other = draw.posture(0.9)
     draw.clear(draw.world, draw.world.q0, np.concatenate([draw.world.q0[:7], other]))
     motion = draw.straight(draw.start, other)
@@ -62,7 +63,7 @@ def plain(draw: Draw, turned: bool) -> Motion:
 
 
 def held(draw: Draw) -> Motion:
-    """Return a base that has to keep its attitude, by a move in the reaction null space of the attitude."""
+    """Set a limit on the base attitude, and return its witness, a move in the reaction null space."""
     way, length = draw.rng.normal(size=draw.world.n), draw.rng.uniform(1.5, 4.0)
     way /= np.linalg.norm(way)
     draw.clear(draw.world, draw.world.q0)
@@ -78,7 +79,7 @@ def held(draw: Draw) -> Motion:
         middle = slope(joints[-1] + 0.5 * h * slopes[-1])
         joints.append(joints[-1] + h * middle)
         slopes.append(slope(joints[-1]))
-    # The speed along the path rises and falls.
+    # The speed along the path has a ramp at both ends.
     gone, speed = profile(NODES)
     points = np.column_stack([np.interp(gone[:, 0] * NODES, range(NODES + 1), x) for x in np.array(joints).T])
     rates = speed * length * np.array([slope(x) for x in points])
@@ -100,7 +101,7 @@ def held(draw: Draw) -> Motion:
 
 
 def obstacles(draw: Draw) -> Motion:
-    """Return obstacles in the way of the straight move, and others beside a detour around them."""
+    """Set obstacles on the path of the straight move and beside a detour, and return the detour."""
     rng, other = draw.rng, draw.posture(0.9)
     aside = 0.5 * (draw.start + other) + rng.uniform(-1.5, 1.5, draw.world.n)
     draw.clear(draw.world, draw.world.q0, np.concatenate([draw.world.q0[:7], other]))
@@ -131,7 +132,7 @@ def obstacles(draw: Draw) -> Motion:
 
 
 def clients(draw: Draw) -> Motion:
-    """Return a client that tumbles, met by a move that ends with the velocity of the grasp."""
+    """Set a tumbling client, and return its witness, a move that ends with the velocity of the grasp."""
     rng, other = draw.rng, draw.posture(0.8)
     draw.clear(draw.world, draw.world.q0, np.concatenate([draw.world.q0[:7], other]))
     end, wanted = rng.uniform(-1.0, 1.0, draw.world.n), math.radians(rng.uniform(*SPIN))
@@ -166,7 +167,7 @@ def clients(draw: Draw) -> Motion:
 
 
 def two_arms(draw: Draw) -> Motion:
-    """Return a goal for each arm; the second arm must reach its goal exactly."""
+    """Set a goal for each arm, an exact one for the second arm, and return the witness."""
     other = np.clip(draw.start + draw.rng.uniform(-1.2, 1.2, draw.world.n), 0.9 * draw.low, 0.9 * draw.high)
     draw.clear(draw.world, draw.world.q0, np.concatenate([draw.world.q0[:7], other]))
     motion = draw.straight(draw.start, other)
@@ -177,7 +178,7 @@ def two_arms(draw: Draw) -> Motion:
 
 
 def momentum(draw: Draw) -> Motion:
-    """Return a robot that drifts and turns, with its end effector at rest at the end."""
+    """Set a momentum, and return a move at whose end the end effector is at rest."""
     rng, other = draw.rng, draw.posture(0.8)
     draw.clear(draw.world, draw.world.q0, np.concatenate([draw.world.q0[:7], other]))
     turned, end = not draw.flat and draw.index % 8 >= 4, np.zeros(draw.world.n)

@@ -1,10 +1,11 @@
-"""Judge plans of the problem set, with NumPy and Pinocchio alone.
+"""Check plans of the problem set, with NumPy and Pinocchio alone.
 
     python benchmarks/problems/judge.py poses-007 solution.json
 
-A solution (JSON, or npz) has times `t` (K,) [s] from zero to the problem's duration, and at these `joints`
-(K, n) [rad] and `rates` (K, n) [rad/s]. Between them each joint follows the cubic polynomial through both
-ends. The base's motion follows from the conservation of momentum. README.md has the problems' schema.
+A solution (JSON, or npz) has times `t` (K,) [s] from zero to the problem's duration, and at these times
+`joints` (K, n) [rad] and `rates` (K, n) [rad/s]. Between two times each joint follows the cubic polynomial
+through both positions and rates. The base's motion follows from the conservation of momentum. README.md has
+the problems' schema.
 """
 
 from __future__ import annotations
@@ -106,7 +107,7 @@ class World(Floating):
         self.client = client_of(problem["client"]) if problem["client"] else None
 
     def apart(self, q: Array, client: pin.SE3 | None = None) -> float:
-        """Return the least distance [m], at most the clearance, because larger distances are not measured."""
+        """Return the smallest distance [m], or the clearance if no distance is smaller."""
         for k, place in self.on_client:
             self.geometry.geometryObjects[k].placement = client * place
         most = float(self.problem["limits"]["clearance"])
@@ -125,7 +126,7 @@ class World(Floating):
         return place, np.concatenate([twist[:3] + lever, twist[3:]])
 
     def torques(self, q: Array, v: Array, accelerations: Array) -> Array:
-        """Return the joint torques (n,) [N m] with a reacting base."""
+        """Return the joint torques (n,) [N m] with a floating base."""
         held = pin.rnea(self.model, self.data, q, v, np.concatenate([np.zeros(6), accelerations]))
         M = pin.crba(self.model, self.data, q)
         return np.asarray(held[6:] - M[:6, 6:].T @ np.linalg.solve(M[:6, :6], held[:6]))
@@ -193,7 +194,7 @@ class Curve:
 
 
 def judge(problem: Problem, solution: dict[str, Any]) -> dict[str, Any]:
-    """Judge a solution: `solved` if all goals are met and all limits kept; violations; measures."""
+    """Return the verdict on a solution (`solved` if all goals are met and all limits kept), and measures."""
     world, curve = World(problem), Curve(solution)
     limits, model, broken = problem["limits"], world.model, dict[str, float]()
     low, high = model.lowerPositionLimit[7:], model.upperPositionLimit[7:]

@@ -1,8 +1,9 @@
-"""Write the robots of the problem set: a URDF and an SRDF for each, which need no other file.
+"""Write a URDF and an SRDF without further files for each robot of the problem set.
 
-A file has the moving bodies (with the links fixed to them), their inertias, the joints with their limits, and
-boxes for clearances in place of meshes: `python -m benchmarks.problems.robots`. The SRDF names the pairs of
-links without a clearance: neighbours, and pairs whose boxes are always near each other.
+Run: python -m benchmarks.problems.robots
+The URDF has the moving bodies (with the links fixed to them), their inertias, the joints with their limits,
+and boxes and cylinders in place of meshes. The SRDF names the pairs of links without a clearance: neighbours,
+and pairs whose shapes are always near each other.
 """
 
 from __future__ import annotations
@@ -18,12 +19,12 @@ import pinocchio as pin
 import ffsms_pin as ffsms
 
 FOLDER = Path(__file__).resolve().parent / "robots"
-NEAR = 0.02  # [m] pairs of boxes that are always nearer in `POSTURES` random postures have no clearance
+NEAR = 0.02  # [m] pairs that are nearer in all of `POSTURES` random postures have no clearance
 POSTURES = 300
 
 
 class Robot(NamedTuple):
-    """A packaged robot, its frames with goals, the largest joint rate [rad/s], and a torque factor."""
+    """A packaged robot, the frames that have goals, the largest joint rate [rad/s], and a torque factor."""
 
     model: str
     frames: tuple[str, ...]
@@ -31,8 +32,8 @@ class Robot(NamedTuple):
     torque: float = 1.0
 
 
-# Arms for the ground on a satellite of 200 kg move as slowly as arms in orbit, with weaker motors, because
-# they carry no weight.
+# Industrial arms on a satellite of 200 kg have the low rates of arms in orbit, and 1 % of their torques,
+# because they do not carry their weight.
 ROBOTS = {
     "planar_3r": Robot("planar_3r", ("end_effector",), 0.4),
     "ur5": Robot("satellite_ur5", ("tool0",), 0.5, 0.01),
@@ -59,7 +60,7 @@ def written(name: str) -> tuple[str, str]:
     for j, joint in enumerate(sms.joint_names):
         element = ElementTree.SubElement(root, "joint", {"name": joint, "type": "revolute"})
         _place(element, links[model.parents[j + 2] - 1], links[j + 1], model.jointPlacements[j + 2])
-        # A joint's own axis, from the column of the Jacobian in inertial axes.
+        # The axis in the joint's frame, from the Jacobian's column in inertial axes.
         axis = data.oMi[j + 2].rotation.T @ data.J[3:, 6 + j]
         ElementTree.SubElement(element, "axis", {"xyz": _words(axis)})
         bounds = {"lower": sms.limits.lower[j], "upper": sms.limits.upper[j]}
@@ -77,7 +78,7 @@ def written(name: str) -> tuple[str, str]:
 
 
 def _left_out(name: str, urdf: str) -> str:
-    """Return the SRDF."""
+    """Return the SRDF with the pairs that have no clearance."""
     model = pin.buildModelFromXML(urdf, pin.JointModelFreeFlyer())
     geometry = pin.buildGeomFromUrdfString(model, urdf, pin.GeometryType.COLLISION)
     geometry.addAllCollisionPairs()
@@ -115,7 +116,7 @@ def _inertial(link: ElementTree.Element, inertia: pin.Inertia) -> None:
 
 
 def _shape(link: ElementTree.Element, part: ffsms.system.convex_parts.Part) -> None:
-    """Return a cylinder unchanged, and for any other shape the box around it."""
+    """Add a collision shape to a link: a cylinder unchanged, any other shape as its bounding box."""
     element = ElementTree.SubElement(link, "collision")
     round_one = isinstance(part.shape, coal.Cylinder)
     place = pin.SE3(part.place.getRotation(), part.place.getTranslation())

@@ -1,1 +1,1 @@
-"""The solvers of the problem set: a solver takes a problem and a time [s], and returns a solution or None."""
+"""The solvers of the problem set; each takes a problem and a CPU time [s], and returns a solution or None."""

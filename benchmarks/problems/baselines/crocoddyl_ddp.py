@@ -1,7 +1,7 @@
-"""Plan by Crocoddyl's differential dynamic programming: small accelerations, with the goals as final costs.
+"""Plan by Crocoddyl's differential dynamic programming, with small accelerations and the goals as costs.
 
-The robot floats, and its joints have motors. Limits of joints and torques are quadratic barriers; clearances
-are ignored. A client is met in position and velocity at the deadline.
+The base floats. Joint and torque limits are quadratic barriers; clearances are ignored. Fixed goals have a
+cost in the last 12 % of the time. The pose and the velocity of a client have a cost at the end only.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Plan by this library: the whole motion at once, and step by step."""
+"""Plan by this library, the whole motion at once or step by step."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ def planned(problem: Problem, seconds: float, method: str = "horizon") -> dict[s
         "reached": plan.reached,
         "exact": plan.reached and plan.within_tolerance,
     }
-    # The judge does not treat goals as limits, and a clearance without proof may be kept.
+    # The judge does not count goals as limits. A clearance that is not proven may still be kept.
     unsure = "a clearance is not proven" in plan.note
     said["kept"] = None if unsure else all(name.startswith("also ") for name in plan.broken)
     return {

@@ -1,6 +1,6 @@
-"""Solve the whole motion as a nonlinear programme, by CasADi and IPOPT: positions of the planar arm only.
+"""Solve the whole motion as a nonlinear program by CasADi and IPOPT, for positions of the planar arm only.
 
-`benchmarks/ipopt.py` has the programme: the planar arm in closed form, the paper's cost, no clearances. It
+`benchmarks/ipopt.py` has the program: the planar arm in closed form, the paper's cost, no clearances. IPOPT
 starts from the straight joint move that the pseudo-inverse of the generalised Jacobian finds.
 """
 
@@ -27,12 +27,12 @@ def planned(problem: Problem, seconds: float) -> dict[str, Any] | None:
     sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
     ipopt, targets = (importlib.import_module(name) for name in ("ipopt", "targets"))
     planner = Planner(problem)
-    planner.clearance = -np.inf  # the nonlinear programme has no clearances
+    planner.clearance = -np.inf  # the nonlinear program has no clearances
     path = planner.path(np.inf)
     assert path is not None
     q0, place = planner.world.q0, problem["goals"][0]["position"]
     com = pin.centerOfMass(planner.world.model, planner.world.data, q0)
-    # The programme's inertial frame is at the centre of mass, with the base's axes at the start.
+    # The program's inertial frame is at the centre of mass, with the base's axes at the start.
     target = se3(problem["start"]).rotation.T @ (np.array(place) - com)
     sms = robot(problem["robot"], problem["goals"][0]["frame"], tuple(problem["limits"]["acceleration"]))
     task = targets.Task(q0, target, problem["duration"], path[-1], None)

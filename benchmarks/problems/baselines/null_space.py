@@ -1,7 +1,7 @@
-"""Plan by resolved motion rates in the reaction null space, which do not turn the base.
+"""Plan by resolved rates in the reaction null space, in which the base does not rotate.
 
-Nenchev, Yoshida, Vichitkulsawat, Uchiyama (1999), with NumPy and Pinocchio. Only limits of rates and
-accelerations are kept, and goals are missed if the null space does not suffice.
+The method is that of Nenchev, Yoshida, Vichitkulsawat and Uchiyama (1999), with NumPy and Pinocchio. Only
+rate and acceleration limits are kept. Goals that need motion outside the null space are missed.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ ARRIVAL = 0.88  # share of the time at which fixed goals are reached
 
 
 def planned(problem: Problem, seconds: float, reacting: bool = True) -> dict[str, Any]:
-    """Return a motion of `STEPS` steps; without `reacting` in all joints."""
+    """Return a motion of `STEPS` steps, in the reaction null space if `reacting` is true."""
     world, h = World(problem), problem["duration"] / STEPS
     times = h * np.arange(STEPS + 1)
     clients = world.client.states(times) if world.client else [None] * len(times)
@@ -47,7 +47,7 @@ def planned(problem: Problem, seconds: float, reacting: bool = True) -> dict[str
 
 
 def missed(world: World, q: Array, client: Any) -> tuple[Array, Array, Array]:
-    """Return rows of the generalised Jacobian, distances to the goals, and their relative velocities."""
+    """Return the rows of J*, the pose errors of the goals, and the goals' velocities minus the drift."""
     rows, ways, moving = [], [], []
     for goal, frame in zip(world.problem["goals"], world.frames, strict=True):
         _, J, drift = world.jacobians(q, frame)

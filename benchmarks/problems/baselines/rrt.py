@@ -1,7 +1,7 @@
-"""Plan by RRT-Connect with the generalised Jacobian: a tree of motions of joints and base from the start.
+"""Plan by RRT-Connect with the generalised Jacobian, with one tree from the start.
 
-The base's final pose depends on the path, so no tree can grow from the goal. From each new node of the tree
-the pseudo-inverse of the generalised Jacobian continues to the goals instead (Vahrenkamp, Berenson, Asfour,
+The base's final pose depends on the path, so no tree can grow from the goal. Instead, the pseudo-inverse of
+the generalised Jacobian extends the motion from each new node to the goals (Vahrenkamp, Berenson, Asfour,
 Kuffner, Dillmann 2009, for fixed bases). Then the path is shortened, smoothed and timed.
 """
 
@@ -16,7 +16,7 @@ import numpy as np
 from benchmarks.problems.baselines.null_space import missed
 from benchmarks.problems.judge import Array, Problem, World, pin
 
-STEP, NEAR, NODES = 0.1, 1e-4, 500  # [rad] between configurations; [m, rad] final error; nodes
+STEP, NEAR, NODES = 0.1, 1e-4, 500  # [rad] between configurations; [m, rad] final error; time steps
 EXTENDED, SENT = 15, 150  # largest number of steps towards a sample, and towards the goals
 CUTS, REPAIRS = 40, 6  # attempts to shorten the path; corrections of its end after smoothing
 FREE = 0.88  # largest share of the time that motions take
@@ -37,13 +37,13 @@ class Planner:
         self.start = pin.XYZQUATToSE3(self.world.q0[:7]).rotation
 
     def allowed(self, q: Array) -> bool:
-        """Return whether a configuration keeps its limits."""
+        """Return whether a configuration is within joint ranges, base attitude limit and clearance."""
         turned = np.linalg.norm(pin.log3(self.start.T @ pin.XYZQUATToSE3(q[:7]).rotation))
         inside = bool((q[7:] >= self.low).all() and (q[7:] <= self.high).all())
         return inside and turned <= self.turn and self.world.apart(q) >= self.clearance
 
     def moved(self, q: Array, way: Array) -> Array | None:
-        """Return the steps of a straight joint displacement (n,); None if it violates a limit."""
+        """Return q after a straight joint displacement (n,); None if a step violates a limit."""
         for _ in range(count := max(1, int(np.ceil(np.abs(way).max() / STEP)))):
             q = self.world.after(q, (way / count,) * 3, 1.0)
             if not self.allowed(q):
@@ -88,7 +88,7 @@ class Planner:
         return None
 
     def cut(self, path: list[Array], deadline: float) -> list[Array]:
-        """Return the path with straight parts in place of detours, continued to the goals again."""
+        """Return the path after random shortcuts, each extended to the goals again."""
         for _ in range(CUTS):
             if len(path) < 3 or time.process_time() > deadline:
                 break
@@ -103,7 +103,7 @@ class Planner:
 
 
 def planned(problem: Problem, seconds: float) -> dict[str, Any] | None:
-    """Return a plan; None if the base or a client moves on its own."""
+    """Return a plan; None if the problem has momentum or a client."""
     if problem["client"] or np.any(problem["momentum"]):
         return None
     begin = time.process_time()
