@@ -1,4 +1,4 @@
-# All targets share a virtual environment, which the first one makes. Only Python 3.11 to 3.14 with venv is needed.
+# All targets share a virtual environment, which the first target creates. Only Python 3.11 to 3.14 with venv is needed.
 PYTHON ?= python3
 VENV ?= .venv
 BIN = $(VENV)/bin
@@ -9,8 +9,8 @@ READY = $(VENV)/.ready
 KERNEL = $(wildcard ffsms_pin/kernel/*.hpp ffsms_pin/kernel/*.cpp)
 
 # The editable installation compiles the kernel into the checkout, again after each change of its sources. The compiler
-# from pip is installed for the test of the wheel, which compiles the kernel in this environment. Bytecode is compiled
-# when a module is imported, because most modules of the packages never are.
+# from pip is installed for the test of the wheel, which compiles the kernel in this environment. --no-compile saves time,
+# because most modules of the packages are never imported.
 $(READY): pyproject.toml CMakeLists.txt tools/backend.py $(KERNEL)
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --upgrade pip
@@ -37,7 +37,7 @@ test: $(READY) style  ## lint, types, and all tests except the slow ones
 	wait $$types && exit $$tests
 
 SLOW = slow
-slow: $(READY)  ## tests of more than about three seconds: whole missions, statistics, engines, browsers, examples
+slow: $(READY)  ## tests longer than about three seconds: whole missions, statistics, engines, browsers, examples
 	$(PYTEST) -m "$(SLOW)"
 
 kernels: $(READY)  ## a short sample of trials and plans under each other OpenBLAS kernel of the processor
@@ -49,13 +49,13 @@ trials: $(READY)  ## damaged files, wrong arguments, killed processes (about 15 
 lint: style  ## ruff, import contracts, clang-format, mypy
 	$(BIN)/mypy
 
-style: $(READY)  ## lint without mypy, which takes a second
+style: $(READY)  ## lint without mypy, in about a second
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/lint-imports
 	$(BIN)/clang-format --dry-run -Werror $(KERNEL)
 
-docs: $(READY)  ## build the site into docs/_build; run every notebook, warnings as errors
+docs: $(READY)  ## build the site into docs/_build and run every notebook; warnings are errors
 	$(BIN)/python -m sphinx -W -E --keep-going -q -b html docs docs/_build
 
 # A peer library that cannot be installed is reported as not measured.

@@ -1,8 +1,8 @@
-"""Run a short sample of the trials and some plans under each other OpenBLAS kernel of this processor.
+"""Run a short sample of the trials and some plans with each OpenBLAS kernel that is not the default.
 
 OpenBLAS chooses its kernel by the processor. The last bits of a decomposition, and its convergence, depend on
-the kernel. `make test` uses the default kernel. `OPENBLAS_CORETYPE` sets another kernel; names of the same
-kernel are run once.
+the kernel. `make test` uses the default kernel. `OPENBLAS_CORETYPE` selects another kernel. A kernel with
+several names is run once.
 """
 
 from __future__ import annotations
@@ -79,7 +79,7 @@ def run(name: str) -> tuple[float, str]:
 
 
 def environment(name: str) -> dict[str, str]:
-    """Return this process's environment for a kernel, with one thread and the tests' modules on the path."""
+    """Return this process's environment for a kernel, with one thread and with the tests on the path."""
     own = {key: value for key, value in os.environ.items() if key != "OPENBLAS_CORETYPE"}
     path = os.pathsep.join([str(ROOT), str(ROOT / "tests")])
     return own | {"OMP_NUM_THREADS": "1", "PYTHONPATH": path} | ({"OPENBLAS_CORETYPE": name} if name else {})

@@ -1,4 +1,4 @@
-"""The page that compares results with other engines, computed while the site is built."""
+"""Make the page that compares results with other engines; the site's build computes the results."""
 
 from __future__ import annotations
 

@@ -40,7 +40,7 @@ html_title = f"ffsms-pin {__version__}"
 exclude_patterns = ["_build", "jupyter_execute", "lessons/README.md", "records"]
 suppress_warnings = [
     "mystnb.unknown_mime_type",  # the type of Meshcat's scenes; the page shows their HTML
-    "ref.python",  # a name such as `duration` fits several attributes, so it is not a link
+    "ref.python",  # a name such as `duration` refers to several attributes, so it has no link
 ]
 
 myst_enable_extensions = ["dollarmath", "amsmath", "deflist"]
@@ -81,7 +81,7 @@ def _mark_changed(app: Any, page: str, text: list[str]) -> None:
 
 
 def _check_lessons(app: Any, exception: Exception | None) -> None:
-    """Check that the lessons have run without faults."""
+    """Check that all lessons ran without errors."""
     if exception is None and nb_execution_mode != "off":
         check_built(Path(app.outdir).parent / "jupyter_execute" / "lessons")
 

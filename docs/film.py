@@ -38,7 +38,8 @@ _COLOURS = 255  # size of the palette that all pictures share, so that static pa
 _PATIENCE = 120.0  # [s] limit for the first picture, which is slow without a graphics card
 
 
-_PHASES = {"": "approach", "hold point": "closing in", "rest": "at rest"}  # by the last mark on the time bar
+# The name of a phase by the last mark on the time bar.
+_PHASES = {"": "approach", "hold point": "closing in", "rest": "at rest"}
 
 
 @contextmanager
@@ -125,7 +126,7 @@ if __name__ == "__main__":
     parser.add_argument("film", type=Path, help="file to write, *.gif or *.png")
     parser.add_argument("--at", type=float, default=0.0, help="time of a *.png [s] (default: %(default)s)")
     parser.add_argument("--bare", action="store_true", help="a *.png without the controls")
-    parser.add_argument("--fps", type=float, default=20.0, help="pictures a second (default: %(default)s)")
+    parser.add_argument("--fps", type=float, default=20.0, help="pictures per second (default: %(default)s)")
     parser.add_argument("--size", default="800x600", help="width x height in pixels (default: %(default)s)")
     parser.add_argument("--until", type=float, default=np.inf, help="time of the last picture [s]")
     options = parser.parse_args()

@@ -1,4 +1,4 @@
-"""The tables of docs/scenario-keys.md, made from the models of the keys: unit, default and meaning."""
+"""Make the tables of docs/scenario-keys.md from the models of the keys."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The README for package indexes, with links to the repository's address instead of relative links.
+"""Make the README for package indexes, with absolute links instead of relative ones.
 
 Without an address (`Source` of `[project.urls]`) pictures are left out, and links become plain text.
 """

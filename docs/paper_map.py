@@ -1,4 +1,4 @@
-"""The page that lists the code and the test of each equation, table and figure of the paper."""
+"""Make the page that lists the code and the test of each equation, table and figure of the paper."""
 
 from __future__ import annotations
 

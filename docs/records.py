@@ -1,4 +1,4 @@
-"""The records of measured numbers in docs/records: outputs of commands, which the pages show.
+"""Store the outputs of measuring commands as records in docs/records, and write them into the pages.
 
     python docs/records.py run NAME [COMMAND...]   run the command and store its output as a record
     python docs/records.py                         write all records into the pages
