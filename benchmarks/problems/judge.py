@@ -2,10 +2,9 @@
 
     python benchmarks/problems/judge.py poses-007 solution.json
 
-A solution (JSON, or npz) has times `t` (K,) [s] from zero to the problem's duration, and at these times
-`joints` (K, n) [rad] and `rates` (K, n) [rad/s]. Between two times each joint follows the cubic polynomial
-through both positions and rates. The base's motion follows from the conservation of momentum. README.md has
-the problems' schema.
+A solution (JSON or npz) has times `t` (K,) [s] from zero to the problem's duration, and `joints` (K, n) [rad]
+and `rates` (K, n) [rad/s] at these times. In between, each joint follows the cubic polynomial through both
+ends. The base's motion follows from the conservation of momentum. README.md has the problems' schema.
 """
 
 from __future__ import annotations
