@@ -1,4 +1,4 @@
-"""A move of `satellite_panda` that turns and shifts its base, and what the base does in it."""
+"""Define a move of `satellite_panda` that rotates and displaces the base, and measure the base motion."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from ffsms_pin.robot.base_motion import roll_out
 __all__ = ["DEGREE", "LIMITS", "finely", "target_of", "turned_start"]
 
 DEGREE = np.pi / 180.0
-# Each about half of what the base does when it may do as it will, on the move from `turned_start`.
+# Limits of about half of the base motion without limits, on the move from `turned_start`.
 LIMITS = {
     "attitude": 2.0 * DEGREE,
     "attitude_rate": 0.012,
@@ -22,7 +22,7 @@ LIMITS = {
 
 
 def turned_start(panda: ffsms.SpaceManipulator) -> FloatArray:
-    """Near the middle, the base turned and shifted: limits count from where it starts (nq,)."""
+    """Return a start (nq,) with a rotated and displaced base, because limits are relative to the start."""
     lower, upper = panda.limits.lower, panda.limits.upper
     share = np.array([0.03, -0.04, 0.02, 0.01, 0.05, 0.02, 0.01])
     base = pin.SE3(pin.rpy.rpyToMatrix(0.4, -0.7, 1.1), np.array([0.5, -0.2, 0.3]))
@@ -30,7 +30,7 @@ def turned_start(panda: ffsms.SpaceManipulator) -> FloatArray:
 
 
 def target_of(sms: ffsms.SpaceManipulator, start: FloatArray, way: list[float]) -> FloatArray:
-    """A target given from the end effector, in the base's axes."""
+    """Return the target at a displacement from the end effector, given in base axes."""
     turn = pin.XYZQUATToSE3(start[:7]).rotation
     return np.asarray(sms.at(start).end_effector_pose.translation + turn @ np.array(way))
 
@@ -38,7 +38,7 @@ def target_of(sms: ffsms.SpaceManipulator, start: FloatArray, way: list[float]) 
 def finely(
     sms: ffsms.SpaceManipulator, q0: FloatArray, rates: FloatArray, dt: float, substeps: int = 5
 ) -> dict[str, float]:
-    """The largest of what a limit is on, from the plain formulas, at the nodes and between them."""
+    """Return the largest values of the limited quantities, at the nodes and between them."""
     accelerations = np.repeat(np.diff(rates, axis=0) / dt, substeps, axis=0)
     q, fine = roll_out(sms, q0, rates[0], accelerations, dt / substeps)
     states = [sms.at(row, sms.velocity(row, rate)) for row, rate in zip(q, fine, strict=True)]

@@ -1,4 +1,4 @@
-"""The planar robot's file, damaged."""
+"""Damage the URDF of the planar robot."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""Headless Chromium, and what is looked for in its pictures, for the tests of the viewer's pages.
+"""Start headless Chromium, and check its screenshots of the viewer's pages, for tests.
 
-Needs Debian's chromium and chromium-driver. Where they are missing, the tests are skipped and say so in the
-summary; under CI that is a failure.
+Debian's chromium and chromium-driver are required. If they are missing, the tests are skipped; under CI they
+fail.
 """
 
 from __future__ import annotations
@@ -48,9 +48,9 @@ Array = NDArray[np.float64]
 _PATIENCE = 60.0  # [s]
 _FLAGS = (
     "--headless=new",
-    "--no-sandbox",  # CI runs as root
+    "--no-sandbox",  # required because CI runs as root
     "--disable-dev-shm-usage",
-    "--use-angle=swiftshader",  # no graphics card
+    "--use-angle=swiftshader",  # draws without a graphics card
     "--enable-unsafe-swiftshader",
     "--disable-background-networking",
     "--disable-component-update",
@@ -60,14 +60,14 @@ _FLAGS = (
     "--hide-scrollbars",
     "--window-size=1000,760",
 )
-# Shades of the packaged planar robot's materials, as shares of their largest component.
+# Colours of the packaged planar robot's materials, divided by their largest component.
 _BODY, ARM = np.array([0.80, 0.78, 0.72]) / 0.80, np.array([0.20, 0.42, 0.63]) / 0.63
 _TARGET = np.array([0xD5, 0x5E, 0x00])
 
 
 @contextmanager
 def chromium(profile: Path) -> Iterator[webdriver.Chrome]:
-    """A browser without a window, with its files in a folder."""
+    """Open a headless browser with its files in the folder `profile`."""
     names = ("chromium", "chromium-browser", "google-chrome")
     program = next((found for name in names if (found := shutil.which(name))), None)
     driver = shutil.which("chromedriver")
@@ -82,7 +82,7 @@ def chromium(profile: Path) -> Iterator[webdriver.Chrome]:
         options.add_argument(flag)
     options.set_capability("goog:loggingPrefs", {"performance": "ALL", "browser": "ALL"})
     chrome = webdriver.Chrome(options=options, service=Service(driver))
-    chrome.get("about:blank")  # the browser's own first page, and what it asks for, end here
+    chrome.get("about:blank")  # leave the browser's start page, which sends requests
     try:
         yield chrome
     finally:
@@ -100,10 +100,10 @@ _CAMERA = """const camera = viewer.camera, view = camera.view;
 
 
 class Eye:
-    """Screenshots, and where in them a place of the scene must be.
+    """Screenshots of a scene, and the projection of positions into them.
 
-    The projection is worked out here from the camera's place, its target and the field of view from top to
-    bottom; the camera must look from the given side, z up.
+    The projection is computed from the camera's position, its target and the vertical field of view. The
+    camera must be on the given side of its target, with z up.
     """
 
     def __init__(self, browser: webdriver.Chrome, scene: View, side: tuple[float, float, float]) -> None:
@@ -119,7 +119,7 @@ class Eye:
         self._axes = np.array([right, np.cross(right, -away), -away])
 
     def position(self, place: Array) -> Array:
-        """Where a place is in the window, from its upper left corner [pixels]."""
+        """Return the position of a point in the window, from the upper left corner [pixels]."""
         x, y, depth = self._axes @ (place - self._camera)
         middle = 0.5 * np.array([self._width, self._height]) - self._offset
         return np.asarray(middle + self._scale / depth * np.array([x, -y]))
@@ -129,26 +129,26 @@ class Eye:
         return round(column), round(row)
 
     def picture(self) -> Array:
-        """What is on the screen (height, width, 3), 0 to 255."""
-        self._browser.execute_async_script(_TWO_FRAMES)  # what was changed just now is drawn in the next
+        """Return a screenshot (height, width, 3), 0 to 255."""
+        self._browser.execute_async_script(_TWO_FRAMES)  # the next frame shows recent changes
         with Image.open(io.BytesIO(self._browser.get_screenshot_as_png())) as image:
             return np.asarray(image.convert("RGB"), dtype=np.float64)
 
     def colour(self, picture: Array, place: Array) -> Array:
-        """Mean colour of 3 by 3 pixels at a place."""
+        """Return the mean colour of 3 x 3 pixels at a position."""
         column, row = self.pixel(place)
         patch = picture[row - 1 : row + 2, column - 1 : column + 2]
-        assert patch.shape == (3, 3, 3), f"{place} is outside of the picture, at {column}, {row}"
+        assert patch.shape == (3, 3, 3), f"{place} is outside the picture, at {column}, {row}"
         return np.asarray(patch.reshape(9, 3).mean(axis=0))
 
 
 def is_shade(colour: Array, of: Array) -> bool:
-    """Whether a colour is the material's, in more or less light; the dark background is darker."""
+    """Return whether a colour is a material's colour at any brightness above that of the background."""
     return bool(colour.max() > 45.0 and np.abs(colour / colour.max() - of).max() < 0.12)
 
 
 def places(sms: ffsms.SpaceManipulator, q: Array) -> tuple[Array, list[Array]]:
-    """A point on the top of the base, beside the solar cells, and the middle of each link."""
+    """Return a point on the top of the base beside the solar cells, and the middle of each link."""
     data = sms.model.createData()
     pin.forwardKinematics(sms.model, data, q)
     assert sms.base_size is not None
@@ -158,7 +158,7 @@ def places(sms: ffsms.SpaceManipulator, q: Array) -> tuple[Array, list[Array]]:
 
 
 def check(eye: Eye, sms: ffsms.SpaceManipulator, q: Array, target: Array, others: Array) -> None:
-    """Base, arm and target are where they belong, and the arm is not where `others` (nq,) puts it."""
+    """Check that base, arm and target are drawn at q (nq,), and the arm not at `others` (nq,)."""
     base, links = places(sms, q)
     elsewhere = places(sms, others)[1][2]
 
@@ -180,7 +180,7 @@ def check(eye: Eye, sms: ffsms.SpaceManipulator, q: Array, target: Array, others
 
 
 def soon(holds: Callable[[], bool], explain: Callable[[], object]) -> None:
-    """Wait for what the page needs a moment for: without a graphics card it is slow."""
+    """Wait up to 15 s for a condition, because drawing without a graphics card is slow."""
     started = time.monotonic()
     while not holds():
         if time.monotonic() - started > 15.0:
@@ -197,7 +197,7 @@ def until(browser: webdriver.Chrome, script: str) -> None:
 
 
 def requests(browser: webdriver.Chrome) -> list[str]:
-    """Addresses that were asked for since the last call."""
+    """Return the addresses of requests since the last call."""
     entries: list[Any] = browser.get_log("performance")  # type: ignore[no-untyped-call]
     messages = [json.loads(entry["message"])["message"] for entry in entries]
     return [
@@ -213,7 +213,7 @@ def errors(browser: webdriver.Chrome) -> list[str]:
 
 
 def configuration_at(sms: ffsms.SpaceManipulator, trajectory: opt.Trajectory, t: float) -> Array:
-    """Configuration at a time between two nodes."""
+    """Return the configuration at a time between two nodes."""
     k = min(int(t / trajectory.dt), len(trajectory.t) - 2)
     share = t / trajectory.dt - k
     return np.array(pin.interpolate(sms.model, trajectory.q[k], trajectory.q[k + 1], share))

@@ -1,4 +1,4 @@
-"""Distances to obstacles by coal alone, and a way of the planar arm, for tests."""
+"""Measure distances to obstacles by Coal alone, for tests; START and GOAL are a motion of the planar arm."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ GOAL = [0.45, 0.75, 0.0]
 
 
 class ByCoal:
-    """Least distance of the robot's collision shapes to a shape in inertial space, without the library."""
+    """The smallest distance of the robot's collision shapes to a shape in inertial space, by Coal alone."""
 
     def __init__(self, sms: ffsms.SpaceManipulator) -> None:
         self._model, self._data = sms.model, sms.model.createData()

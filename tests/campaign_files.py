@@ -1,4 +1,4 @@
-"""A small campaign for tests: runs of a fifth of a second."""
+"""Define a small campaign for tests, with runs of 0.2 s."""
 
 from __future__ import annotations
 

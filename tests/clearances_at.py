@@ -1,4 +1,4 @@
-"""Clearances at one configuration, as tests ask for them: a stack of one."""
+"""Compute clearances at single configurations, for tests."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ class At:
         self.stack, self.count = stack, len(stack.names)
 
     def names(self) -> list[str]:
-        """What each clearance is between."""
+        """Return the names of the pairs."""
         return self.stack.names
 
     def values(self, q: FloatArray) -> FloatArray:
-        """Clearances (m,) [m]."""
+        """Return clearances (m,) [m]."""
         return self.gradients(q)[0]
 
     def gradients(self, q: FloatArray, near: FloatArray | float = np.inf) -> tuple[FloatArray, FloatArray]:
-        """Clearances (m,) [m] and their gradients (m, n) by the joints; bounds beyond `near`."""
+        """Return clearances (m,) [m] and gradients (m, n) by joint positions; lower bounds beyond `near`."""
         poses = self.stack.at(q, 0.0)
         where = np.arange(self.count), np.zeros(self.count, dtype=np.intp)
         found = self.stack.nearest(poses, where, near)
@@ -36,7 +36,7 @@ class At:
 
 
 class Points(At):
-    """The paper's points."""
+    """The clearances of the paper's points."""
 
     def __init__(self, sms: ffsms.SpaceManipulator) -> None:
         points = PointStack(sms)
@@ -47,7 +47,7 @@ class Points(At):
 
 
 def least_clearance(limit: opt.Clearance, motions: opt.Rollouts) -> tuple[float, str]:
-    """The least clearance [m] of motions at their instants, and between what."""
+    """Return the smallest clearance [m] of motions, and the name of its pair."""
     found = []
     for stack in limit._stacks:
         values = stack.values(stack.along(motions)).min(axis=1)

@@ -1,4 +1,4 @@
-"""The C++ compiler of the machine, or pip's where it has none."""
+"""Find the C++ compiler of the machine, or the package `ziglang` if there is none."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Scenario files with real conditions, and running them, for the tests."""
+"""Write and run scenario files with simulation conditions, for tests."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ law = "computed-torque"
 dt = 0.01
 """
 
-# Every table that only the closed loop knows, each key with a value that is not its default.
+# All tables of the closed loop, with a value other than the default for each key.
 CONDITIONS = {
     "simulation": 'integrator = "variational"\nmomentum = [0.01, -0.02, 0, 0, 0, 0.003]\n',
     "plant": "arm_mass = [1.2, 1.1, 0.9]\narm_inertia = 1.3\narm_com = [0.01, 0.0, 0.0]\n"
@@ -38,7 +38,7 @@ CONDITIONS = {
 
 
 def text(*names: str) -> str:
-    """QUICK with some of the conditions."""
+    """Return QUICK with some of the conditions."""
     several = ("disturbance", "capture", "fault")
     return QUICK + "".join(
         (f"[[{name}]]\n" if name in several else f"[{name}]\n") + CONDITIONS[name] for name in names
@@ -46,5 +46,5 @@ def text(*names: str) -> str:
 
 
 def ran(folder: Path, content: str) -> Outcome:
-    """What comes of a file of this content."""
+    """Return the outcome of a scenario file with this content."""
     return run(scenario(write(folder, content)))

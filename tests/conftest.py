@@ -29,80 +29,80 @@ if TYPE_CHECKING:
 
 @pytest.fixture(scope="session")
 def random_tree() -> Callable[..., Tree]:
-    """Builder `random_tree(seed, n, kinds=("revolute", "prismatic"))` of branched robots in space."""
+    """Return the function `random_tree(seed, n, kinds=("revolute", "prismatic"))` of branched robots."""
     return grown
 
 
 @pytest.fixture(scope="session")
 def planar_tree() -> Tree:
-    """The packaged planar robot, read from its file in plain numbers."""
+    """Return the masses and lengths of the packaged planar robot, read from its file."""
     return packaged_planar()
 
 
 @pytest.fixture(scope="session")
 def planar() -> ffsms.SpaceManipulator:
-    """The paper's planar system."""
+    """Return the paper's planar system."""
     return ffsms.load("planar_3r")
 
 
 @pytest.fixture(scope="session")
 def panda() -> ffsms.SpaceManipulator:
-    """An arm of seven joints on the default satellite; some modules have another one by this name."""
+    """Return an arm of seven joints on the default satellite; some modules override this fixture."""
     return ffsms.load("satellite_panda")
 
 
 @pytest.fixture(scope="session")
 def bent(panda: ffsms.SpaceManipulator) -> FloatArray:
-    """A configuration of it with a bent elbow, away from singular postures."""
+    """Return a configuration of `panda` with a bent elbow, away from singular postures."""
     return panda.configuration([0.0, -0.5, 0.0, -2.0, 0.0, 1.5, 0.8])
 
 
 @pytest.fixture(scope="session")
 def swing(planar: ffsms.SpaceManipulator) -> Swing:
-    """A joint motion of the planar system, two seconds long."""
+    """Return a joint motion of the planar system of 2 s."""
     return Swing(planar)
 
 
 @pytest.fixture(scope="session")
 def swung(planar: ffsms.SpaceManipulator, swing: Swing) -> Tracking:
-    """The closed loop along it, under the paper's law."""
+    """Return the recording of `swing` under the paper's control law."""
     return simulate(planar, swing, SlidingModeController(planar))
 
 
 @pytest.fixture(scope="session")
 def plan(planar: ffsms.SpaceManipulator) -> Trajectory:
-    """A plan of the planar system, twelve seconds long; some modules have another one by this name."""
+    """Return a plan of the planar system of 12 s; some modules override this fixture."""
     q0 = planar.configuration(np.radians([1.0, 1.0, 1.0]))
     return opt.plan(planar, q0, [0.45, 0.75, 0.0], duration=12.0, dt=0.05)
 
 
 @pytest.fixture(scope="session")
 def tracking(planar: ffsms.SpaceManipulator, plan: Trajectory) -> Tracking:
-    """The plan, followed under the paper's law; likewise."""
+    """Return the recording of `plan` under the paper's control law; some modules override this fixture."""
     return simulate(planar, plan, SlidingModeController(planar), dt=0.01)
 
 
 @pytest.fixture(scope="session")
 def law(planar: ffsms.SpaceManipulator) -> ComputedTorque:
-    """A law for the planar system, without a memory."""
+    """Return a control law without internal state for the planar system."""
     return ComputedTorque(planar, adaptive=False)
 
 
 @pytest.fixture
 def quick(tmp_path: Path) -> Path:
-    """The scenario COARSE as the file quick.toml."""
+    """Write the scenario COARSE to quick.toml."""
     return write(tmp_path, COARSE, "quick.toml")
 
 
 @pytest.fixture
 def kept_plans(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Scenarios that ask for the same plan share it, see `kept_plan`."""
+    """Let scenarios with the same problem share a plan, see `kept_plan`."""
     monkeypatch.setattr("ffsms_pin.scenarios.closed_loop.plan_problem", kept_plan)
 
 
 @pytest.fixture(scope="session")
 def refused() -> Callable[..., FfsmsError]:
-    """Checker `refused(call, kind, *words)`: the error is of that class and one line."""
+    """Return `refused(call, kind, *words)`, which checks that a call raises a one-line error."""
 
     def check(call: Callable[[], Any], kind: type[FfsmsError], *words: str) -> FfsmsError:
         with pytest.raises(FfsmsError) as caught:
@@ -113,7 +113,7 @@ def refused() -> Callable[..., FfsmsError]:
         assert line.strip()
         for word in words:
             assert word in line
-        # No other library's exception shows through either.
+        # The traceback shows no exception of another library.
         assert caught.value.__suppress_context__ or caught.value.__context__ is None
         return caught.value
 
@@ -122,7 +122,7 @@ def refused() -> Callable[..., FfsmsError]:
 
 @pytest.fixture(scope="module")
 def scene(planar: ffsms.SpaceManipulator, plan: Trajectory) -> View:
-    """The plan in the viewer, twenty frames a second; some modules have another one by this name."""
+    """Return `plan` in the viewer at 20 frames per second; some modules override this fixture."""
     from ffsms_pin.viewer import view
 
     return view(planar, plan, show=("robot", "target"), fps=20.0)
@@ -130,7 +130,7 @@ def scene(planar: ffsms.SpaceManipulator, plan: Trajectory) -> View:
 
 @pytest.fixture(scope="session")
 def started_browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[webdriver.Chrome]:
-    """Headless Chromium, started once."""
+    """Start headless Chromium once per session."""
     from browsing import chromium
 
     with chromium(tmp_path_factory.mktemp("profile")) as started:
@@ -139,12 +139,12 @@ def started_browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[webdri
 
 @pytest.fixture
 def browser(started_browser: webdriver.Chrome) -> Iterator[webdriver.Chrome]:
-    """The browser, which draws nothing after the test: a scene that plays on takes a whole core."""
+    """Return the browser, and stop its drawing after the test, because a playing scene uses a whole core."""
     yield started_browser
     started_browser.get("about:blank")
 
 
 @pytest.fixture
 def rng() -> np.random.Generator:
-    """Random numbers, the same in every run."""
+    """Return a random number generator with a fixed seed."""
     return np.random.default_rng(20250705)

@@ -1,4 +1,4 @@
-"""A run to draw, and what was drawn on a panel, for the tests of figures."""
+"""Return a run to draw, and inspect what a figure shows, for tests."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ _FLOWN: dict[str, Outcome] = {}
 
 
 def flown(folder: Path, more: str = "") -> Outcome:
-    """Return a run of three seconds, made once a process; `more` are further lines of its scenario."""
+    """Return a run of 3 s, computed once per process; `more` are further lines of its scenario."""
     if more not in _FLOWN:
         path = folder / "quick.toml"
         path.write_text(SCENARIO + more)
@@ -41,23 +41,23 @@ def flown(folder: Path, more: str = "") -> Outcome:
 
 
 def curves(ax: Axes) -> list[Line2D]:
-    """The lines that follow the data, without limits and legend entries."""
+    """Return the curves of data, without lines of limits and legend entries."""
     return [curve for curve in ax.get_lines() if len(points(curve)) > 2]
 
 
 def points(curve: Line2D) -> FloatArray:
-    """The points (k, 2) of a curve."""
+    """Return the points (k, 2) of a curve."""
     return np.asarray(curve.get_xydata(), dtype=np.float64)
 
 
 def dotted(ax: Axes) -> list[float]:
-    """Heights of the dotted lines, ascending."""
+    """Return the heights of the dotted lines in ascending order."""
     lines = [points(curve) for curve in ax.get_lines() if curve.get_linestyle() == ":"]
     return sorted(float(curve[0, 1]) for curve in lines if len(curve) == 2)
 
 
 def untidy(figure: Figure) -> list[str]:
-    """What is wrong with the words of a figure: what is cut off, and pairs that overlap."""
+    """Return the texts of a figure that are cut off, and the pairs of texts that overlap."""
     written: list[Text] = []
 
     def draw(text: Text, *arguments: Any, **named: Any) -> None:
@@ -68,10 +68,10 @@ def untidy(figure: Figure) -> list[str]:
     plain = Text.draw
     with pytest.MonkeyPatch.context() as patched:
         canvas: Any = FigureCanvasAgg(figure)
-        canvas.draw()  # lays the panels out
+        canvas.draw()  # computes the layout
         patched.setattr(Text, "draw", draw)
         canvas.draw()
-    boxes = {text: text.get_window_extent().padded(-1.0) for text in written}  # [pixels] of 100 an inch
+    boxes = {text: text.get_window_extent().padded(-1.0) for text in written}  # [pixels], 100 per inch
     inside = figure.bbox
     cut = [
         text.get_text()

@@ -1,4 +1,4 @@
-"""MJCF files that are drawn: frames, includes, defaults, several joints a body, Euler orders, refs, flags."""
+"""Draw random MJCF files with frames, includes, defaults, several joints per body, Euler orders and flags."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ def words(numbers: Any) -> str:
 
 
 class _Drawn:
-    """One file; what its draws decide stands in the attributes."""
+    """The random choices of one file."""
 
     def __init__(self, rng: np.random.Generator) -> None:
         self.rng, self.numbers = rng, count()
@@ -104,7 +104,7 @@ class _Drawn:
             inside.append(self.joint())
         if self.from_geoms == "false" or self.some(0.5):
             inside.append(self.inertial())
-        inside.append(self.geom().replace('group="1"', 'group="0"'))  # a body has some mass
+        inside.append(self.geom().replace('group="1"', 'group="0"'))  # every body has a mass
         if self.some(0.3):
             inside.append(self.geom())
         if self.some(0.3):
@@ -118,7 +118,7 @@ class _Drawn:
 
 
 def draw(folder: Path, seed: int, floating: bool) -> Path:
-    """Write a file into a folder, which may include another one, and return its path."""
+    """Write a random file, which may include a second one, and return its path."""
     drawn = _Drawn(np.random.default_rng(seed))
     tree = drawn.body(0, moves=False if floating else drawn.some(0.5))
     if floating:

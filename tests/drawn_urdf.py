@@ -1,4 +1,4 @@
-"""URDF files that are drawn: limbs that fork, fixed joints, all kinds of joints, inertias off their axes."""
+"""Draw random URDF files with branches, fixed joints, all kinds of joints and products of inertia."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ def _words(numbers: Any) -> str:
 
 @dataclass
 class DrawnUrdf:
-    """A file and the numbers in it.
+    """A random file, and the limits and dynamics in it.
 
     Attributes
     ----------
     text : str
     tip : str
-        A link without children.
+        The name of a link without children.
     limits, dynamics : dict
-        Of each moving joint: lower, upper, velocity and effort; damping and friction.
+        Lower, upper, velocity and effort, and damping and friction, of each moving joint.
     """
 
     text: str = ""
@@ -34,7 +34,7 @@ class DrawnUrdf:
 
 
 def draw(seed: int) -> DrawnUrdf:
-    """Return the robot of a seed: two to nine joints, one to nine of which move."""
+    """Return the random robot of a seed, with two to nine joints, at least one of which moves."""
     rng, drawn = np.random.default_rng(seed), DrawnUrdf()
     count = int(rng.integers(2, 10))
     parts, leaves = [_link(rng, 0, moves=True)], {0}

@@ -1,4 +1,4 @@
-"""Ten seconds of motion under the same torques, by us and by others; for tests and the page of agreement."""
+"""Simulate 10 s under the same torques in several engines, for tests and the page docs/agreement.md."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ State = tuple[Array, Array]
 
 
 class Push(NamedTuple):
-    """A start at rest, and joint torques [N m] by time [s]; engines hold them over each step."""
+    """A start at rest, and joint torques [N m] as a function of time [s], constant within each step."""
 
     q: Array
     v: Array
@@ -28,7 +28,7 @@ class Push(NamedTuple):
 
 
 def push(sms: ffsms.SpaceManipulator) -> Push:
-    """Torques that give each joint some hundredths of a radian a second squared, out of phase."""
+    """Return sinusoidal torques of different phases that accelerate each joint by about 0.02 rad/s^2."""
     rng = np.random.default_rng(8)
     q = sms.configuration(rng.uniform(-0.3, 0.3, sms.n))
     scale, phase = 0.02 * np.diag(sms.at(q).H_q), rng.uniform(0.0, 6.0, sms.n)
@@ -36,7 +36,7 @@ def push(sms: ffsms.SpaceManipulator) -> Push:
 
 
 def our_end(sms: ffsms.SpaceManipulator, motion: Push, dt: float) -> State:
-    """q and v at the end, by articulated-body dynamics and Runge-Kutta of order 4 on the manifold."""
+    """Return the final q and v, by Pinocchio's ABA and a Runge-Kutta method of order 4 on the manifold."""
     q, v, data, force = motion.q, motion.v, sms.model.createData(), np.zeros(sms.nv)
     for k in range(round(DURATION / dt)):
         force[6:] = motion.torque(k * dt)
@@ -45,7 +45,7 @@ def our_end(sms: ffsms.SpaceManipulator, motion: Push, dt: float) -> State:
 
 
 def mujoco_end(sms: ffsms.SpaceManipulator, motion: Push, dt: float) -> State:
-    """The same by MuJoCo's Runge-Kutta."""
+    """Return the final q and v by MuJoCo's Runge-Kutta method."""
     peer = Mujoco(sms, dt)
     peer.set(motion.q, motion.v)
     for k in range(round(DURATION / dt)):
@@ -55,7 +55,7 @@ def mujoco_end(sms: ffsms.SpaceManipulator, motion: Push, dt: float) -> State:
 
 
 def basilisk_end(sms: ffsms.SpaceManipulator, motion: Push, dt: float) -> State:
-    """The same by Basilisk: hub and spinning bodies, its back-substitution, its Runge-Kutta."""
+    """Return the final q and v by Basilisk, with a hub, spinning bodies and its Runge-Kutta method."""
     basilisk = loaded("examples/basilisk_robot.py")
     craft, arms = basilisk.to_basilisk(sms, motion.q, motion.v)
     control = basilisk.ArmControl(sms, craft, arms, lambda t, q, v: motion.torque(t))
@@ -64,5 +64,5 @@ def basilisk_end(sms: ffsms.SpaceManipulator, motion: Push, dt: float) -> State:
 
 
 def rates_apart(one: State, other: State) -> float:
-    """How far joint rates differ, relative to the length of the first one's."""
+    """Return the norm of the difference of joint rates, relative to the norm of the first."""
     return float(np.linalg.norm(one[1][6:] - other[1][6:]) / np.linalg.norm(one[1][6:]))

@@ -1,4 +1,4 @@
-"""What other engines make of a robot at a state, in our convention; for tests and the page of agreement."""
+"""Compute matrices by MuJoCo and adam in the paper's conventions, for tests and docs/agreement.md."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ ROBOTS = ("planar_3r", "space_arm_7", "two_arms", "satellite_panda", "satellite_
 
 
 def robot(name: str) -> ffsms.SpaceManipulator:
-    """A packaged robot; of two arms the left one has the end effector."""
+    """Load a packaged robot; the end effector of `two_arms` is that of the left arm."""
     return ffsms.load(name, end_effector="left_tool" if name == "two_arms" else None)
 
 
 class Found(NamedTuple):
-    """H and bias for [base twist; joint rates], C_bm, J*, H_q, C_q, all in the paper's convention."""
+    """The matrices of a state in the paper's conventions; H and bias are for [base twist; joint rates]."""
 
     H: Array
     bias: Array
@@ -36,7 +36,7 @@ class Found(NamedTuple):
 
 
 def reduced(H: Array, bias: Array, J: Array) -> Found:
-    """The paper's quantities from the inertia matrix, the bias and the end effector's Jacobian (6, 6 + n)."""
+    """Return the paper's matrices from inertia matrix, bias and end-effector Jacobian (6, 6 + n)."""
     C_bm: Array = np.asarray(-np.linalg.solve(H[:6, :6], H[:6, 6:]), dtype=np.float64)
     return Found(
         H, bias, C_bm, J[:, 6:] + J[:, :6] @ C_bm, H[6:, 6:] + H[6:, :6] @ C_bm, bias[6:] + C_bm.T @ bias[:6]
@@ -50,7 +50,7 @@ def ours(sms: ffsms.SpaceManipulator, q: Array, v: Array) -> Found:
 
 
 def to_base_com(sms: ffsms.SpaceManipulator, q: Array) -> Array:
-    """Matrix from the paper's velocity to [of the root's origin; omega; rates], inertial axes."""
+    """Return the matrix from the paper's velocity to [velocity of the root; omega; rates], inertial axes."""
     R = pin.XYZQUATToSE3(q[:7]).rotation
     T = np.eye(6 + sms.n)
     T[:3, 3:6] = pin.skew(R @ sms.base_com)
@@ -58,33 +58,33 @@ def to_base_com(sms: ffsms.SpaceManipulator, q: Array) -> Array:
 
 
 class Mujoco:
-    """MuJoCo on the model that `to_mjcf` writes."""
+    """MuJoCo with the model that `to_mjcf` writes."""
 
     def __init__(self, sms: ffsms.SpaceManipulator, timestep: float = 1e-3, shapes: bool = False) -> None:
         self.sms = sms
         self.model = mj.MjModel.from_xml_string(to_mjcf(sms, timestep, shapes=shapes))
-        # Its joints stop at their limits; the equations of motion, ours as any, do not.
+        # Disable joint limits, which are not part of the equations of motion.
         self.model.opt.disableflags |= int(mj.mjtDisableBit.mjDSBL_CONSTRAINT)
-        # The file has the joints' friction, which is no part of the equations of motion compared here.
+        # Remove the joints' friction, which is not part of the compared equations of motion.
         self.model.dof_damping[:] = self.model.dof_frictionloss[:] = 0.0
         self.data = mj.MjData(self.model)
         self.site = mj.mj_name2id(self.model, mj.mjtObj.mjOBJ_SITE, "end_effector")
 
     def set(self, q: Array, v: Array) -> None:
-        """Take q and v: MuJoCo's quaternion begins with w, its linear velocity has inertial axes."""
+        """Set q and v; MuJoCo's quaternion begins with w, and its linear velocity has inertial axes."""
         R = pin.XYZQUATToSE3(q[:7]).rotation
         self.data.qpos[:] = np.concatenate([q[:3], q[[6, 3, 4, 5]], q[7:]])
         self.data.qvel[:] = np.concatenate([R @ v[:3], v[3:]])
 
     def state(self) -> tuple[Array, Array]:
-        """Pinocchio's q and v."""
+        """Return q and v in Pinocchio's conventions."""
         p, u = self.data.qpos, self.data.qvel
         q = np.concatenate([p[:3], p[[4, 5, 6, 3]], p[7:]])
         R = pin.XYZQUATToSE3(q[:7]).rotation
         return q, np.concatenate([R.T @ u[:3], u[3:]])
 
     def found(self, q: Array, v: Array) -> Found:
-        """Its matrices, turned into the paper's convention."""
+        """Return MuJoCo's matrices in the paper's conventions."""
         self.set(q, v)
         mj.mj_forward(self.model, self.data)
         nv = self.sms.nv
@@ -92,12 +92,12 @@ class Mujoco:
         mj.mj_fullM(self.model, self.data, M)
         mj.mj_jacSite(self.model, self.data, J[:3], J[3:], self.site)
         R = pin.XYZQUATToSE3(q[:7]).rotation
-        # To its velocity [root origin, inertial; omega, base axes; rates] from the paper's.
+        # T maps the paper's velocity to MuJoCo's: [root origin, inertial axes; omega, base axes; rates].
         own = np.eye(nv)
         own[3:6, 3:6] = R.T
         T = own @ to_base_com(self.sms, q)
         H = T.T @ M @ T
-        # The rate of T adds to the bias: the paper's twist changes while MuJoCo's rates are constant.
+        # The derivative of T contributes to the bias, because T depends on the attitude.
         omega = R @ v[3:6]
         lever = R @ self.sms.base_com
         paper = np.linalg.solve(T, self.data.qvel)
@@ -109,14 +109,14 @@ class Mujoco:
 
 
 class Adam:
-    """adam's rigid-body algorithms on the same URDF."""
+    """adam's rigid-body algorithms with the same URDF."""
 
     def __init__(self, sms: ffsms.SpaceManipulator, path: str) -> None:
         self.sms = sms
         self.peer: Any = KinDynComputations(path, sms.joint_names)
 
     def found(self, q: Array, v: Array) -> Found:
-        """Its matrices (mixed representation), turned into the paper's convention."""
+        """Return adam's matrices (mixed representation) in the paper's conventions."""
         pose = pin.XYZQUATToSE3(q[:7])
         R, T = pose.rotation, to_base_com(self.sms, q)
         root = np.concatenate([R @ v[:3], R @ v[3:6]])
@@ -130,13 +130,13 @@ class Adam:
 
 
 def random_state(sms: ffsms.SpaceManipulator, rng: np.random.Generator) -> tuple[Array, Array]:
-    """A tumbling robot, its base anywhere."""
+    """Return a random state of a tumbling robot with a random base pose."""
     base = pin.SE3(pin.exp3(rng.normal(size=3)), rng.normal(size=3))
     return sms.configuration(rng.uniform(-1.0, 1.0, sms.n), base), 0.3 * rng.normal(size=sms.nv)
 
 
 def apart(one: Found, other: Found) -> dict[str, float]:
-    """Largest difference of each quantity, relative to its largest entry."""
+    """Return the largest difference of each quantity, relative to its largest entry."""
     return {
         name: float(np.abs(a - b).max() / np.abs(a).max())
         for name, a, b in zip(Found._fields, one, other, strict=True)

@@ -1,4 +1,4 @@
-"""An exported page of the viewer, taken apart, for tests."""
+"""Parse an exported page of the viewer, for tests."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 
 
 class Opened:
-    """An exported file, taken apart."""
+    """The facts and the Meshcat commands of an exported file."""
 
     def __init__(self, text: str) -> None:
         self.text = text
@@ -40,7 +40,7 @@ class Opened:
         return [command for command in self.commands if command["type"] == kind]
 
     def track(self, path: str, name: str) -> tuple[Array, Array]:
-        """Times and rows of a track of the film."""
+        """Return times and values of a track of the animation."""
         (film,) = self.of("set_animation")
         (clip,) = [item["clip"] for item in film["animations"] if item["path"] == f"/ffsms/{path}"]
         (track,) = [item for item in clip["tracks"] if item["name"] == f".{name}"]

@@ -1,4 +1,4 @@
-"""A limit with rows, residual and verdict of its own, beside the same limit as one formula."""
+"""Define a limit by its own rows, residual and violation, for comparison with an `opt.Inequality`."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ __all__ = ["Above"]
 
 @dataclass(frozen=True)
 class Above(opt.Limit):
-    """The end effector stays so high over a plane through the origin: normal . position >= height."""
+    """A minimum height of the end effector over a plane through the origin: normal . position >= height."""
 
-    normal: tuple[float, float, float]  # of length 1, inertial axes
+    normal: tuple[float, float, float]  # unit vector, inertial axes
     height: float = 0.0  # [m]
     name = "above"
     margin = 0.01  # [arm lengths]

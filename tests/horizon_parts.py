@@ -1,4 +1,4 @@
-"""Problems and splines for tests of the whole-horizon planner."""
+"""Define problems and splines for tests of the whole-horizon planner."""
 
 from __future__ import annotations
 
@@ -34,30 +34,30 @@ GOAL = np.array([0.7, 0.5, 0.0])
 
 
 def planar_problem(sms: ffsms.SpaceManipulator, **change: Any) -> Problem:
-    """A reach of the planar arm, six seconds long."""
+    """Return a motion of the planar arm of 6 s."""
     options: dict[str, Any] = {"goal": GOAL, "duration": 6.0, "dt": 0.02} | change
     return Problem(sms, sms.configuration([0.4, 0.7, -0.5]), **options)
 
 
 def moving_problem(sms: ffsms.SpaceManipulator, **change: Any) -> Problem:
-    """The same from joints that move."""
+    """Return the same problem with nonzero initial joint rates."""
     return planar_problem(sms, **({"joint_rates": [0.1, -0.06, 0.04]} | change))
 
 
 def same(first: Trajectory, second: Trajectory) -> None:
-    """Compare two plans to the last bit in every field but the problem."""
+    """Check that two plans are equal in every bit of all fields except `problem`."""
     for field in (one for one in fields(Trajectory) if one.name != "problem"):
         one, other = getattr(first, field.name), getattr(second, field.name)
         np.testing.assert_equal(one, other, err_msg=field.name)
 
 
 def spline_of(problem: Problem, grid: Grid = COARSE, free_end: bool = False) -> RateSpline:
-    """The spline for the problem's duration."""
+    """Return the spline of a problem."""
     return rate_spline(problem.steps, problem.dt, grid, free_end)
 
 
 def integrated(spline: RateSpline, values: FloatArray) -> FloatArray:
-    """Integrals (K, ...) from the start of values (K, ...) at the instants, by the spline's quadrature."""
+    """Integrate values (K, ...) from the start to each instant, by the spline's quadrature."""
     to_points, over_all, late = spline.quadrature
     count, gauss = over_all.shape
     parts = values[: over_all.size].reshape(count, gauss, *values.shape[1:])
@@ -69,18 +69,18 @@ def integrated(spline: RateSpline, values: FloatArray) -> FloatArray:
 
 
 def node_rates(problem: Problem, spline: RateSpline, p: FloatArray) -> FloatArray:
-    """Joint rates (N + 1, n) at the nodes, of control points (M, n)."""
+    """Return the joint rates (N + 1, n) at the nodes for control points (M, n)."""
     nodes = problem.dt * np.arange(problem.steps + 1, dtype=np.float64)
     return spline.rates_at(nodes).of(p, problem.joint_rates)
 
 
 def told(problem: Problem, rates: FloatArray) -> Trajectory:
-    """The finished motion of joint rates at the nodes."""
+    """Return the trajectory of joint rates at the nodes."""
     return measure(problem, rates)
 
 
 def check(sms: ffsms.SpaceManipulator, plan: Trajectory, rests: bool = True, tolerance: float = 1e-3) -> None:
-    """Reached, at rest, and every limit and clearance kept, at nodes and between."""
+    """Check that a plan reaches its goal at rest and keeps limits and clearances, also between nodes."""
     limits, points = sms.limits, Points(sms)
     assert plan.reached, plan.note
     assert plan.position_error[-1] <= tolerance

@@ -1,4 +1,4 @@
-"""Plans of scenarios that differ in what flies them only: each is made once a process."""
+"""Share plans between scenarios that differ only in their simulation."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ def kept_plan(
     options: SearchOptions | None = None,
     progress: Progress | None = None,
 ) -> Trajectory:
-    """As `plan_problem`; a problem that was planned before has that plan again.
+    """Return a plan as `plan_problem` does, or the earlier plan of an identical problem.
 
-    Problems are the same where all that they hold is, to the bit. Parts count by the names of their classes:
-    not for parts that a test writes itself, and not for tests that ask whether two plans are the same.
+    Problems are identical if their pickles are. A pickle has only the names of classes, so this function must
+    not be used with terms and limits that a test defines, or in tests that compare two plans.
     """
     key = pickle.dumps((problem, method, options))
     if key not in _KEPT:

@@ -1,4 +1,4 @@
-"""What a notebook has to be once it has run: for `make docs`, which runs each of them, and for the tests."""
+"""Check executed notebooks and the built site, for `make docs` and for tests."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ ROOT = Path(__file__).parents[1]
 NOTEBOOKS = sorted((ROOT / "notebooks").glob("*.ipynb"))
 _PICTURES = ("text/html", "image/png")
 _OUTSIDE = re.compile(r"""<script\b[^>]*\bsrc=["']?((?:https?:)?//[^"'\s>]+)""")
-# The kernel's own warnings, at its end, are not the lesson's.
+# Warnings of the kernel itself are ignored.
 _STRICT = """import warnings
 warnings.simplefilter("error")
 warnings.filterwarnings("ignore", module="ipykernel")
@@ -23,7 +23,7 @@ warnings.filterwarnings("ignore", module="ipykernel")
 
 
 def warnings_are_errors(folder: Path) -> None:
-    """Let kernels that are started from now on turn warnings into errors; `folder` is for their settings."""
+    """Let later notebook kernels turn warnings into errors; `folder` stores their settings."""
     startup = folder / "profile_default" / "startup"
     startup.mkdir(parents=True, exist_ok=True)
     (startup / "strict.py").write_text(_STRICT, encoding="utf-8")
@@ -31,7 +31,7 @@ def warnings_are_errors(folder: Path) -> None:
 
 
 def faults(notebook: Any) -> list[str]:
-    """What is wrong with a notebook (nbformat) that has run to its end; empty if nothing is."""
+    """Return the faults of an executed notebook (nbformat)."""
     outputs = [output for cell in notebook.cells for output in cell.get("outputs", [])]
     streams = [output for output in outputs if output.output_type == "stream"]
     found = [f"it complains: {output.text.strip()}" for output in streams if output.name == "stderr"]
@@ -39,7 +39,7 @@ def faults(notebook: Any) -> list[str]:
     shown = [output for output in outputs if output.output_type in ("display_data", "execute_result")]
     if not any(kind in output.get("data", {}) for output in shown for kind in _PICTURES):
         found.append("it shows no picture")
-    # The prose counts on every plan to arrive.
+    # The text of the lessons assumes that every plan reaches its target.
     printed = "".join(output.text for output in streams)
     if "reached: False" in printed or "reached False" in printed:
         found.append("a plan does not reach its target")
@@ -47,7 +47,7 @@ def faults(notebook: Any) -> list[str]:
 
 
 def check_built(folder: Path) -> None:
-    """Check the notebooks that Sphinx has run and keeps in `folder`; a RuntimeError names all faults."""
+    """Check the notebooks that Sphinx has executed into `folder`; raise RuntimeError with all faults."""
     found = []
     for path in NOTEBOOKS:
         ran = folder / path.name
@@ -61,7 +61,7 @@ def check_built(folder: Path) -> None:
 
 
 def check_offline(site: Path) -> None:
-    """Check that no page of a built site loads a script from elsewhere; a RuntimeError names them."""
+    """Check that no page of a built site loads a script from another site; raise RuntimeError otherwise."""
     found = [
         f"{page.relative_to(site)}: {script}"
         for page in sorted(site.rglob("*.html"))

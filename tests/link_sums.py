@@ -1,4 +1,4 @@
-"""All quantities of a robot summed over every link of its file: each is a body, fixed joints and all."""
+"""Compute all quantities of a robot as sums over the links of its URDF, fixed joints included."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ Array: TypeAlias = NDArray[np.float64]
 
 
 class Part(NamedTuple):
-    """A link with the joint that carries it, in the numbers of the file."""
+    """A link and its parent joint, with the numbers of the file."""
 
     name: str
     parent: int
@@ -56,7 +56,7 @@ def rpy(angles: Array) -> Array:
 
 
 def parts_of(path: Path) -> list[Part]:
-    """The links of a file, parents first."""
+    """Return the links of a file, parents first."""
     robot = ElementTree.parse(path).getroot()
     links = {link.attrib["name"]: link for link in robot.findall("link")}
     joints: list[Any] = robot.findall("joint")
@@ -83,7 +83,7 @@ def parts_of(path: Path) -> list[Part]:
                 "fixed" if joint is None else joint.get("type"),
                 rpy(numbers(origin, "rpy", "0 0 0")),
                 numbers(origin, "xyz", "0 0 0"),
-                axis / max(float(np.linalg.norm(axis)), 1e-9),  # fixed joints may have a zero one
+                axis / max(float(np.linalg.norm(axis)), 1e-9),  # the axis of a fixed joint may be zero
                 mass,
                 com,
                 inertia,
@@ -102,7 +102,7 @@ def parts_of(path: Path) -> list[Part]:
 def on_satellite(
     arm: list[Part], base: Part, rotation: Array, position: Array, locked: tuple[str, ...] = ()
 ) -> list[Part]:
-    """The arm on a satellite; joints in `locked` are fixed at zero."""
+    """Return the links of an arm on a satellite; joints in `locked` are fixed at zero."""
     moved = [
         part._replace(parent=part.parent + 1, kind="fixed" if part.joint in locked else part.kind)
         for part in arm
@@ -112,17 +112,17 @@ def on_satellite(
 
 
 def cube(mass: float = 200.0) -> Part:
-    """The default satellite: a solid cube of 1 m."""
+    """Return the default satellite, a solid cube of 1 m."""
     eye, zero = np.eye(3), np.zeros(3)
     return Part("satellite", -1, "", "fixed", eye, zero, zero, mass, zero, mass / 6.0 * eye)
 
 
 def sums(parts: list[Part], tool: str, state: Any) -> SimpleNamespace:
-    """All quantities at one state, summed link by link in inertial axes."""
+    """Return all quantities at a state, summed over the links in inertial axes."""
     n = len(state.names)
     R: list[Array] = []
     o: list[Array] = []
-    moved_by: list[list[int]] = []  # of each link: the joints that carry it
+    moved_by: list[list[int]] = []  # for each link, the joints that move it
     k, hinge, slides = np.zeros((n, 3)), np.zeros((n, 3)), [False] * n
     for part in parts:
         if part.parent < 0:
@@ -164,7 +164,7 @@ def sums(parts: list[Part], tool: str, state: Any) -> SimpleNamespace:
     com = sum(m[i] * r[i] for i in range(len(parts))) / mass
     omega: list[Array] = []
     alpha: list[Array] = []
-    accel: list[Array] = []  # of each link's origin, with the base twist and the joint rates held constant
+    accel: list[Array] = []  # accelerations of the links' origins at constant base twist and joint rates
     for i, part in enumerate(parts):
         if part.parent < 0:
             w = state.twist[3:]
@@ -208,7 +208,7 @@ def sums(parts: list[Part], tool: str, state: Any) -> SimpleNamespace:
 
 
 def check(sms: ffsms.SpaceManipulator, parts: list[Part], count: int = 4) -> None:
-    """All quantities at random states to 1e-12."""
+    """Check all quantities at random states, to 1e-12."""
     rng = np.random.default_rng(7)
     kinds = {part.joint: part.kind for part in parts}
     assert sorted(sms.joint_names) == sorted(name for name, kind in kinds.items() if kind != "fixed")

@@ -1,4 +1,4 @@
-"""Joint positions of arms on satellites, and distances of their meshes by Pinocchio and coal alone."""
+"""Draw joint positions, and measure distances of meshes by Pinocchio and Coal alone, for tests."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ ARMS = ["satellite_panda", "satellite_ur10"]
 
 
 def places(sms: ffsms.SpaceManipulator, count: int, seed: int) -> FloatArray:
-    """Joint positions (n, count) within the limits."""
+    """Draw joint positions (n, count) within the limits."""
     rng, limits = np.random.default_rng(seed), sms.limits
     low, high = np.maximum(limits.lower, -np.pi), np.minimum(limits.upper, np.pi)
     drawn: FloatArray = rng.uniform(low, high, (count, sms.n)).T
@@ -22,7 +22,7 @@ def places(sms: ffsms.SpaceManipulator, count: int, seed: int) -> FloatArray:
 
 
 class Meshes:
-    """Distances of the meshes by Pinocchio and coal alone, apart from the planner's own code."""
+    """The distances of a robot's meshes, by Pinocchio and Coal alone."""
 
     def __init__(self, sms: ffsms.SpaceManipulator) -> None:
         self.sms, self.data = sms, sms.model.createData()

@@ -1,4 +1,4 @@
-"""The paper's measures in a base mode, by NumPy alone."""
+"""Compute the paper's measures in a base mode by NumPy."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Joint motions to follow, the plainest of controllers, and what a recording holds, for the tests."""
+"""Define simple references and controllers, and inspect recordings, for tests."""
 
 from __future__ import annotations
 
@@ -27,11 +27,11 @@ __all__ = [
 
 Array: TypeAlias = NDArray[np.float64]
 START = np.deg2rad([1.0, 1.0, 1.0])
-HASTY = SearchOptions(time_limit=1e-9)  # the first plan that is found is taken
+HASTY = SearchOptions(time_limit=1e-9)  # returns the first plan that is found
 
 
 class Swing:
-    """Joints from `start` by `way` along a quintic, at rest and without acceleration at both ends."""
+    """A quintic joint motion from `start` by `way`, with zero rates and accelerations at both ends."""
 
     def __init__(
         self,
@@ -45,7 +45,7 @@ class Swing:
         self.target: Any = np.array([0.5, 0.5, 0.0])
 
     def sample(self, t: float) -> tuple[Array, Array, Array]:
-        """Joint motion at t."""
+        """Return the joint motion at t."""
         x, T = t / self.duration, self.duration
         position = self.first + self.way * x**3 * (10.0 - 15.0 * x + 6.0 * x**2)
         rate = self.way * 30.0 * x**2 * (1.0 - x) ** 2 / T
@@ -53,19 +53,19 @@ class Swing:
 
 
 class ObservedSwing(Swing, Observer):
-    """A swing that keeps what it is shown of the plant."""
+    """A swing that records the observed states of the plant."""
 
     def __init__(self, sms: ffsms.SpaceManipulator) -> None:
         super().__init__(sms)
         self.seen: list[Array] = []
 
     def observe(self, t: float, q: Array, v: Array) -> None:
-        """Keep what is seen."""
+        """Record the state."""
         self.seen.append(np.concatenate([q, v]))
 
 
 class Constant:
-    """A controller that always gives the same torque."""
+    """A controller with a constant torque."""
 
     def __init__(self, tau: Any) -> None:
         self.tau = np.array(tau, dtype=float)
@@ -78,37 +78,37 @@ class Constant:
         qd_d: Array,
         qdd_d: Array,
     ) -> Array:
-        """The same each time."""
+        """Return the constant torque."""
         return self.tau
 
 
 class Flying:
-    """A robot (model and data of Pinocchio) whose momentum and energy are looked at."""
+    """A Pinocchio model and data, with momentum and kinetic energy."""
 
     model: Any
     data: Any
 
     def momentum(self, q: Array, v: Array) -> Array:
-        """Total, inertial axes, about the centre of mass."""
+        """Return the total momentum about the centre of mass, inertial axes."""
         return np.array(pin.computeCentroidalMomentum(self.model, self.data, q, v).vector)
 
     def energy(self, q: Array, v: Array) -> float:
-        """Kinetic."""
+        """Return the kinetic energy."""
         return float(pin.computeKineticEnergy(self.model, self.data, q, v))
 
 
 def arrays_of(tracking: Tracking) -> list[str]:
-    """Names of the fields that hold arrays."""
+    """Return the names of the fields that are arrays."""
     return [field.name for field in fields(tracking) if isinstance(getattr(tracking, field.name), np.ndarray)]
 
 
 def happened(tracking: Tracking) -> str:
-    """Return the note of a recording without the goals that are missed: most motions of tests have none."""
+    """Return the note of a recording without missed goals, because most test motions have no goal."""
     verdict = f"not arrived: {'; '.join(tracking.misses)}" if tracking.misses else ""
     return tracking.note.removeprefix(verdict).removeprefix("; ")
 
 
 def random_pose(rng: np.random.Generator) -> Any:
-    """A pose (pinocchio.SE3) of the test's own: Pinocchio's random ones depend on what ran before."""
+    """Return a random pose (pinocchio.SE3) that is independent of Pinocchio's global random state."""
     w, x, y, z = rng.normal(size=4)
     return pin.SE3(pin.Quaternion(w, x, y, z).normalized().matrix(), rng.uniform(-1.0, 1.0, 3))

@@ -1,4 +1,4 @@
-"""A term and a limit of one's own, as docs/own-parts.md says: outside of the package, from public names."""
+"""Define custom terms and limits outside the package, as docs/own-parts.md describes."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ __all__ = ["AbovePlane", "Below", "LookAt"]
 
 @dataclass(frozen=True)
 class LookAt(opt.Term):
-    """The camera at the end effector looks at a point: its x axis points there.
+    """A penalty on the angle between the end effector's x axis and the direction to a point.
 
     Attributes
     ----------
     point : tuple of float
-        Inertial axes [m].
+        The point in inertial axes [m].
     weight : float
-        On the integral of 1 - cos(angle) [1/s].
+        The weight of the integral of 1 - cos(angle) [1/s].
     """
 
     point: tuple[float, float, float]
@@ -32,21 +32,21 @@ class LookAt(opt.Term):
     name = "look at"
 
     def residual(self, m: opt.Variables) -> Any:
-        """sqrt(weight) |axis - direction to the point| / sqrt(2): squared, the weight times 1 - cos."""
+        """Return sqrt(weight / 2) (axis - direction), whose square is weight (1 - cos)."""
         way = self.point - m.tip
         return np.sqrt(0.5 * self.weight) * (m.tip.axis([1.0, 0.0, 0.0]) - way / way.norm())
 
 
 @dataclass(frozen=True)
 class AbovePlane(opt.Limit):
-    """The end effector stays on one side of a plane.
+    """A half-space in which the end effector must stay.
 
     Attributes
     ----------
     normal : tuple of float
-        Unit vector to the allowed side, inertial axes.
+        The unit vector to the allowed side, inertial axes.
     offset : float
-        Of the plane, along the normal [m].
+        The offset of the plane along the normal [m].
     """
 
     normal: tuple[float, float, float]
@@ -55,7 +55,7 @@ class AbovePlane(opt.Limit):
     margin = 0.005  # [arm lengths]
 
     def rows(self, step: StepState) -> opt.Rows:
-        """The height may shrink at most at a rate proportional to what is left of it."""
+        """Return a row that limits the rate of descent in proportion to the height."""
         normal = np.array(self.normal)
         height = float(normal @ step.pose.translation) - self.offset
         drifting = float(normal @ step.tip_drift[:3])
@@ -65,12 +65,12 @@ class AbovePlane(opt.Limit):
         )
 
     def residual(self, m: opt.Variables) -> Any:
-        """What the height lacks, in arm lengths."""
+        """Return the violation of the margin in arm lengths."""
         height = m.tip.dot(self.normal) - self.offset
         return np.maximum(self.margin - height / m.stack.length, 0.0)
 
     def violation(self, motion: Rollouts) -> opt.Violation:
-        """The largest depth below the plane [m]."""
+        """Return the largest depth below the plane [m]."""
         height = np.array(self.normal) @ motion.end_effector[:, 0] - self.offset
         amount = max(0.0, -float(height.min()))
         note = f"the end effector is {1e3 * amount:.1f} mm below the plane" if amount else ""
@@ -78,7 +78,7 @@ class AbovePlane(opt.Limit):
 
 
 class Below(opt.Inequality):
-    """The end effector stays below a height [m]."""
+    """An upper limit on the height of the end effector [m]."""
 
     name = "ceiling"
 

@@ -1,4 +1,4 @@
-"""The code of a page of the documentation, run as printed, and the pictures that the page shows."""
+"""Run the code blocks of a page of the documentation, and list the pictures that the page shows."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ __all__ = ["BY_COMMAND", "PYTHON", "run_page", "shown"]
 PYTHON = re.compile(r"^```python\n(.*?)^```$", re.S | re.M)
 _FILE = re.compile(r"^```toml\n# (\S+\.toml)\n(.*?)^```$", re.S | re.M)  # a file that the page uses
 _PICTURE = re.compile(r"!\[[^]]*\]\((?:docs/)?images/([^)]+)\)")
-# Their pages name the commands that draw them.
+# Pictures that are drawn by commands, which their pages name.
 BY_COMMAND = {
     "capture.gif",
     "capture.png",
@@ -30,7 +30,7 @@ BY_COMMAND = {
 
 
 def run_page(page: Path, folder: Path) -> dict[str, Any]:
-    """Run a page's Python blocks in a folder, one after the other; returns the names that they leave."""
+    """Run a page's Python blocks in order in a folder, and return their global names."""
     text = page.read_text(encoding="utf-8")
     mpl.use("Agg")
     names: dict[str, Any] = {}
@@ -47,6 +47,6 @@ def run_page(page: Path, folder: Path) -> dict[str, Any]:
 
 
 def shown(page: Path) -> list[str]:
-    """The pictures of a page that its blocks have to write."""
+    """Return the pictures of a page that its code blocks must write."""
     found = _PICTURE.findall(page.read_text(encoding="utf-8"))
     return [name for name in found if name not in BY_COMMAND and not name.startswith("example-")]

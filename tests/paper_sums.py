@@ -1,4 +1,4 @@
-"""The paper's formulas, evaluated from masses and lengths alone, and the states for the comparison."""
+"""Evaluate the paper's formulas from masses and lengths, and draw states for the comparison."""
 
 from __future__ import annotations
 
@@ -35,19 +35,19 @@ def skew(a: Array) -> Array:
 
 
 def turn(axis: Array, angle: float) -> Array:
-    """Rotation about a unit axis (Rodrigues)."""
+    """Return the rotation about a unit axis (Rodrigues)."""
     K = skew(axis)
     return np.asarray(np.eye(3) + np.sin(angle) * K + (1.0 - np.cos(angle)) * K @ K)
 
 
 def attitude(x: float, y: float, z: float, w: float) -> Array:
-    """Rotation matrix of a unit quaternion."""
+    """Return the rotation matrix of a unit quaternion."""
     e = np.array([x, y, z])
     return np.asarray((w * w - e @ e) * np.eye(3) + 2.0 * np.outer(e, e) + 2.0 * w * skew(e))
 
 
 def paper(tree: Any, root: Array, joints: Array, twist: Array, rates: Array) -> SimpleNamespace:
-    """The paper's formulas at one state, and Kane's equations for the velocity-dependent forces.
+    """Return the paper's quantities at a state; velocity-dependent forces follow from Kane's equations.
 
     `root` is [position; quaternion] of the root frame, `twist` the base twist in the paper's convention.
     """
@@ -94,7 +94,7 @@ def paper(tree: Any, root: Array, joints: Array, twist: Array, rates: Array) -> 
     s.J_b = np.block([[np.eye(3), skew(s.r_e - r[0]).T], [np.zeros((3, 3)), np.eye(3)]])
     s.J_star = s.J_b @ s.C_bm + s.J_m
 
-    # Velocities, momentum and energy, body by body.
+    # Velocities, momentum and energy of each body.
     rdot = [twist[:3] + np.cross(twist[3:], r[i] - r[0]) + J[i][0] @ rates for i in range(n + 1)]
     w = [twist[3:] + J[i][1] @ rates for i in range(n + 1)]
     linear = sum(m[i] * rdot[i] for i in range(n + 1))
@@ -102,7 +102,7 @@ def paper(tree: Any, root: Array, joints: Array, twist: Array, rates: Array) -> 
     s.momentum = np.concatenate([linear, angular])
     s.kinetic_energy = 0.5 * sum(m[i] * rdot[i] @ rdot[i] + w[i] @ I[i] @ w[i] for i in range(n + 1))
 
-    # Accelerations with the base twist and the joint rates held constant, then Kane's sums.
+    # Accelerations at constant base twist and joint rates, then the sums of Kane's equations.
     mark, alpha, accel = [r[0]], [np.zeros(3)], [np.zeros(3)]  # a point of each body, and its acceleration
     C = np.zeros(6 + n)
     for i, body in enumerate(tree.bodies):
@@ -127,7 +127,7 @@ def paper(tree: Any, root: Array, joints: Array, twist: Array, rates: Array) -> 
 
 
 def pinocchio_state(tree: Any, sms: ffsms.SpaceManipulator, case: Any) -> tuple[Array, Array]:
-    """The same state as Pinocchio's q and v."""
+    """Return a state as Pinocchio's q and v."""
     q, v = np.empty(sms.model.nq), np.empty(6 + tree.n)
     q[:7] = case.root
     k = 7
@@ -136,7 +136,7 @@ def pinocchio_state(tree: Any, sms: ffsms.SpaceManipulator, case: Any) -> tuple[
         q[k : k + len(values)] = values
         k += len(values)
     R = attitude(*case.root[3:])
-    # From the base's centre of mass to the root's origin, and to the root's axes.
+    # The velocity of the root's origin in root axes, from that of the base's centre of mass.
     v[:3] = R.T @ (case.twist[:3] - np.cross(case.twist[3:], R @ tree.bodies[0].com))
     v[3:6] = R.T @ case.twist[3:]
     v[6:] = case.rates
@@ -153,7 +153,7 @@ def random_case(tree: Any, rng: np.random.Generator) -> SimpleNamespace:
 
 
 def assert_near(name: str, got: Any, wanted: Any, tolerance: float = 1e-12) -> None:
-    """Same to `tolerance`, relative where the numbers are above one."""
+    """Check equality to `tolerance`, which is relative if the largest number exceeds one."""
     wanted = np.asarray(wanted)
     assert np.shape(got) == wanted.shape, name
     worst = float(np.abs(got - wanted).max(initial=0.0))

@@ -1,4 +1,4 @@
-"""Every packaged term, two parts of one's own, and limits tightened until a motion breaks them."""
+"""Define all packaged terms, two custom parts, and limits so tight that a motion violates them."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ POINT = (0.3, 1.2, 0.2)
 GOAL = np.array([0.7, 0.5, 0.0])
 ROBOTS = ("planar_3r", "satellite_panda")
 
-# Heavy enough that each can be told from the paper's cost.
+# The weights are large enough that each term differs clearly from the paper's cost.
 TERMS: dict[str, opt.Term] = {
     "coupling": opt.Coupling(),
     "soft coupling": opt.Coupling(1.0, 2.0),
@@ -41,7 +41,7 @@ TERMS: dict[str, opt.Term] = {
     "propellant, place held": opt.Propellant(3.0, rounding=1e-4),
     "propellant, both held": opt.Propellant(3.0, rounding=1e-4),
 }
-# What of the base is held where that is not nothing.
+# The base modes of terms and limits that need one.
 MODES = {
     "wheel momentum": "rotation-floating",
     "wheel energy": "rotation-floating",
@@ -54,33 +54,33 @@ MODES = {
 
 
 def acting(sms: ffsms.SpaceManipulator, **limits: float) -> ffsms.SpaceManipulator:
-    """The robot with wheels, strong ones unless told otherwise, and thrusters."""
+    """Return the robot with thrusters and with wheels, which are unlimited without `limits`."""
     thrusters = ffsms.Thrusters(PLACES, WAYS, 50.0, proportional=True)
     return sms.with_actuators(wheels=ffsms.ReactionWheels(PYRAMID, 0.01, **limits), thrusters=thrusters)
 
 
 class Use(NamedTuple):
-    """What a motion makes of everything that a limit can be on."""
+    """The quantities of a motion that limits can restrict."""
 
     attitude: float
     attitude_rate: float
     translation: float
     final_attitude: float
-    least: Callable[[str], float]  # clearance, of points or shapes
-    path: FloatArray  # of the end effector (3, K)
-    rates: FloatArray  # the largest (n,)
+    least: Callable[[str], float]  # the smallest clearance of points or shapes [m]
+    path: FloatArray  # path of the end effector (3, K)
+    rates: FloatArray  # largest joint rates (n,)
     base: list[Any]  # poses of the base link (pinocchio.SE3)
     last: FloatArray  # q at the end (nq,)
-    torques: FloatArray  # the largest of the joints (n,)
+    torques: FloatArray  # largest joint torques (n,)
     wheels: tuple[float, float]  # largest momentum and torque of a wheel [N m s, N m]
 
 
-# A limit that a motion breaks: from what that motion does, and the robot, tightened for joint limits.
+# A function that returns the robot, with tighter limits if needed, and a limit that a motion violates.
 Tight = Callable[[ffsms.SpaceManipulator, Use], tuple[ffsms.SpaceManipulator, opt.Limit]]
 
 
 def beside_the_chord(sms: ffsms.SpaceManipulator, use: Use) -> tuple[ffsms.SpaceManipulator, opt.Limit]:
-    """A plane along the straight way, half as far from it as the motion strays."""
+    """Return a plane parallel to the chord, at half of the motion's largest distance from the chord."""
     chord = use.path[:, -1] - use.path[:, 0]
     normal = np.array([-chord[1], chord[0], 0.0]) / np.linalg.norm(chord)
     strayed = normal @ (use.path - use.path[:, :1])
@@ -91,12 +91,12 @@ def beside_the_chord(sms: ffsms.SpaceManipulator, use: Use) -> tuple[ffsms.Space
 
 
 def slow(sms: ffsms.SpaceManipulator, use: Use) -> tuple[ffsms.SpaceManipulator, opt.Limit]:
-    """The same arm, whose joints are allowed 0.85 of the rates."""
+    """Return the robot with rate limits of 0.85 times the rates of the motion."""
     return sms.with_limits(replace(sms.limits, velocity=0.85 * use.rates)), opt.JointLimits()
 
 
 class Drifting:
-    """A client that drifts and turns slowly, and is at a place in the middle of a motion."""
+    """A client that drifts and rotates slowly, and is at `place` at `time`."""
 
     def __init__(self, place: FloatArray, time: float) -> None:
         self._place, self._time = place, time
@@ -111,7 +111,7 @@ class Drifting:
 
 
 def in_the_way(on: str) -> Tight:
-    """A cylinder where the motion's end effector is in the middle of its way, on a client of its time."""
+    """Return a function that puts a capsule at the middle of the end effector's path, fixed to `on`."""
 
     def made(sms: ffsms.SpaceManipulator, use: Use) -> tuple[ffsms.SpaceManipulator, opt.Limit]:
         gone = np.linalg.norm(use.path - use.path[:, :1], axis=0)
@@ -130,7 +130,7 @@ def in_the_way(on: str) -> Tight:
 
 
 def aside(timed: bool, turned: bool = False) -> Tight:
-    """A waypoint beside where the motion is in the middle of its time, towards the base."""
+    """Return a function that puts a waypoint 0.05 m beside the middle of the path, towards the base."""
 
     def made(sms: ffsms.SpaceManipulator, use: Use) -> tuple[ffsms.SpaceManipulator, opt.Limit]:
         middle = use.path.shape[1] // 2
@@ -147,7 +147,7 @@ ELBOWS = {3: "link_3", 7: "panda_link5"}
 
 
 def elbow_aside(turned: bool = False) -> Tight:
-    """A goal for the elbow beside where the motion takes it, about as far from the end effector."""
+    """Return a function that puts a goal for the elbow 0.05 m beside its final position in the motion."""
 
     def made(sms: ffsms.SpaceManipulator, use: Use) -> tuple[ffsms.SpaceManipulator, opt.Limit]:
         elbow = frame_pose(sms, use.last, ELBOWS[sms.n])
@@ -165,19 +165,19 @@ def elbow_aside(turned: bool = False) -> Tight:
 
 
 def frame_pose(sms: ffsms.SpaceManipulator, q: FloatArray, name: str) -> Any:
-    """By Pinocchio (pinocchio.SE3)."""
+    """Return the pose (pinocchio.SE3) of a frame by Pinocchio."""
     data = sms.model.createData()
     pin.framesForwardKinematics(sms.model, data, q)
     return data.oMf[sms.model.getFrameId(name)].copy()
 
 
 def weak(sms: ffsms.SpaceManipulator, use: Use) -> tuple[ffsms.SpaceManipulator, opt.Limit]:
-    """The same arm, whose joints have 0.8 of the torques."""
+    """Return the robot with torque limits of 0.8 times the torques of the motion."""
     return sms.with_limits(replace(sms.limits, torque=0.8 * use.torques)), opt.TorqueLimits()
 
 
 def weak_wheels(what: str) -> Tight:
-    """Wheels that have 0.8 of the momentum, or the torque, that the motion asks for."""
+    """Return a function that limits the wheels to 0.8 of the momentum or torque of the motion."""
 
     def made(sms: ffsms.SpaceManipulator, use: Use) -> tuple[ffsms.SpaceManipulator, opt.Limit]:
         return acting(sms, **{what: 0.8 * use.wheels[what == "torque"]}), opt.WheelLimits()
@@ -206,9 +206,9 @@ LIMITS: dict[str, Tight] = {
 }
 
 
-# A step does not know whether a place was passed already.
+# Single steps do not support a waypoint without a time.
 STEPPED = [name for name in LIMITS if name != "via at any time"]
-# Those that whole motions see as residuals, and robots; the distances of many meshes would take minutes.
+# Limits that are residuals of whole motions, and robots. Shapes of `satellite_panda` would take minutes.
 PENALISED = [
     (name, robot)
     for name in LIMITS
@@ -219,9 +219,9 @@ PENALISED = [
 
 
 def problem_of(sms: ffsms.SpaceManipulator, part: str = "", **change: Any) -> opt.Problem:
-    """A reach; of the spatial arm with its base turned, shifted, and the joints moving.
+    """Return a problem; that of the spatial arm starts with a rotated, displaced base and moving joints.
 
-    In the mode that the part of this name is about.
+    The base mode is that of the part with this name.
     """
     if part in MODES:
         change = {"mode": MODES[part], **change}
@@ -239,7 +239,7 @@ def problem_of(sms: ffsms.SpaceManipulator, part: str = "", **change: Any) -> op
 
 
 def finished(problem: opt.Problem, rates: FloatArray) -> Rollouts:
-    """The motion of joint rates at the nodes, as limits and terms are shown it at the end."""
+    """Return the rollout of joint rates at the nodes, with all data that limits and terms read."""
     motion = rolled_out(problem.sms, problem.stack, problem.q0, rates, problem.dt, problem.momentum)
     place = problem.goal.place(problem.duration).position
     target = np.repeat(place[:, None], len(motion.times), axis=1)
@@ -248,7 +248,7 @@ def finished(problem: opt.Problem, rates: FloatArray) -> Rollouts:
 
 
 def use_of(problem: opt.Problem, rates: FloatArray) -> Use:
-    """By the plain formulas, from the configurations at the nodes."""
+    """Compute the limited quantities of a motion from the configurations at the nodes."""
     plan, sms = measure(problem, rates), problem.sms
     motion = finished(problem, rates)
     first = sms.at(problem.q0).base_pose
@@ -273,7 +273,7 @@ def use_of(problem: opt.Problem, rates: FloatArray) -> Use:
 
 
 def largest_torques(sms: ffsms.SpaceManipulator, plan: opt.Trajectory) -> FloatArray:
-    """Of a floating robot (n,) [N m], by the state's H_q and C_q at the start and the end of every step."""
+    """Return the largest joint torques (n,) [N m], by H_q and C_q at the start and the end of every step."""
     largest = np.zeros(sms.n)
     for nodes in (slice(None, -1), slice(1, None)):
         for q, v, acceleration in zip(plan.q[nodes], plan.v[nodes], plan.joint_accelerations, strict=True):
@@ -283,11 +283,11 @@ def largest_torques(sms: ffsms.SpaceManipulator, plan: opt.Trajectory) -> FloatA
 
 
 def size_of(residuals: list[Variable]) -> float:
-    """The largest residual; zero where there is none."""
+    """Return the largest residual, zero if there is none."""
     return max((float(np.abs(one.value).max(initial=0.0)) for one in residuals), default=0.0)
 
 
 def rates_of_march(problem: opt.Problem) -> FloatArray:
-    """Joint rates of single steps to the end, under the problem's limits alone."""
+    """Return the joint rates of a step rollout with the problem's limits and without terms."""
     stepper = Stepper.of(problem, terms=())
     return roll_out_steps(stepper, problem.q0, problem.joint_rates, GOAL, problem.duration)[0]

@@ -1,4 +1,4 @@
-"""The programme of a step from its plain formulas, and another solver for it."""
+"""Build the quadratic program of a step from its formulas, and solve it by DAQP."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ def plain_programme(
     left: float,
     clearances: tuple[FloatArray, FloatArray] | None = None,
 ) -> StepProblem:
-    """The matrices of docs/planner.md, in the basis V of the stepper.
+    """Return the matrices of docs/planner.md in the basis V of the stepper.
 
-    `clearances` and their gradients are those of the paper's points where not given.
+    Without `clearances` (values and gradients), the clearances of the paper's points are used.
     """
     dt, w, n = 0.01, StepWeights(), sms.n
     step = StepState(sms, q, rates, dt, left)
@@ -38,7 +38,7 @@ def plain_programme(
     towards = way / distance
     cosine = ideal_cosine(step.entropy, 10.0)
     across = velocity - (velocity @ towards) * towards
-    if np.linalg.norm(across) < 1e-9:  # any
+    if np.linalg.norm(across) < 1e-9:  # any perpendicular direction
         across = np.cross(towards, np.eye(3)[np.argmin(np.abs(towards))])
     e = cosine * towards + np.sqrt(1.0 - cosine**2) * across / np.linalg.norm(across)
     now = max(0.0, float(velocity @ e))
@@ -54,7 +54,7 @@ def plain_programme(
     value, gradient = Points(sms).gradients(q) if clearances is None else clearances
     m = len(value)
     lower, upper = rate_bounds(sms.layout.positions(q), rates, sms.limits, dt)
-    # The box, which may have to give way: then each side is a row.
+    # If the box of alpha is soft, each side is a row.
     softness = AlphaBox().rows(step).softness
     none = np.full(n, UNBOUNDED)
     box = [(np.eye(n), np.zeros(n), -np.ones(n), np.ones(n))]
@@ -86,7 +86,7 @@ def by_daqp(problem: StepProblem) -> FloatArray:
 
 
 def as_solved(problem: StepProblem) -> StepQP:
-    """The same with its bounds as rows."""
+    """Return the program with its bounds as rows."""
     H, g, C, low, up, lower, upper = problem
     (bounded,) = (np.minimum(-lower, upper) < UNBOUNDED).nonzero()
     rows = np.concatenate([C, np.eye(len(g))[bounded]])

@@ -1,4 +1,4 @@
-"""A wall to press on, and an arm that does so, for the tests."""
+"""Define a wall on a client and an arm that presses on it, for tests."""
 
 from __future__ import annotations
 
@@ -18,34 +18,34 @@ REST = np.zeros(6)
 
 
 def massive(twist: Any = REST) -> ffsms.Client:
-    """A client that nothing moves, at the inertial origin."""
+    """Return a client at the inertial origin that is too heavy to be moved."""
     return ffsms.Client(1e6, np.full(3, 1e6), pin.SE3.Identity(), twist)
 
 
 def held(sms: ffsms.SpaceManipulator) -> ffsms.SpaceManipulator:
-    """The robot on a base that is too heavy to be pushed away."""
+    """Return the robot on a base that is too heavy to be moved."""
     return perturb(sms, base_mass=1e4, base_inertia=1e4)
 
 
 class Wall:
-    """A wall of the client through `at`, that pushes along `normal` with a `stiffness` [N/m]."""
+    """A plane on the client through `at` that pushes along `normal` with a `stiffness` [N/m]."""
 
     def __init__(self, at: Array, normal: Array, stiffness: float) -> None:
         self.at, self.normal, self.stiffness = at, normal, stiffness
 
     def depth(self, tool: Any, client: Any) -> float:
-        """How far the end effector is behind it [m]."""
+        """Return the depth of the end effector behind the wall [m]."""
         way = client.act(self.at) - np.array(tool.translation)
         return max(0.0, float(way @ (client.rotation @ self.normal)))
 
     def wrench(self, tool: Any, tool_twist: Array, client: Any, client_twist: Array) -> tuple[Array, Array]:
-        """See `Load.wrench`."""
+        """Return the wrench and its point, see `Load.wrench`."""
         force = self.stiffness * self.depth(tool, client) * (client.rotation @ self.normal)
         return np.concatenate([force, np.zeros(3)]), np.array(tool.translation)
 
 
 class Press:
-    """Joints from where they are by about `way` [m] of the end effector in 1.5 s, and on there."""
+    """A joint motion that moves the end effector by about `way` [m] in 1.5 s, and then rests."""
 
     def __init__(self, sms: ffsms.SpaceManipulator, joints: Any, way: Any, duration: float) -> None:
         self.first, self.duration = np.array(joints, dtype=float), duration
@@ -55,7 +55,7 @@ class Press:
         self.way = np.linalg.pinv(state.J_star, rcond=1e-9) @ np.concatenate([way, np.zeros(3)])
 
     def sample(self, t: float) -> tuple[Array, Array, Array]:
-        """Joint motion at t."""
+        """Return the joint motion at t."""
         x = min(t / 1.5, 1.0)
         rate, acceleration = 30.0 * x**2 * (1.0 - x) ** 2 / 1.5, 60.0 * x * (1.0 - x) * (1.0 - 2.0 * x) / 2.25
         share = x**3 * (10.0 - 15.0 * x + 6.0 * x**2)

@@ -1,4 +1,4 @@
-"""Other processes, as tests of kills look at them."""
+"""Inspect other processes, for tests that kill processes."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ __all__ = ["alive", "command_of", "waited"]
 
 
 def alive(processes: list[psutil.Process]) -> list[psutil.Process]:
-    """Those that still run."""
+    """Return the processes that still run."""
     return [one for one in processes if _runs(one)]
 
 
 def command_of(process: psutil.Process) -> str:
-    """The command line of a process; nothing where it has ended meanwhile."""
+    """Return the command line of a process, or an empty text if it has ended."""
     try:
         return " ".join(process.cmdline())
     except psutil.Error:
@@ -24,7 +24,7 @@ def command_of(process: psutil.Process) -> str:
 
 
 def waited(happened: Callable[[], bool], seconds: float) -> bool:
-    """Whether something happens within so many seconds."""
+    """Return whether a condition becomes true within `seconds`."""
     end = time.monotonic() + seconds
     while not happened() and time.monotonic() < end:
         time.sleep(0.02)
@@ -34,5 +34,5 @@ def waited(happened: Callable[[], bool], seconds: float) -> bool:
 def _runs(process: psutil.Process) -> bool:
     try:
         return bool(process.is_running() and process.status() != psutil.STATUS_ZOMBIE)
-    except psutil.NoSuchProcess:  # it ended between the two questions
+    except psutil.NoSuchProcess:  # it ended between the two calls
         return False

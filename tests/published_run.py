@@ -1,4 +1,4 @@
-"""The planar robot and PD run that the paper's author published, flown by us and by MuJoCo."""
+"""Simulate the published run of the paper's author, a planar robot under PD control, here and in MuJoCo."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from ffsms_pin.simulation import Conditions
 
 __all__ = ["PUBLISHED", "ROBOT", "mujoco_end", "our_end", "planar_robot"]
 
-# Base position [m] and attitude [rad] about the system's centre of mass at the end, read off the plots.
+# Base position [m] and attitude [rad] about the system's centre of mass at the end, read from the plots.
 PUBLISHED = np.array([-0.055, 0.009, 0.22])
 _DURATION, _STEP = 20.0, 2e-3
 _DESIRED = np.radians([-30.0, 0.0, 0.0])
@@ -59,7 +59,7 @@ def planar_robot(folder: Path) -> ffsms.SpaceManipulator:
 
 
 class _Step:
-    """The desired joint angles as a step, at rest."""
+    """A reference with constant joint positions."""
 
     duration, target = _DURATION, np.zeros(3)
 
@@ -69,19 +69,19 @@ class _Step:
 
 
 def _base(q: Array) -> Array:
-    """Position of the base in the plane [m] and its angle [rad]."""
+    """Return the position of the base in the plane [m] and its angle [rad]."""
     return np.array([q[0], q[1], 2.0 * np.arctan2(q[5], q[6])])
 
 
 def our_end(sms: ffsms.SpaceManipulator) -> Array:
-    """Return x, y [m] and angle [rad] of the base at the end of the run in `simulate`."""
+    """Return x, y [m] and angle [rad] of the base at the end of the run, by `simulate`."""
     conditions, start = Conditions(guards=None), sms.configuration(np.zeros(3))
     law = PD(sms, 1.0, 1.0)
     return _base(ffsms.simulate(sms, _Step(), law, _STEP, start, conditions=conditions).q[-1])
 
 
 def mujoco_end(sms: ffsms.SpaceManipulator) -> Array:
-    """Return the same in MuJoCo, with the same law in the loop."""
+    """Return x, y [m] and angle [rad] of the base at the end, by MuJoCo with the same control law."""
     peer, law, start = Mujoco(sms, _STEP), PD(sms, 1.0, 1.0), sms.configuration(np.zeros(3))
     peer.set(start, np.zeros(sms.nv))
     for _ in range(round(_DURATION / _STEP)):

@@ -1,4 +1,4 @@
-"""A robot with a slide: its satellite carries a cart on a rail, and the cart a hand that turns."""
+"""Define a robot with a prismatic joint: a cart on a rail carries a hand with a revolute joint."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ RAIL = """<robot name="rail">
 
 
 def sliding(folder: Path) -> ffsms.SpaceManipulator:
-    """Load the robot from a file that is written into a folder."""
+    """Write the robot's file into a folder, and load it."""
     file = folder / "rail.urdf"
     file.write_text(RAIL, encoding="utf-8")
     return ffsms.load(file, base_size=(0.4, 0.4, 0.4))

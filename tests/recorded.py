@@ -1,4 +1,4 @@
-"""Recorded motions for identification: joints that swing on a floating base, under any plant."""
+"""Record motions for identification, with swinging joints on a floating base and any plant."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ __all__ = ["Wave", "changed", "swung_by"]
 
 
 class Wave:
-    """Joints that swing about a posture, from rest to rest, each with a frequency of its own."""
+    """A motion from rest to rest in which each joint swings with its own frequency."""
 
     def __init__(self, sms: ffsms.SpaceManipulator, duration: float = 6.0, size: float = 0.5) -> None:
         self.duration, self.size, self.n = duration, size, sms.n
@@ -26,7 +26,7 @@ class Wave:
         self.target: Any = np.zeros(3)
 
     def sample(self, t: float) -> tuple[Any, Any, Any]:
-        """Joint motion at t, by differences that are exact enough for a controller."""
+        """Return the joint motion at t, with rates and accelerations by finite differences."""
         h = 1e-4
         before, now, after = (self._positions(t + k * h) for k in (-1.0, 0.0, 1.0))
         return now, (after - before) / (2.0 * h), (after - 2.0 * now + before) / h**2
@@ -46,7 +46,7 @@ def changed(sms: ffsms.SpaceManipulator) -> ffsms.SpaceManipulator:
 def swung_by(
     plant: ffsms.SpaceManipulator, model: ffsms.SpaceManipulator, duration: float = 6.0, **options: Any
 ) -> simulation.Tracking:
-    """Return the recording of a plant that a law of another model swings."""
+    """Return the recording of a plant under a control law with another model."""
     wave = Wave(model, duration)
     law = ComputedTorque(model, adaptive=False)
     conditions = simulation.Conditions(guards=None, **options)

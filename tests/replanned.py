@@ -1,4 +1,4 @@
-"""Closed loops that plan again, for tests."""
+"""Simulate re-planned motions, for tests."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ CASES = {1: np.array([1.00, 0.15, 0.0]), 2: np.array([0.45, 0.65, 0.0])}
 def run(
     sms: ffsms.SpaceManipulator, target: Any, duration: float = 6.0, hold: float = 0.0, **given: Any
 ) -> tuple[opt.Replanning, Tracking]:
-    """A closed loop from the paper's start."""
+    """Simulate a step-by-step plan in closed loop from the paper's start."""
     reference = opt.StepPlanner(sms, dt=0.02).track(target, duration, hold)
     law = ComputedTorque(sms, 100.0, 20.0)
     return reference, simulate(sms, reference, law, dt=5e-3, q0=sms.configuration(START), **given)

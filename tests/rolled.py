@@ -1,4 +1,4 @@
-"""A plan rolled out again by Pinocchio alone, at a finer resolution: an independent judge of paths."""
+"""Roll out a plan by Pinocchio alone with finer steps, as an independent check of paths."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ FloatArray = NDArray[np.float64]
 
 
 def rolled_out_by_pinocchio(sms: Any, plan: opt.Trajectory, finer: int = 10) -> tuple[FloatArray, list[Any]]:
-    """Return times (K,) and end-effector poses of a joint motion, with the base free and without momentum.
+    """Return times (K,) and end-effector poses of a joint motion with a floating base, without momentum.
 
     Between nodes the joint accelerations are constant. The base velocity follows from the centroidal momentum
     matrix of Pinocchio; the midpoint rule integrates it in `finer` steps for each step of the plan.
@@ -27,7 +27,7 @@ def rolled_out_by_pinocchio(sms: Any, plan: opt.Trajectory, finer: int = 10) -> 
         for i in range(finer):
             rates = plan.joint_rates[k] + (i + 0.5) * h * acceleration
             middle = q
-            for _ in range(2):  # the configuration in the middle of the step, by the velocity there
+            for _ in range(2):  # the second pass uses the velocity in the middle of the step
                 A = pin.computeCentroidalMap(model, data, middle)
                 v[:6], v[6:] = -np.linalg.solve(A[:, :6], A[:, 6:] @ rates), rates
                 middle = pin.integrate(model, q, 0.5 * h * v)

@@ -1,4 +1,4 @@
-"""A scenario file of a second's computing, and writing such files, for the tests."""
+"""Define and write scenario files that run in about a second, for tests."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from pathlib import Path
 
 __all__ = ["CAPTURE", "COARSE", "IN_DEGREES", "IN_RADIANS", "NEARER", "QUICK", "SECOND", "write"]
 
-# Robot, start and target; the second starts elsewhere by a fraction of a degree.
+# Robot, start and target. The starts of IN_DEGREES and IN_RADIANS differ by a fraction of a degree.
 IN_DEGREES = """
 [robot]
 model = "planar_3r"
@@ -15,7 +15,7 @@ joints_deg = [23.0, 40.0, -29.0]
 [target]
 position = [0.75, 0.5, 0.0]
 """
-NEARER = IN_DEGREES.replace("[0.75, 0.5, 0.0]", "[0.7, 0.5, 0.0]")  # the same to a nearer target
+NEARER = IN_DEGREES.replace("[0.75, 0.5, 0.0]", "[0.7, 0.5, 0.0]")  # with a nearer target
 IN_RADIANS = IN_DEGREES.replace("joints_deg = [23.0, 40.0, -29.0]", "joints = [0.4, 0.7, -0.5]")
 
 QUICK = f"""{IN_DEGREES}\
@@ -28,7 +28,7 @@ offset_deg = [0.5, 0.0, -0.5]
 """
 COARSE = QUICK.replace("dt = 0.004\noffset_deg = [0.5, 0.0, -0.5]", "dt = 0.01").lstrip()
 
-# A motion of a second, to whatever is added.
+# A motion of 1 s without a target.
 SECOND = """
 [robot]
 model = "planar_3r"
@@ -68,7 +68,7 @@ after = 4.0
 
 
 def write(folder: Path, text: str, name: str = "mine.toml") -> Path:
-    """A file of this text."""
+    """Write a text to a file, and return its path."""
     path = folder / name
     path.write_text(text, encoding="utf-8")
     return path

@@ -1,4 +1,4 @@
-"""Scripts of the repository that are modules of no package, loaded for their functions."""
+"""Load scripts of the repository that belong to no package, to test their functions."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ _ROOT = Path(__file__).resolve().parents[1]
 
 
 def loaded(script: str) -> ModuleType:
-    """The module of a script, whose path is from the repository's root; made anew by each call."""
+    """Return a new module of a script; `path` is relative to the repository's root."""
     path = _ROOT / script
     spec = importlib.util.spec_from_file_location(path.stem, path)
     assert spec is not None

@@ -1,4 +1,4 @@
-"""Slopes of residuals by control points: by the library's chain rule, and by finite differences."""
+"""Compute derivatives of residuals by control points, by the chain rule and by finite differences."""
 
 from __future__ import annotations
 
@@ -18,19 +18,19 @@ __all__ = ["by_differences", "by_slopes", "check_arrival", "motions", "tip_turni
 
 
 def motions(problem: Problem, spline: RateSpline, p: FloatArray, smoothing: Smoothing = EXACT) -> Rollouts:
-    """Motions of control points p (S, M, n)."""
+    """Return the rollouts of control points p (S, M, n)."""
     return motions_of(problem, spline, p, smoothing)
 
 
 def values_of(residuals: list[Variable], shape: tuple[int, int, int]) -> FloatArray:
-    """All residuals of one motion in one vector; entries that are left out are zero."""
+    """Return all residuals of one motion in a vector; omitted entries are zero."""
     rows: list[FloatArray] = []
     for residual in residuals:
         motion, instants = residual.where or (None, slice(None))
         if motion is None:
             rows.append(residual.value[..., 0, :].ravel())
         else:
-            # Several entries may stand at one instant (pairs of points): their squares add up.
+            # Squares are summed if several entries (pairs of points) belong to one instant.
             at, square = np.arange(shape[2])[instants], residual.value**2
             total = square.reshape(-1, square.shape[-1]).sum(axis=0)
             rows.append(np.bincount(at, total, minlength=shape[2]).astype(np.float64))
@@ -38,7 +38,7 @@ def values_of(residuals: list[Variable], shape: tuple[int, int, int]) -> FloatAr
 
 
 def by_slopes(problem: Problem, spline: RateSpline, p: FloatArray, residuals: list[Variable]) -> FloatArray:
-    """Slopes (rows, n M) of `values_of`, joints first, by the chain rule."""
+    """Return the derivatives (rows, n M) of `values_of`, joints first, by the chain rule."""
     at = motions(problem, spline, p)
     rows = []
     for residual in residuals:
@@ -56,7 +56,7 @@ def by_slopes(problem: Problem, spline: RateSpline, p: FloatArray, residuals: li
 
 
 def _rows(spline: RateSpline, at: Rollouts, residual: Variable) -> FloatArray:
-    """Slopes (c, K, n M) of one motion's residual, joints first: gradients of its values, one by one."""
+    """Return the derivatives (c, K, n M) of one residual of a motion, joints first."""
     rows = []
     for i in range(len(residual) if residual.ndim == 3 else 1):
         one = np.zeros_like(residual.value)
@@ -78,7 +78,7 @@ def by_differences(
     residuals: Callable[[Rollouts], list[Variable]],
     step: float = 1e-6,
 ) -> FloatArray:
-    """The same by central differences."""
+    """Return the derivatives of `values_of` by central differences."""
     n, size = problem.sms.n, spline.size
     shape = (n, 1, len(spline.times))
     out = []
@@ -94,18 +94,18 @@ def by_differences(
 
 
 def tip_turning_slopes(stack: ArmStack, arm: ArmValues, rates: FloatArray) -> FloatArray:
-    """Slopes (3, n, ...) by the joint positions of the end effector's angular velocity on a fixed base.
+    """Return the derivatives (3, n, ...) of the tip's angular velocity on a fixed base by joint positions.
 
-    A joint turns the axes of all joints that it carries.
+    A joint rotates the axes of all joints that it carries.
     """
     carried = np.einsum("kj,j,j...,xj...->xk...", stack.carries, stack.moves_tip, rates, arm.axes)
     return np.cross(arm.axes, carried, axis=0)
 
 
 def check_arrival(problem: Problem, spline: RateSpline, p: FloatArray, exact: bool) -> None:
-    """Slopes of what the goal asks for, at the deadline and in the last tenth, are those of differences.
+    """Check the derivatives of the goal's residuals, at the deadline and in the last tenth of the time.
 
-    Where steps hold the end, the gradient of its square is the same.
+    With `firm` residuals the gradient of the sum of squares is the same.
     """
     at = motions(problem, spline, p)
     for kind in ("end", "tail"):

@@ -1,9 +1,9 @@
-"""The slowest tests by processor time, that of the processes they start included; a plugin of pytest.
+"""List the tests with the longest CPU time, including child processes; a plugin of pytest.
 
     PYTHONPATH=tests python -m pytest -n auto -p slowest
 
-The time on the clock (`--durations`) depends on what else the machine does; processor time does so less. A
-fixture that several tests share counts for the first of them.
+CPU time depends less on the load of the machine than wall time (`--durations`). A fixture that several tests
+share counts for the first of them.
 """
 
 from __future__ import annotations
@@ -19,21 +19,21 @@ _times: dict[str, float] = {}
 
 
 def _spent() -> float:
-    """Processor time of this process and of those that it started and that have ended [s]."""
+    """Return the CPU time of this process and of its ended child processes [s]."""
     times = os.times()
     return times.user + times.system + times.children_user + times.children_system
 
 
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_protocol(item: pytest.Item) -> Generator[None, Any, Any]:
-    """Note what there was before a test's fixtures."""
+    """Store the CPU time before a test's fixtures."""
     item.stash[_BEFORE] = _spent()
     return (yield)
 
 
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_makereport(item: pytest.Item) -> Generator[None, Any, Any]:
-    """Tell the time with the report of the test's last part: it may go to another process."""
+    """Add the CPU time to the report of the teardown, which may go to another process."""
     report = yield
     if report.when == "teardown":
         report.user_properties = [*report.user_properties, ("cpu", _spent() - item.stash[_BEFORE])]
@@ -41,14 +41,14 @@ def pytest_runtest_makereport(item: pytest.Item) -> Generator[None, Any, Any]:
 
 
 def pytest_runtest_logreport(report: pytest.TestReport) -> None:
-    """Collect the times, where the table is printed."""
+    """Collect the times in the process that prints the table."""
     if report.when == "teardown":
         _times[report.nodeid] = float(str(dict(report.user_properties).get("cpu", 0.0)))
 
 
 def pytest_terminal_summary(terminalreporter: Any) -> None:
     """Print the table."""
-    terminalreporter.section(f"slowest {_SHOWN} tests by processor time [s]")
+    terminalreporter.section(f"slowest {_SHOWN} tests by CPU time [s]")
     for name in sorted(_times, key=lambda name: -_times[name])[:_SHOWN]:
         terminalreporter.write_line(f"{_times[name]:7.1f}  {name}")
     terminalreporter.write_line(f"{sum(_times.values()):7.1f}  all {len(_times)}")

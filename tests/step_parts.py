@@ -1,4 +1,4 @@
-"""Limits and steppers for tests of the step: what must hold in a step, from the rows alone."""
+"""Define limits and steppers for tests of single steps."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def missed(sms: ffsms.SpaceManipulator, q: FloatArray, target: FloatArray) -> fl
 
 
 class StepLimit(Limit):
-    """A limit that steps alone are held to."""
+    """A limit of single steps only, without residual and violation."""
 
     name = "step"
 
@@ -49,7 +49,7 @@ class StepLimit(Limit):
 
 
 class StepJoints(StepLimit):
-    """The robot's joint limits."""
+    """The rows of the robot's joint limits."""
 
     def for_robot(self, sms: ffsms.SpaceManipulator) -> StepJoints:
         made = StepJoints()
@@ -61,7 +61,7 @@ class StepJoints(StepLimit):
 
 
 class StepClearance(StepLimit):
-    """Clearances of points or shapes."""
+    """The rows of clearances of points or shapes."""
 
     def __init__(self, kept: float = 0.01, collision: str = "points") -> None:
         self._clearance = opt.Clearance(kept, collision)
@@ -76,7 +76,7 @@ class StepClearance(StepLimit):
 
 
 class StepBase(StepLimit):
-    """Limits on the base's motion."""
+    """The rows of limits on the base's motion."""
 
     def __init__(self, bounds: Any) -> None:
         self._bounds, self.in_braking = bounds, bounds.in_braking
@@ -87,7 +87,7 @@ class StepBase(StepLimit):
 
 
 class StepRows(StepLimit):
-    """Rows from a function."""
+    """The rows that a function returns."""
 
     def __init__(self, rows: Callable[[StepState], Rows | None]) -> None:
         self._rows = rows
@@ -99,7 +99,7 @@ class StepRows(StepLimit):
 def wanted_motion(
     step: StepState, target: FloatArray, cosine: float, side: FloatArray, rotation: FloatArray | None = None
 ) -> DesiredMotion:
-    """Of a programme without limits."""
+    """Return the desired motion of a step without limits."""
     return step_qp(step, target, cosine, side, rotation, StepWeights(), [])[0]
 
 
@@ -111,7 +111,7 @@ def make_stepper(
     base: Any = None,
     **options: Any,
 ) -> Stepper:
-    """A stepper with the default limits: joints, clearance, the box of alpha, and the base where given."""
+    """Return a stepper with joint limits, clearance, box of alpha and, if given, base limits."""
     limits: list[Limit] = [StepJoints(), AlphaBox(), StepClearance(0.01, collision)]
     if base is not None:
         limits.append(StepBase(base))
@@ -128,5 +128,5 @@ class March(NamedTuple):
 def plan_stepwise(
     stepper: Stepper, q0: FloatArray, target: FloatArray, duration: float, rotation: FloatArray | None = None
 ) -> March:
-    """A march from rest."""
+    """Return a step rollout from rest."""
     return March(*roll_out_steps(stepper, q0, np.zeros(stepper.sms.n), target, duration, rotation))

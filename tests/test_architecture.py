@@ -1,4 +1,4 @@
-"""The number of files that a reader of one call has to open, and imports that stay on top of their files."""
+"""Limit the number of files that one call enters, and the number of imports inside functions."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ FOLDERS = (ROOT, Path(opt.__file__).parent.resolve())
 
 
 def files_entered(call: Callable[[], Any]) -> set[str]:
-    """Return the files of the package of which the call enters a function."""
+    """Return the files of the package whose functions a call enters."""
     names = set[str]()
 
     def trace(frame: Any, event: str, argument: Any) -> None:
-        if frame.f_code.co_flags & inspect.CO_OPTIMIZED:  # bodies of modules are not
+        if frame.f_code.co_flags & inspect.CO_OPTIMIZED:  # leave out the bodies of modules
             names.add(frame.f_code.co_filename)
 
     sys.settrace(trace)  # faster than `sys.setprofile`, which also reports calls of C functions
@@ -37,7 +37,7 @@ def files_entered(call: Callable[[], Any]) -> set[str]:
 
 
 def late_imports() -> Iterator[tuple[str, str]]:
-    """Yield files and modules of other packages of the library that they import inside functions."""
+    """Yield files, and the modules of other subpackages that they import inside functions."""
     for folder in FOLDERS:
         for path in sorted(folder.rglob("*.py")):
             relative = path.relative_to(folder)
@@ -77,7 +77,7 @@ def test_few_imports_of_other_packages_stand_inside_functions() -> None:
 
 
 def test_no_method_is_looked_up_by_its_name() -> None:
-    """What an object may do is a Protocol or a base class, which a type checker reads."""
+    """Optional methods belong to a Protocol or a base class, so that a type checker finds errors."""
     packages = [ROOT / name for name in ("actuation", "capture", "client", "control", "robot", "simulation")]
     found = []
     for folder in (*packages, FOLDERS[1]):
@@ -87,7 +87,7 @@ def test_no_method_is_looked_up_by_its_name() -> None:
                     optional = node.func.id == "getattr" and len(node.args) == 3
                     if optional or node.func.id == "hasattr":
                         found.append(f"{path.name}: {ast.unparse(node)}")
-    # A counter of a thread, and numbers that have no dimension.
+    # A counter of each thread, and scalars without `ndim`.
     assert set(found) <= {
         "derivatives.py: getattr(_lost, 'count', 0)",
         "derivatives.py: getattr(values, 'ndim', 0)",

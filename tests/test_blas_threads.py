@@ -1,4 +1,4 @@
-"""One BLAS thread inside of plans, and as many as before afterwards."""
+"""Test that plans use one BLAS thread and then restore the previous number."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def test_one_thread_inside_and_as_many_as_before_afterwards(planar: ffsms.SpaceM
     with threadpool_limits(2, user_api="blas"):
         before = blas_threads()
         problem = opt.Problem(planar, q0, [0.75, 0.5, 0.0], 3.0, 0.05, terms=[opt.Coupling(), seen])
-        seen.threads.clear()  # the problem tries its parts
+        seen.threads.clear()  # the constructor of the problem evaluates its parts
         opt.solve(problem)
         assert seen.threads == {1}
         assert blas_threads() == before

@@ -1,4 +1,4 @@
-"""The build backend's one decision: which compiler."""
+"""Test the choice of the compiler in the build backend."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class TestChoice:
         assert backend.needs_zig()
 
     def test_the_commands_pass_everything_on(self, backend: ModuleType, tmp_path: Path) -> None:
-        """Where zig is not installed, Python says so: the arguments have got as far as that."""
+        """If zig is not installed, Python's error shows that the arguments were passed on."""
         folder = backend.zig_tools(tmp_path / "with space")
         assert {path.name for path in folder.iterdir()} == {"c++", "ar", "ranlib"}
         found = subprocess.run([folder / "c++", "--version"], capture_output=True, text=True, check=False)

@@ -1,4 +1,4 @@
-"""Numbers, shapes and kinds of object, checked once where they come in."""
+"""Test the checks of numbers, shapes and types of arguments."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def test_a_sane_number_passes(value: Any) -> None:
 def test_any_other_is_refused(refused: Refused, value: Any) -> None:
     refused(lambda: checks.number("x", value), InvalidValue, "x must")
     refused(lambda: checks.per_joint("x", value, 2), InvalidValue, "x must")
-    if not isinstance(value, (bool, np.bool_)):  # which numpy takes for a number among others
+    if not isinstance(value, (bool, np.bool_)):  # in an array numpy converts it to a number
         refused(lambda: checks.vector("x", [0.0, value], 2), InvalidValue, "x must")
         refused(lambda: checks.matrix("x", [[0.0, value]], 1, 2), InvalidValue, "x must")
 

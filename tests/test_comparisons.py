@@ -1,4 +1,4 @@
-"""Objects of the library are compared and hashed without an error, whatever arrays they hold."""
+"""Test that objects with arrays can be compared and hashed without an error."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from ffsms_pin.simulation import Actuator, Tracking, Wrench
 
 
 def dataclasses() -> Iterator[type]:
-    """All dataclasses of the package, public or not."""
+    """Yield all dataclasses of the package, public or not."""
     for module_info in pkgutil.walk_packages(ffsms.__path__, "ffsms_pin.", onerror=lambda _: None):
         if module_info.name.endswith("__main__"):
             continue
@@ -40,7 +40,7 @@ def dataclasses() -> Iterator[type]:
 
 
 def worst(annotation: str) -> Any:
-    """A value that a field of this type may have and that is hard to compare."""
+    """Return a value of this type that is hard to compare."""
     array = np.arange(3.0)
     if annotation.startswith("Callable"):
         return len
@@ -52,14 +52,14 @@ def worst(annotation: str) -> Any:
 
 
 def fault(kind: Any) -> str:
-    """What goes wrong when two objects with the same values are compared, or one is hashed."""
+    """Return the error if two objects with the same values are compared, or one is hashed."""
     one, other = object.__new__(kind), object.__new__(kind)
     for field in fields(kind):
         for made in (one, other):
             object.__setattr__(made, field.name, worst(str(field.type)))
     try:
         answers = [one == one, one == other, one != other]
-        if kind.__hash__ is not None:  # else it can be changed, and is no key on purpose
+        if kind.__hash__ is not None:  # mutable dataclasses are not hashable on purpose
             hash(one)
     except (TypeError, ValueError) as error:
         return f"{kind.__module__}.{kind.__qualname__}: {error}"
@@ -67,7 +67,7 @@ def fault(kind: Any) -> str:
 
 
 def test_every_dataclass_is_compared_and_hashed_whatever_it_holds() -> None:
-    kinds = set(dataclasses()) - {ffsms.SatelliteBase}  # which keeps plain numbers: see tests/models
+    kinds = set(dataclasses()) - {ffsms.SatelliteBase}  # it has numbers only, so it compares by value
     assert len(kinds) > 80
     assert [problem for problem in map(fault, kinds) if problem] == []
 

@@ -1,4 +1,4 @@
-"""Docstrings begin with a verb, or with an article and its noun; D401 of ruff checks functions."""
+"""Test that docstrings begin with a verb, or with an article and its noun."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Failures of numbers at the calls that users make, and numbers that no robot and no client has."""
+"""Test numerical failures in the public functions, and unphysical values of robots and clients."""
 
 from __future__ import annotations
 
@@ -30,12 +30,12 @@ def problem(sms: ffsms.SpaceManipulator) -> opt.Problem:
 
 
 def caught(sms: ffsms.SpaceManipulator) -> capture.Flight:
-    """Fly to a client that is at the end effector already."""
+    """Simulate the capture of a client that is at the end effector already."""
     client = ffsms.Client(1.0, [0.1, 0.1, 0.1], sms.at(START_Q).end_effector_pose)
     return capture.fly(sms, START_Q, opt.Meet(client, standoff=0.0), 1.0, planning=capture.Planning(dt=0.1))
 
 
-# A function that fails in place of the library's, and a call that uses it.
+# The function that is replaced by a failing one, and a call that uses it.
 DOORS: dict[str, tuple[str, Callable[[ffsms.SpaceManipulator], Any]]] = {
     "plan": ("numpy.linalg.svd", lambda sms: opt.plan(sms, START_Q, TARGET, 6.0, 0.1, method="step")),
     "solve": ("daqp.solve", lambda sms: opt.solve(problem(sms))),
@@ -50,7 +50,7 @@ DOORS: dict[str, tuple[str, Callable[[ffsms.SpaceManipulator], Any]]] = {
 
 
 def failing(error: Exception) -> Callable[..., Any]:
-    """Return a function that raises `error` as if it were one of NumPy's own."""
+    """Return a function that raises `error`, and that seems to belong to NumPy."""
     module: dict[str, Any] = {"__name__": "numpy.linalg", "error": error}
     exec("def fail(*args, **options):\n    raise error", module)
     return module["fail"]  # type: ignore[no-any-return]
@@ -84,7 +84,7 @@ def test_what_a_users_own_function_raises_passes_as_it_is(planar: ffsms.SpaceMan
 
 
 def changed(folder: Path, old: str, new: str) -> Any:
-    """Load the planar robot with another text in its file."""
+    """Load the planar robot with `old` replaced by `new` in its file."""
     assert old in PLANAR
     (folder / "changed.urdf").write_text(PLANAR.replace(old, new, 1))
     return ffsms.load(folder / "changed.urdf", end_effector="end_effector")
@@ -97,7 +97,7 @@ def captured(**given: Any) -> Any:
     return ffsms.simulate(sms, Swing(sms), PD(sms), dt=0.1, conditions=ffsms.Conditions(events=event))
 
 
-# What reads the values, the error's class, and words of it: what is wrong, by how much, in which unit.
+# The call, the class of its error, and words of the message: the value, the bound and the unit.
 UNPHYSICAL: dict[str, tuple[Callable[[Path], Any], type[FfsmsError], tuple[str, ...]]] = {
     "a captured body far off the gripper": (
         lambda _: captured(com=[1e6, 0.0, 0.0]),

@@ -1,4 +1,4 @@
-"""Without an extra, what needs it says so and how to install it; everything else works."""
+"""Test that errors name a missing extra, and that everything else works without it."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ sys.meta_path.insert(0, Hidden())
 
 
 def without(hidden: tuple[str, ...], code: str, folder: Path) -> subprocess.CompletedProcess[str]:
-    """What a fresh interpreter does with `code` where some modules cannot be imported."""
+    """Run `code` in a new interpreter in which some modules cannot be imported."""
     return subprocess.run(
         [sys.executable, "-c", HIDE.format(hidden=hidden) + code],
         cwd=folder,

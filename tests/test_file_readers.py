@@ -1,4 +1,4 @@
-"""Whatever reads a file refuses devices and pipes, which have no end, and files that are absurdly large."""
+"""Test that all readers refuse devices, pipes and extremely large files."""
 
 from __future__ import annotations
 
@@ -25,18 +25,18 @@ from ffsms_pin.scenarios.definition import load_scenario
 from ffsms_pin.simulation import Tracking
 from ffsms_pin.system.urdf_elements import read_robot
 
-HUGE = 2**40  # [bytes], none of them on the disk
+HUGE = 2**40  # [bytes], a sparse file
 
 
 def of_an_obstacle(path: Path) -> Any:
-    """Read as the mesh of a scenario's obstacle."""
+    """Read a file as the mesh of a scenario's obstacle."""
     name = f'{QUICK}\n[[obstacle]]\nshape = "mesh"\nfile = "{path}"\n'
     chosen = ffsms.scenario(write_scenario(path.parent, name))
     return chosen.obstacles(None)
 
 
 def of_a_summary(path: Path) -> Any:
-    """Read as the summary of results."""
+    """Read a file as the summary of results."""
     folder = path.parent / "results"
     folder.mkdir()
     planar = ffsms.load("planar_3r")
@@ -47,7 +47,7 @@ def of_a_summary(path: Path) -> Any:
 
 
 def of_a_campaign(path: Path) -> Any:
-    """Read as the campaign of a folder."""
+    """Read a file as the campaign of a folder."""
     folder = path.parent / "campaign"
     folder.mkdir()
     instead(folder / "campaign.json", path)
@@ -55,7 +55,7 @@ def of_a_campaign(path: Path) -> Any:
 
 
 def instead(place: Path, path: Path) -> None:
-    """Let a file's place lead to another one."""
+    """Replace a file by a link to `path`."""
     place.unlink(missing_ok=True)
     place.symlink_to(path)
 
@@ -79,8 +79,8 @@ READERS: dict[str, Callable[[Path], Any]] = {
 }
 
 
-# Readers that say it in words of their own, by whether the file is huge: robots are looked for by name first,
-# arrays are read one by one and have sizes of their own.
+# Readers with other messages, by reader and whether the file is huge. Robots are first searched by name, and
+# result files have their own checks of sizes.
 OTHERWISE = {
     **dict.fromkeys(
         [(name, False) for name in ("robot", "arm", "inspected")], "neither a file nor a packaged"
@@ -90,7 +90,7 @@ OTHERWISE = {
 
 
 def told(read: Callable[[], Any]) -> Any:
-    """What is read; the system's error as one of ours, as readers pass it on."""
+    """Call a reader, and convert an OSError to ResultError, as the callers of `read_content` do."""
     try:
         return read()
     except OSError as error:
@@ -102,7 +102,7 @@ def told(read: Callable[[], Any]) -> Any:
 def test_it_is_refused_at_once(name: str, what: str, tmp_path: Path) -> None:
     path = tmp_path / "given"
     if what == "device":
-        path.symlink_to("/dev/zero")  # which is only ever read
+        path.symlink_to("/dev/zero")  # reading never ends
     elif what == "pipe":
         os.mkfifo(path)
     else:

@@ -1,4 +1,4 @@
-"""Files are written whole or not at all: through links, with the mode that is there."""
+"""Test that files are written completely or not at all, through links, and keep their permissions."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def umask() -> Iterator[None]:
 
 
 def mode(path: Path) -> int:
-    """Permissions of a file."""
+    """Return the permissions of a file."""
     return stat.S_IMODE(path.stat().st_mode)
 
 
@@ -43,7 +43,7 @@ def test_a_link_stays_and_its_file_is_written(tmp_path: Path) -> None:
     assert file.read_text() == "new"
     assert os.readlink(link) == "there/file"
     assert far.is_symlink()
-    # A link to a file that is not there yet.
+    # A link to a file that does not exist yet.
     (tmp_path / "dangling").symlink_to("there/other")
     write_content(tmp_path / "dangling", "made")
     assert (tmp_path / "there" / "other").read_text() == "made"
@@ -58,7 +58,7 @@ def test_the_mode_is_kept_and_a_new_file_gets_the_umask(tmp_path: Path) -> None:
     private.chmod(0o600)
 
     def write(file: IO[bytes]) -> None:
-        # Nobody else may read it meanwhile either.
+        # The temporary file must not be readable by others.
         assert {mode(path) for path in tmp_path.glob(".private*")} == {0o600}
         file.write(b"secret")
 

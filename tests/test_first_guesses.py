@@ -1,4 +1,4 @@
-"""Names and values that a roboticist types first work, or an error gives the right ones."""
+"""Test that plausible names and values work, or that the error names the right ones."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def test_the_command_line_advises_no_function() -> None:
 
 
 def test_a_homogeneous_matrix_is_a_pose(planar: ffsms.SpaceManipulator) -> None:
-    """As goal, waypoint and base, on clients and obstacles, and in paths."""
+    """Test matrices as goals, waypoints and base poses, for clients and obstacles, and in paths."""
     T, q0 = TURNED.homogeneous, planar.configuration([0.1, 0.2, 0.3])
     for value in (T, T.tolist(), opt.Pose(T)):
         place = opt.Problem(planar, q0, value).goal.place(0.0)
@@ -172,11 +172,11 @@ def test_positions_within_limits_and_some_turns_are_no_degrees() -> None:
         ffsms.load("satellite_ur5").configuration([6.0, -6.0, 3.0, 4.0, 5.0, -5.0])
         ffsms.load("satellite_kinova").configuration([7.0, 3.0, 3.0, -20.0, 0.0, 0.0])
         ffsms.load("planar_3r").configuration([2.0, 0.0, 3.1])
-        ffsms.load("planar_3r").configuration([2.0, 0.0, -3.14309])  # an arm that swings past its limits
+        ffsms.load("planar_3r").configuration([2.0, 0.0, -3.14309])  # slightly beyond its limit
 
 
 def test_messages_of_python_name_no_option_and_those_of_commands_no_function(tmp_path: Path) -> None:
-    """What the library says in Python, and the same on the command line."""
+    """Test the messages of Python and of the command line for the same errors."""
     cases: list[tuple[Callable[[], object], list[str], str, str]] = [
         (lambda: ffsms.load("panda"), ["info", "panda"], "ffsms_pin.mount('panda')", "[robot.mount]"),
         (

@@ -1,4 +1,4 @@
-"""A name of the library that is misspelt is reported: by mypy before the program runs, else with a hint."""
+"""Test that misspelt names are reported by mypy, and by Python with a hint."""
 
 from __future__ import annotations
 

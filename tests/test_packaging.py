@@ -1,4 +1,4 @@
-"""The built distribution, used from outside the checkout, and the guards around the two links."""
+"""Test the built distribution outside the checkout, and the symbolic links `opt` and `urdf`."""
 
 from __future__ import annotations
 
@@ -38,10 +38,10 @@ def run(*command: str, cwd: Path, **environment: str) -> str:
 
 @pytest.fixture(scope="module")
 def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder into which the wheel, built from the sdist, is installed without its dependencies."""
+    """Return a folder with the installed wheel, built from the sdist, without dependencies."""
     built = tmp_path_factory.mktemp("dist")
     command = [sys.executable, "-m", "build", "--no-isolation", "--outdir", str(built), str(CHECKOUT)]
-    # Neither optimised nor built a second time for AVX2: compiling takes a third of the time.
+    # Without optimisation and the second build for AVX2, compiling takes a third of the time.
     run(*command, cwd=built, SKBUILD_CMAKE_BUILD_TYPE="Debug", SKBUILD_CMAKE_DEFINE="HAS_AVX2=OFF")
     (wheel,) = built.glob("*.whl")
     assert list(built.glob("*.tar.gz"))
@@ -103,7 +103,7 @@ def test_opt_and_urdf_are_relative_links_to_the_top_level() -> None:
 
 
 def test_no_class_exists_twice() -> None:
-    """`opt` and `urdf` are reached through the package only."""
+    """Test that `opt` and `urdf` are imported through the package only."""
     assert ffsms_pin.opt.StepPlanner.__module__ == "ffsms_pin.opt.replan.step_planner"
     assert "opt" not in sys.modules
     assert "urdf" not in sys.modules

@@ -1,4 +1,4 @@
-"""What prints in a notebook: one short line that says what the object is, without arrays."""
+"""Test that the repr of an object is one short line without arrays."""
 
 from __future__ import annotations
 
@@ -90,7 +90,7 @@ def test_a_run_says_whether_it_reached_and_how_the_base_moved() -> None:
         errors = np.where(late, error, 1.0)
         assert replace(tracking, position_error=errors).reached is reached
     errors[np.argmax(late)] = 0.0
-    assert not replace(tracking, position_error=errors).reached  # at one instant it is not enough
+    assert not replace(tracking, position_error=errors).reached  # one instant is not enough
     np.testing.assert_array_equal(tracking.base_translation, tracking.q[:, :3] - tracking.q[0, :3])
     turn = 2.0 * np.arctan2(tracking.q[:, 5], tracking.q[:, 6])
     np.testing.assert_allclose(tracking.base_rotation, np.abs(turn - turn[0]), atol=1e-9)

@@ -1,4 +1,4 @@
-"""Result files that are damaged, foreign or made to harm: one error, and nothing read that is not ours."""
+"""Test that damaged, foreign and malicious result files cause one error and no harm."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def plan(planar: ffsms.SpaceManipulator) -> opt.Trajectory:
 
 
 def arrays_in(result: Any) -> dict[str, Any]:
-    """Return what `save` writes of a plan or a recording."""
+    """Return the arrays that `save` writes for a plan or a recording."""
     with tempfile.TemporaryDirectory() as folder:
         result.save(Path(folder) / "saved.npz")
         with np.load(Path(folder) / "saved.npz") as arrays:
@@ -43,7 +43,7 @@ def written(path: Path, values: dict[str, Any]) -> Path:
 
 
 def bomb(path: Path, values: dict[str, Any], name: str, size: int = GIGABYTES) -> Path:
-    """A file of which one member says that it holds `size` bytes of zeros, and would be taken at its word."""
+    """Write a file in which the header of one member declares `size` bytes of zeros."""
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
         for key, value in values.items():
             buffer = io.BytesIO()
@@ -54,7 +54,7 @@ def bomb(path: Path, values: dict[str, Any], name: str, size: int = GIGABYTES) -
                 np.lib.format.write_array(buffer, np.asarray(value))
             archive.writestr(f"{key}.npy", buffer.getvalue())
             if key == name:
-                archive.filelist[-1].file_size += size  # what a reader goes by
+                archive.filelist[-1].file_size += size  # the size that a reader uses
     return path
 
 
@@ -71,7 +71,7 @@ def test_a_member_that_would_unpack_to_gigabytes_is_not_read(
         _, most = tracemalloc.get_traced_memory()
         tracemalloc.stop()
         assert most < 10_000_000
-    # What does not belong to a result does not matter, for it is not read.
+    # Members that do not belong to a result are not read.
     path = bomb(tmp_path / "more.npz", {**values, "more": 0}, "more")
     np.testing.assert_array_equal(load(path).t, values["t"])
 
@@ -79,7 +79,7 @@ def test_a_member_that_would_unpack_to_gigabytes_is_not_read(
 def test_zeros_that_fit_are_refused_for_their_size_alone(
     swung: Tracking, tmp_path: Path, refused: Refused, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Of a file whose shapes agree, and of a long one that is what it says."""
+    """Test files with consistent shapes: one of zeros, which is refused, and a recording, which is loaded."""
     N = 50_000
     rows = {name: value.shape[1:] for name, value in arrays_in(swung).items() if value.shape}
     values: dict[str, Any] = {name: np.zeros((N, *shape)) for name, shape in rows.items()}
@@ -90,7 +90,7 @@ def test_zeros_that_fit_are_refused_for_their_size_alone(
     assert len(Tracking.load(path).t) == N
     monkeypatch.setattr(files, "_UNPACKED", 10**6)
     refused(lambda: Tracking.load(path), ResultError, "more than any recording")
-    swung.save(tmp_path / "whole.npz")  # more than that too, but it is not made of nothing
+    swung.save(tmp_path / "whole.npz")  # also larger than the limit, but not highly compressed
     assert sum(np.asarray(value).nbytes for value in arrays_in(swung).values()) > 10**5
     monkeypatch.setattr(files, "_UNPACKED", 10**5)
     assert len(Tracking.load(tmp_path / "whole.npz").t) == len(swung.t)
@@ -122,7 +122,7 @@ def test_objects_and_code_are_not_read(swung: Tracking, tmp_path: Path, refused:
         path = written(tmp_path / "harm.npz", {**values, name: np.array([Harm()], dtype=object)})
         refused(lambda path=path: Tracking.load(path), ResultError, "not an npz file")
     more = written(tmp_path / "more.npz", {**values, "more": np.array([Harm()], dtype=object)})
-    Tracking.load(more)  # a stranger's member is left alone
+    Tracking.load(more)  # a foreign member is not read
     assert not (tmp_path / "harm").exists()
 
 
@@ -149,7 +149,7 @@ def test_a_plan_whose_arrays_do_not_fit_is_refused(
     assert len(numbers) >= 18
     for name in numbers:
         fewer = values[name][:-1] if values[name].shape else np.zeros(2)
-        if name != "t":  # the others are measured by it
+        if name != "t":  # the shapes of the others are compared with it
             changed(name, fewer, f"holds {name} of shape")
         changed(name, values[name][np.newaxis], f"holds {name} of shape")
         changed(name, np.full(values[name].shape, "x"), f"holds no numbers in {name}")

@@ -1,4 +1,4 @@
-"""Imports: nothing that plots, shows or solves is loaded before it is used."""
+"""Test that modules for plots, views and solvers are imported only when they are used."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ SLOW = (
 
 
 def loaded_by(code: str) -> set[str]:
-    """Modules that a fresh Python loads for the code, those of numpy and Pinocchio left out."""
+    """Return the modules that `code` loads in a new interpreter, except those of numpy and Pinocchio."""
     shown = (
         f"import sys, numpy, pinocchio\nbefore = set(sys.modules)\n{code}\nprint(*set(sys.modules) - before)"
     )
@@ -33,7 +33,7 @@ def loaded_by(code: str) -> set[str]:
 
 
 def packages(modules: set[str]) -> set[str]:
-    """The packages that modules belong to, Python's own left out."""
+    """Return the packages of modules, except the standard library."""
     return {name.split(".")[0] for name in modules} - set(sys.stdlib_module_names) - {"__mp_main__"}
 
 

@@ -1,4 +1,4 @@
-"""Robots in plain numbers, so that tests can work them out without Pinocchio."""
+"""Define robots by masses, lengths and axes, so that tests can compute them without Pinocchio."""
 
 from __future__ import annotations
 
@@ -22,17 +22,17 @@ class Body(NamedTuple):
 
     parent: int
     kind: str  # "base", "revolute", "continuous" or "prismatic"
-    rotation: Array  # of the joint in the parent's frame
+    rotation: Array  # rotation of the joint frame in the parent's frame
     position: Array
-    axis: Array  # in the joint's own frame
+    axis: Array  # joint axis in the joint frame
     mass: float
-    com: Array  # in the body's frame
+    com: Array  # centre of mass in the body's frame
     inertia: Array  # about the centre of mass, body axes
 
 
 @dataclass(frozen=True)
 class Tree:
-    """A robot in plain numbers, so that tests can work it out without Pinocchio."""
+    """A robot given by masses, lengths and axes, so that tests can compute it without Pinocchio."""
 
     bodies: list[Body]
     tip_rotation: Array  # end effector in the last body's frame
@@ -40,11 +40,11 @@ class Tree:
 
     @property
     def n(self) -> int:
-        """Number of joints."""
+        """The number of joints."""
         return len(self.bodies) - 1
 
     def model(self) -> Any:
-        """The same robot as a pinocchio.Model, end effector "tip"."""
+        """Return the robot as a pinocchio.Model with the end effector "tip"."""
         model = pin.Model()
         model.name = "tree"
         for i, body in enumerate(self.bodies):
@@ -59,7 +59,7 @@ class Tree:
         return model
 
     def urdf(self, extra: str = "") -> str:
-        """The same robot as a URDF: links "link_0" (the base), "link_1", ..., end effector "tip"."""
+        """Return the robot as a URDF with links "link_0" (the base), "link_1", ... and end effector "tip"."""
 
         def pose(rotation: Array, position: Array) -> str:
             rpy = pin.rpy.matrixToRpy(rotation)
@@ -101,7 +101,7 @@ def _joint_model(body: Body) -> Any:
         return pin.JointModelRevoluteUnaligned(*body.axis)
     if body.kind == "prismatic":
         return pin.JointModelPrismaticUnaligned(*body.axis)
-    # From Python, a continuous joint cannot be given an axis of its own.
+    # Pinocchio's Python bindings have no continuous joint about an arbitrary axis.
     return (pin.JointModelRUBX, pin.JointModelRUBY, pin.JointModelRUBZ)[int(np.argmax(body.axis))]()
 
 
@@ -117,21 +117,21 @@ def _rotation(rng: np.random.Generator) -> Array:
 
 
 def _inertia(rng: np.random.Generator, mass: float) -> Array:
-    """Inertia of a random solid box of that mass, in turned axes: one that a rigid body can have."""
+    """Return the inertia of a random solid box of a given mass, in random axes."""
     a, b, c = rng.uniform(0.05, 0.6, size=3) ** 2
     turn = _rotation(rng)
     return np.asarray(turn @ np.diag([b + c, a + c, a + b]) @ turn.T * mass / 12.0)
 
 
 def grown(seed: int, n: int, kinds: tuple[str, ...] = ("revolute", "prismatic")) -> Tree:
-    """A branched robot in space, the same for the same seed."""
+    """Return the random branched robot of a seed."""
     rng = np.random.default_rng(seed)
     mass = float(rng.uniform(5.0, 300.0))
-    com = rng.uniform(-0.4, 0.4, size=3)  # the base's centre of mass is not its root origin
+    com = rng.uniform(-0.4, 0.4, size=3)  # away from the root's origin
     inertia = _inertia(rng, mass) * 4.0
     bodies = [Body(-1, "base", np.eye(3), np.zeros(3), np.zeros(3), mass, com, inertia)]
     for i in range(1, n + 1):
-        # Depth first, as Pinocchio needs it: each joint hangs on the last one or on one further in.
+        # Joints are in depth-first order, as Pinocchio requires.
         parent = i - 1
         while parent > 0 and rng.random() < 0.25:
             parent = bodies[parent].parent
@@ -146,7 +146,7 @@ def grown(seed: int, n: int, kinds: tuple[str, ...] = ("revolute", "prismatic"))
 
 
 def packaged_planar() -> Tree:
-    """The packaged planar robot, read from its file in plain numbers."""
+    """Return the packaged planar robot, read from its file."""
 
     def numbers(text: str) -> Array:
         return np.array([float(word) for word in text.split()])

@@ -1,4 +1,4 @@
-"""An end effector and a client as two free bodies with loads between them, for tests."""
+"""Simulate an end effector and a client as two free bodies with loads between them, for tests."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ __all__ = ["Motion", "TwoBodies"]
 
 
 class Motion(NamedTuple):
-    """Rows of a run: times (N + 1,), q (N + 1, 14), v (N + 1, 12); wrench on the end effector (N + 1, 6)."""
+    """A run: times (N + 1,), q (N + 1, 14), v (N + 1, 12), and wrench on the end effector (N + 1, 6)."""
 
     t: FloatArray
     q: FloatArray
@@ -26,12 +26,15 @@ class Motion(NamedTuple):
 
     @property
     def peak(self) -> float:
-        """Of the force [N]."""
+        """The largest force [N]."""
         return float(np.linalg.norm(self.wrench[:, :3], axis=1).max())
 
 
 class TwoBodies:
-    """Each body's frame is at its centre of mass; `push` (6,) acts on the end effector's, inertial axes."""
+    """Two free bodies, with frames at their centres of mass.
+
+    The wrench `push` (6,) acts on the end effector, in inertial axes.
+    """
 
     def __init__(
         self,
@@ -49,11 +52,11 @@ class TwoBodies:
         self.loads, self.push, self._data = loads, np.array(push), self.model.createData()
 
     def wrench(self, q: FloatArray, v: FloatArray) -> FloatArray:
-        """Of the loads on the end effector about its centre of mass (6,)."""
+        """Return the wrench (6,) of the loads on the end effector about its centre of mass."""
         return self._wrenches(q, v)[0]
 
     def states(self, q: FloatArray, v: FloatArray) -> tuple[list[Any], list[FloatArray]]:
-        """Poses and twists of both, inertial axes."""
+        """Return the poses and twists of both bodies, inertial axes."""
         poses = [pin.XYZQUATToSE3(q[k : k + 7]) for k in (0, 7)]
         return poses, [
             np.concatenate([pose.rotation @ v[k : k + 3], pose.rotation @ v[k + 3 : k + 6]])
@@ -61,7 +64,7 @@ class TwoBodies:
         ]
 
     def _wrenches(self, q: FloatArray, v: FloatArray) -> tuple[FloatArray, FloatArray, list[Any]]:
-        """On the end effector and on the client, each about its centre of mass (6,); and their poses."""
+        """Return the wrenches (6,) on both bodies, each about its centre of mass, and the poses."""
         poses, twists = self.states(q, v)
         on_tool, on_client = np.zeros((2, 6))
         for load in self.loads:
@@ -71,12 +74,12 @@ class TwoBodies:
         return on_tool, on_client, poses
 
     def run(self, poses: Sequence[Any], twists: Any, dt: float, steps: int) -> Motion:
-        """From poses (pinocchio.SE3) and twists (6,), inertial axes, by Runge-Kutta of order 4."""
+        """Simulate from poses (pinocchio.SE3) and twists (6,), inertial axes, by a Runge-Kutta method."""
         q = np.concatenate([pin.SE3ToXYZQUAT(pose) for pose in poses])
         turned = [np.reshape(twist, (2, 3)) @ p.rotation for p, twist in zip(poses, twists, strict=True)]
         v = np.concatenate([row.ravel() for row in turned])
         rows_q, rows_v = [q], [v]
-        stages: list[FloatArray] = []  # wrenches on the end effector, four a step
+        stages: list[FloatArray] = []  # wrenches on the end effector, four per step
 
         def force(_: float, q: FloatArray, v: FloatArray) -> FloatArray:
             on_tool, on_client, places = self._wrenches(q, v)
@@ -90,13 +93,13 @@ class TwoBodies:
             q, v, _ = rk4_step(self.model, self._data, q, v, force, dt)
             rows_q.append(q)
             rows_v.append(v)
-        wrenches = [*stages[::4], self.wrench(q, v)]  # the first of a step is at its start
+        wrenches = [*stages[::4], self.wrench(q, v)]  # the first stage of a step is at its start
         return Motion(
             np.linspace(0.0, steps * dt, steps + 1), np.array(rows_q), np.array(rows_v), np.array(wrenches)
         )
 
     def momentum(self, q: FloatArray, v: FloatArray) -> FloatArray:
-        """[Linear; angular] about the inertial origin (6,)."""
+        """Return the momentum [linear; angular] (6,) about the inertial origin."""
         poses, twists = self.states(q, v)
         total = np.zeros(6)
         for joint, (pose, twist) in enumerate(zip(poses, twists, strict=True), start=1):
@@ -107,7 +110,7 @@ class TwoBodies:
         return total
 
     def energy(self, q: FloatArray, v: FloatArray) -> float:
-        """Kinetic [J]."""
+        """Return the kinetic energy [J]."""
         return float(pin.computeKineticEnergy(self.model, self._data, q, v))
 
 

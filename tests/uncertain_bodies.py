@@ -1,4 +1,4 @@
-"""Clients as they might be where mass and inertia are known to a share."""
+"""Draw clients with uncertain mass and inertia."""
 
 from __future__ import annotations
 
@@ -11,7 +11,10 @@ __all__ = ["drawn_client"]
 
 
 def drawn_client(believed: ffsms.Client, rng: np.random.Generator, deviation: float) -> ffsms.Client:
-    """Another body that moves alike, drawn as `ClientEstimate` says; the believed inertia is diagonal."""
+    """Draw a client with the same initial motion; `believed` must have a diagonal inertia.
+
+    Mass and inertia have the distribution that `ClientEstimate` assumes.
+    """
     root = np.diag(np.sqrt(0.5 * np.trace(believed.inertia) - np.diag(believed.inertia)))
     x = rng.normal(size=(3, 3)) * deviation
     moments = root @ expm((x + x.T) / np.sqrt(2.0)) @ root
