@@ -170,7 +170,7 @@ def main() -> None:
     met = np.array(misses).reshape(-1, 4)
     rows = [
         ("clients met inside the envelope", f"{len(met)} of {len(times)}"),
-        *((f"not met: {seed}", words) for seed, words in missed.items()),
+        *((f"not met: the client of seed {seed}", words) for seed, words in missed.items()),
         ("errors at contact, median", UNITS.format(*np.median(met, axis=0))),
         ("errors at contact, max", UNITS.format(*met.max(axis=0, initial=0.0))),
         ("CPU time, median", f"{np.median(times):.2g} s"),

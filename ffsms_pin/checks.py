@@ -318,7 +318,9 @@ def one_each(
         raise InvalidValue(name, value, f"must be one number or ({count},){of}")
     numbers = np.full(count, array, dtype=np.float64)
     if not ((numbers >= least) & (numbers <= largest)).all():  # also refuses NaN
-        message = f"must be {'above' if least else 'at least'} zero{of}"
+        small = bool(((numbers > 0.0) & (numbers < least)).any())
+        bound = f"at least {least:g}" if small else "above zero" if least else "at least zero"
+        message = f"must be {bound}{of}"
         raise InvalidValue(
             name, value, message if largest == math.inf else f"{message}, and at most {largest:g}"
         )

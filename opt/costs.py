@@ -23,7 +23,7 @@ from ffsms_pin.options import NotNegative, Positive, Unit
 if TYPE_CHECKING:
     from ffsms_pin.opt.step.state import StepState
 
-# [s] The duration to which the weights of all terms except `Coupling` refer. For other durations time is
+# [s] The duration to which the weights of the other terms in this file refer. For other durations time is
 # scaled, so that the ratio of the paper's cost to the other terms is independent of the speed of a motion.
 REFERENCE_TIME = 8.0
 

@@ -197,7 +197,7 @@ def _chunks(*arrays: FloatArray) -> list[tuple[FloatArray, ...]]:
 
 
 def _radius(obstacle: Obstacle) -> float:
-    """Return the largest distance [m] of an obstacle's points from the origin of its body."""
+    """Return an upper bound of the distances [m] of an obstacle's points from the origin of its body."""
     shape = obstacle.shape
     shape.computeLocalAABB()
     low, high = (np.array(end) for end in (shape.aabb_local.min_, shape.aabb_local.max_))

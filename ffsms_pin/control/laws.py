@@ -388,7 +388,7 @@ class ComputedTorque(JointLaw):
         torque_limit: ArrayLike | None = None,
         coulomb: Annotated[PerJointNotNegative | None, Unit("N m", "the robot's")] = None,
         viscous: Annotated[PerJointNotNegative | None, Unit("N m s/rad", "the robot's")] = None,
-        adaptive: Annotated[bool, Unit("", "true; false with [client]")] = True,
+        adaptive: Annotated[bool, Unit("", "true; false with [meet]")] = True,
     ) -> None:
         super().__init__(sms, torque_limit)
         coulomb = sms.joint_friction if coulomb is None else coulomb

@@ -87,7 +87,7 @@ class StoppingLaw:
         return whole
 
     def _correction(self, H: FloatArray, k: float, rates: FloatArray) -> FloatArray:
-        """Return the torques (n,) that compensate the effect of wrong masses in the model."""
+        """Return the torques of the driven joints that compensate wrong masses in the model."""
         if self._last is None or self._last[0].shape != rates.shape:  # first call, or a new limp joint
             return np.zeros_like(rates)
         before, correction = self._last

@@ -76,8 +76,8 @@ class ShapedMechanism(Mechanism):
     def _once(self, key: Any, make: Callable[[], _Made], of_shapes: bool = False) -> _Made:
         """Return the result of `make`, cached under `key`.
 
-        With `of_shapes`, copies of the robot with other masses, limits, actuators or another end effector
-        share the result.
+        With `of_shapes`, later copies of the robot with other masses, limits, actuators or another end
+        effector share the result.
         """
         kept: dict[Any, _Made] = self._geometry if of_shapes else self._made
         if key not in kept:

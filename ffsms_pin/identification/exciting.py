@@ -79,7 +79,7 @@ def exciting_motion(
     locked : sequence of str
         The names of joints that cannot move.
     harmonics : int
-        The number of harmonics of 1 / `duration` in a joint's motion.
+        The number of harmonics of 1 / `duration` that are multiplied by the window function.
     starts, iterations : int
         The number of random candidates, and the largest number of descent steps from the best candidate.
     seed : int

@@ -317,7 +317,7 @@ def _channels(sms: SpaceManipulator) -> list[str]:
 
 
 def _spans(q: FloatArray) -> list[tuple[int, int]]:
-    """Return first and last rows of windows of q (N, nq), each with at most about 1 rad of base rotation."""
+    """Return first and last rows of windows of q (N, nq), with 1 rad of base rotation on average at most."""
     turned = float(np.linalg.norm(np.diff(q[:, 3:7], axis=0), axis=1).sum()) * 2.0
     count = min(max(_WINDOWS, math.ceil(turned / _TURN)), len(q) - 1)
     edges = np.unique(np.linspace(0, len(q) - 1, count + 1).astype(int))

@@ -159,7 +159,9 @@ def _value(node: ast.AST) -> float:
     if isinstance(node, ast.Constant) and isinstance(node.value, (int, float)):
         return float(node.value)
     if isinstance(node, (ast.Name, ast.Attribute)):
-        return math.pi  # the only name that _FORMULA accepts
+        if ast.unparse(node) not in ("math.pi", "M_PI", "PI", "pi"):
+            raise ValueError
+        return math.pi
     if isinstance(node, ast.UnaryOp) and type(node.op) in _OPERATORS:
         return _OPERATORS[type(node.op)](_value(node.operand))
     if isinstance(node, ast.BinOp) and type(node.op) in _OPERATORS:

@@ -105,7 +105,7 @@ class SpaceManipulator(ShapedMechanism):
         self._complete = True
 
     def __reduce__(self) -> tuple[Any, ...]:
-        # A copy is constructed anew, because the Pinocchio data of the threads cannot be copied or pickled.
+        # A copy is constructed anew, because the holder of each thread's data cannot be copied or pickled.
         kept = {name: getattr(self, name) for name in ("limits", "description", "wheels", "thrusters")}
         box = self.base_size, self.base_box_placement
         return partial(SpaceManipulator, **kept), (self.model, self._end_effector, *box)

@@ -169,7 +169,7 @@ def moving_layers(
         environment.frame_layer(stage, sms),
     ]
     if frames.target is not None:
-        ball = sphere(max(reach, 0.022 * stage.size))  # the goal's tolerance, or larger to be visible
+        ball = sphere(max(reach, 0.022 * stage.size))  # the goal's reach, or larger to be visible
         stage.draw("target", ball, COLOURS["target"], flat=True, through=True)
         until = np.inf if latched is None else latched - 1e-9
 

@@ -67,13 +67,13 @@ class BaseLimits(AllOf):
     """
 
     attitude: Annotated[Bound, Angle("rad")] = math.inf
-    """The largest rotation of the base from its attitude at the start, during the whole motion."""
+    """The largest rotation of the base during the motion, relative to its attitude at the start."""
     attitude_rate: Annotated[Bound, Angle("rad/s")] = math.inf
     """The largest angular speed of the base."""
     translation: Annotated[Bound, Unit("m")] = math.inf
     """The largest distance of the base's centre of mass from its start."""
     final_attitude: Annotated[Bound, Angle("rad")] = math.inf
-    """The largest rotation of the base from its attitude at the start, at the deadline."""
+    """The largest rotation of the base at the deadline, relative to its attitude at the start."""
     name = "base"
     of_paper = False
     margin = SCALE * SHARE

@@ -288,8 +288,8 @@ class RestPlanner:
     ) -> JointPlan:
         """Return the new plan of the rest of the motion from `now` [s] and the measured q (nq,).
 
-        `joints`, `rates` and `accelerations` (n,) are those of the command, and `goal` is the correctable
-        goal.
+        `joints`, `rates` and `accelerations` (n,) are those of the command. `goal` is the goal without the
+        part of the error that the arm cannot correct (`Correctable.goal`).
         """
         begun, options, whole, last = time.perf_counter(), self._options, self._problem, self.current
         self.renew_robot()

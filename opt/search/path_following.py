@@ -276,7 +276,7 @@ def _check_options(options: SearchOptions) -> None:
         if name != "descent":
             raise InvalidValue("without", name, 'must be "descent" for an opt.Path, or left out')
     if options.cost_tolerance != type(options).cost_tolerance:
-        remedy = "is not for an opt.Path, whose motions are not ranked by cost; leave it out"
+        remedy = "is not used along an opt.Path, where no search compares the costs of plans; leave it out"
         raise InvalidValue("cost_tolerance", options.cost_tolerance, remedy)
 
 

@@ -352,7 +352,8 @@ class Stepper:
     ) -> None:
         """Clear the last step, and set the attributes; if `side` is zero, the velocity selects the side."""
         self.side, self.base_start, self.deadline = np.array(side, dtype=np.float64), base_start, deadline
-        # The last solution: joint rates instead of alpha, because V rotates between steps; s and slack; z.
+        # The last solution: joint rates (in place of alpha, because V rotates between steps), the variables s
+        # and slack, and the multipliers z.
         self._last: tuple[FloatArray, FloatArray, FloatArray] | None = None
 
     @numerical_errors("the step of the planner")

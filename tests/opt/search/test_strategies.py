@@ -53,7 +53,7 @@ def test_what_is_left_out_is_not_done(planar: ffsms.SpaceManipulator) -> None:
     def fail(search: Search) -> None:
         raise AssertionError
 
-    Search(problem, without("step rollouts")).run([Strategy("stay", stay), Strategy("marches", fail)])
+    Search(problem, without("step rollouts")).run([Strategy("stay", stay), Strategy("step rollouts", fail)])
     assert done == ["stay"]
 
 
