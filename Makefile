@@ -3,6 +3,8 @@ PYTHON ?= python3
 VENV ?= .venv
 BIN = $(VENV)/bin
 READY = $(VENV)/.ready
+# The tests and notebooks start many processes, so Python caches bytecode.
+export PYTHONDONTWRITEBYTECODE =
 
 .PHONY: help demo kernel test slow kernels trials lint style docs bench problems clean
 
@@ -26,11 +28,10 @@ demo: $(READY)  ## plan and track the paper's Case 2, and show the motion
 
 kernel: $(READY)  ## compile the kernel into this checkout if its sources have changed
 
-# mypy runs beside the tests, because it is slow; the target fails if either fails. The tests start many processes, so
-# bytecode is cached for them even if PYTHONDONTWRITEBYTECODE is set, and BLAS uses one thread, which is faster for small
-# matrices. With worksteal, a worker of pytest runs neighbouring tests, which share fixtures, and an idle worker takes
-# over tests of the others.
-PYTEST = OMP_NUM_THREADS=1 PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest -n auto --dist worksteal
+# mypy runs beside the tests, because it is slow; the target fails if either fails. BLAS uses one thread, which is faster
+# for small matrices. With worksteal, a worker of pytest runs neighbouring tests, which share fixtures, and an idle worker
+# takes over tests of the others.
+PYTEST = OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n auto --dist worksteal
 test: $(READY) style  ## lint, types, and all tests except the slow ones
 	$(BIN)/mypy & types=$$!; \
 	$(PYTEST) -m "not slow"; tests=$$?; \
