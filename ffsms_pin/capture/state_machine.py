@@ -4,16 +4,17 @@
     braking -> identification -> rest, if a motion to identify the client is requested
     any of the first three -> retreat -> approach (another attempt), or braking -> rest
     any of the first three -> approach or braking, if the arm is away from the grasp or no retreat is found
-    any -> braking, if a guard trips; a strong contact before the latch leads to a retreat instead
+    any -> braking, if a guard trips; a contact guard in closing or contact leads to a retreat instead
     any -> collision, if bodies touch whose contact the simulation does not model; the run ends
 
 The go or no-go decision is made at the hold point, where the corridor to the grasp begins, and at the latest
 a second before the deadline. For a go, the uncertainty of the client must be within `GoLimits`, and the plan
-must arrive without collision. The grip must bear the contact. Braking must be possible within the torque
-limits and without collision. Until the contact, the attempt is aborted if the uncertainty exceeds its limits,
-the end effector leaves the corridor, or a miss or a collision is predicted. At the deadline the gripper
-closes; it grasps the client if the errors are inside the envelope. When the capture is given up, the arm
-comes to rest where servicer and client keep clear of each other, if possible (`departure`).
+must arrive without collision. The grip must bear the contact. Braking must keep the clearance, the share of
+the torque limits and the position limits. From the go decision to the contact, the attempt is aborted if the
+uncertainty exceeds its limits, the end effector leaves the corridor, or a miss or a collision is predicted.
+At the deadline the gripper closes; it grasps the client if the errors are inside the envelope. When the
+capture is given up, the arm comes to rest where servicer and client keep clear of each other, if possible
+(`departure`).
 """
 
 from __future__ import annotations
@@ -53,7 +54,7 @@ from ffsms_pin.simulation import Close, End, Freeze, Instant, Latch, Open, Phase
 from ffsms_pin.simulation.events import Event
 from ffsms_pin.system.dynamics import centroidal
 
-# The laws of a robot's joints and, if there is one, of its base.
+# A function from a robot to the law of its joints and the law of its base, which may be None.
 Laws = Callable[[SpaceManipulator], tuple[JointLaw, BaseLaw | None]]
 # A function from a configuration (nq,) and a `client` to a planning problem that begins at the present.
 Again = Callable[..., Problem]
@@ -61,12 +62,13 @@ Again = Callable[..., Problem]
 _LOOK_BACK = 1.0  # [s] time over which the momentum is averaged before another plan
 _LONGEST_BRAKING = 160.0  # [s] upper bound of a braking; a `departure` takes up to two minutes
 _LEAST_CLOSING = 1.0  # [s] least time from the go decision to the deadline, enough to open a gripper
-_LOOK = 0.2  # [s] between two checks of the uncertainty and of the corridor
-_AHEAD, _PATH = 3.0, 0.5  # [s] span of the collision check ahead, and time between two checks
+_LOOK = 0.2  # [s] longest time between two checks of the uncertainty, the corridor or the true distance
+# [s] The span of the collision check ahead, except at the go decision, and the time between two checks.
+_AHEAD, _PATH = 3.0, 0.5
 _COARSE, _FINE = 0.25, 0.05  # [s] time steps of predicted motions, for distances and for the final state
 _LOST = 0.5  # [s] for which a miss is predicted before an abort, because re-planning corrects most misses
-_MOVED = 0.01  # [m] smallest displacement of the grasp that a reason mentions
-_DARK = 1.0  # [s] shortest interruption of the measurements that a reason mentions
+_MOVED = 0.01  # [m] smallest displacement of the grasp that a reason may mention
+_DARK = 1.0  # [s] age of the last measurement above which a reason mentions an interruption
 # [s] The time after a contact in which joint rates may exceed their limits, and up to which factor.
 _KNOCK, _KNOCKED = 1.0, 3.0
 LATCHED = "both are one body"  # the reason for braking after a latch
@@ -86,10 +88,10 @@ class Transition(NamedTuple):
 class StateMachine(Observer, Supervisor):
     """A state machine that serves `simulate` as reference, joint law, base law and supervisor of a capture.
 
-    From the closing of the gripper on, the envelope is checked with the simulated `plant` and the true
-    client, as are collisions in all states. The other decisions use measurements and the client of the goal
-    `meet`, which is an estimate or, without a camera, the true client. Up to the contact the arm follows a
-    `reference`, which is the plan or a `Replanning`. After the latch, control and braking use a model in
+    The envelope at the contact, and collisions in all states, are checked with the simulated `plant` and the
+    true client. Predictions and plans use measurements and the client of the goal `meet`, which is an
+    estimate or, without a camera, the true client. In the first attempt the arm follows `reference`, for
+    example the plan or a `Replanning`, up to the contact. After the latch, control and braking use a model in
     which the servicer is joined with the estimated client. `step` is the control step [s], which is rounded
     so that the plan has a whole number of steps. `again` returns the planning problem of a retreat or of
     another attempt; without `again` there is one attempt and no retreat.
@@ -126,7 +128,7 @@ class StateMachine(Observer, Supervisor):
         self._wanted = self._follow.sample(0.0)
         self._impact: FloatArray | None = None  # velocity after a latch, until it is measured
         self._failed: dict[str, bool] = {}  # the failed joints; True if locked, False if limp
-        self._noise: float | None = None  # [m] noise of the end effector's position; None without sensors
+        self._noise: float | None = None  # [m] noise of the end effector's position; None without noise
         self._momenta: deque[FloatArray] = deque(maxlen=max(1, round(_LOOK_BACK / dt)))
         self.closings: list[Closing] = []
         self.phases = [Phase(0.0, "approach", f"attempt 1 of {handling.attempts}")]
@@ -161,7 +163,7 @@ class StateMachine(Observer, Supervisor):
     # The interfaces of a reference, an observer and the laws.
 
     def observe(self, t: float, q: FloatArray, v: FloatArray) -> None:
-        """Store the measured state, and pass it to the law and to a reference that re-plans."""
+        """Store the measured state, and pass it to the law and to re-planning or the client's estimate."""
         self._seen = q, v
         self.law.observe(t, q, v)
         if self.state in ("closing", "retreat") and self.base_law is None:
@@ -185,7 +187,7 @@ class StateMachine(Observer, Supervisor):
             self._replanning.expect_noise(distance)
 
     def observe_wheels(self, momentum: FloatArray) -> None:
-        """Store the wheels' momenta (w,) [N m s], and pass them to the law and to re-planning."""
+        """Store the wheels' momenta (w,) [N m s], and pass them to the law and to followed re-planning."""
         self._wheels = momentum.copy()
         self.law.observe_wheels(momentum)
         if self._replanning is not None and self._follow is self._replanning:
@@ -230,7 +232,7 @@ class StateMachine(Observer, Supervisor):
     def torque(
         self, q: FloatArray, v: FloatArray, q_d: FloatArray, qd_d: FloatArray, qdd_d: FloatArray
     ) -> FloatArray:
-        """Return the joint torques (n,)."""
+        """Return the joint torques (n,) [N m or N]."""
         if self._impact is not None:  # the measured v is from before the latch
             v, self._impact = self._impact, None
         return self.law.torque(q, v, q_d, qd_d, qdd_d)
@@ -281,20 +283,20 @@ class StateMachine(Observer, Supervisor):
 
     @property
     def friction_torque(self) -> FloatArray:
-        """The part (n,) of the last torque that compensates friction [N m]."""
+        """The part (n,) of the last torque that compensates friction [N m or N]."""
         return self.law.friction_torque
 
     @property
     def torque_limit(self) -> FloatArray:
-        """The limits (n,) of the torques of the joints' law [N m]."""
+        """The torque limits (n,) of the joints' law [N m or N]."""
         return self.law.torque_limit
 
     def guard_tripped(self, now: Instant, trip: Trip) -> Sequence[Event]:
         """Return the events after a guard has tripped: the joints brake, and an unlatched gripper opens.
 
-        If the load of the contact is too large before the latch, the arm retreats instead, under the present
-        law. Drives cannot resist an impact, so for a second after a contact a joint may move at up to three
-        times its rate limit. The law then brakes the joint, and no events are returned.
+        If the contact load is too large in the states closing and contact, the arm retreats instead, under
+        the present law. Drives cannot resist an impact, so for a second after a contact a joint may move at
+        up to three times its rate limit. The law then brakes the joint, and no events are returned.
         """
         if trip.guard == "rate_margin" and self._knocked(now):
             return ()
@@ -457,7 +459,10 @@ class StateMachine(Observer, Supervisor):
         return f"{moved}; {reason}" if moved else reason
 
     def _touched_ahead(self, now: Instant, span: float) -> str:
-        """Return a text of a contact with the client predicted within `span` [s]; empty if there is none."""
+        """Return a text of a contact with the client predicted within `span` [s].
+
+        The text is empty if no contact is predicted or no check is due.
+        """
         closeness = self._away if self.state == "approach" and span <= _AHEAD else self._closeness
         if closeness is None or now.t < self._path - 1e-9 or span <= 0.0:
             return ""
@@ -519,7 +524,7 @@ class StateMachine(Observer, Supervisor):
         return None if now.t < self._begin + self._follow.duration - 1e-9 else self._another(now)
 
     def _another(self, now: Instant, *reasons: str, events: Sequence[Event] = ()) -> Transition:
-        """Begin another attempt from the current state; if none is possible, retreat, or stop if away."""
+        """Begin another attempt; if none is possible, retreat, or stop if away or after too many retreats."""
         tried, most = self._count("approach"), self.handling.attempts
         plan, trouble = None, f"given up after {tried} attempt{'s' if tried > 1 else ''}"
         if tried < most:
@@ -638,8 +643,8 @@ class StateMachine(Observer, Supervisor):
     def _back(self, now: Instant, reason: str, *events: Event, for_good: bool = False) -> Transition:
         """Retreat along the axis of approach, out of the corridor if possible; stop if no motion is found.
 
-        If no other attempt follows, `for_good` is true, and a longer retreat is tried first. Otherwise
-        another attempt begins at once if the end effector is already away from the grasp.
+        If no other attempt follows, `for_good` is true, and a longer retreat is tried first. Otherwise, if
+        the end effector is already away from the grasp, another attempt begins at once, if possible.
         """
         if self._is_away(now) and not for_good:
             return self._another(now, reason, events=events)
@@ -695,7 +700,7 @@ class StateMachine(Observer, Supervisor):
         try:
             problem = self._again(start, client=self.known(now.t))
             changes: dict[str, Any] = {"locked": tuple({*problem.locked, *self._failed})}
-            # Momenta are recorded from the closing on; before it, no contact can change the momentum.
+            # Momenta are recorded in closing and retreat, where a contact may have changed the momentum.
             if self._momenta:
                 changes["momentum"] = np.mean(self._momenta, axis=0)
             if problem.wheels is not None:
