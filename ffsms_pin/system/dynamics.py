@@ -101,7 +101,7 @@ def velocity_effects(robot: Mechanism, q: FloatArray, v: FloatArray) -> FloatArr
 
 
 def reduced_coriolis_matrix(robot: Mechanism, q: FloatArray, N: FloatArray, rates: FloatArray) -> FloatArray:
-    """Return the reduced Coriolis matrix C (n, n) [N m s], from N (6 + n, n) and joint rates qd (n,).
+    """Return the reduced Coriolis matrix C (n, n), from N (6 + n, n) and joint rates qd (n,).
 
     C qd = C_q if the total momentum is zero; dH_q/dt - 2 C is skew-symmetric at any momentum.
 
@@ -121,7 +121,7 @@ def reduced_coriolis_matrix(robot: Mechanism, q: FloatArray, N: FloatArray, rate
 
 
 def floating_torque(robot: Mechanism, q: FloatArray, v: FloatArray, qdd: FloatArray) -> FloatArray:
-    """Return the joint torques H_q qdd + C_q (n,) [N m] for joint accelerations qdd (n,) [rad/s^2].
+    """Return the joint torques H_q qdd + C_q (n,) [N m or N] for joint accelerations qdd (n,).
 
     The base floats freely. The recursive Newton-Euler algorithm is used, so no Coriolis matrix is needed.
     """
@@ -188,7 +188,7 @@ def floating_motion(M: FloatArray) -> FloatArray:
 
 
 def joint_torques(M: FloatArray, force: FloatArray) -> FloatArray:
-    """Return the joint torques N^T f (n,) [N m] of a robot on a floating base.
+    """Return the joint torques N^T f (n,) [N m or N] of a robot on a floating base.
 
     f = [f_b; f_m] (6 + n,) is the generalised force of the motion with the same q, v and joint accelerations,
     but with zero base acceleration. The torques are f_m - M_bm^T M_b^-1 f_b.

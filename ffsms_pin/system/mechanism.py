@@ -344,8 +344,8 @@ class Mechanism(Unchanging):
     def checked_configuration(self, name: str, q: ArrayLike) -> FloatArray:
         """Check a configuration and return a copy (nq,).
 
-        The numbers must be finite. The quaternion, and the cosine and sine of each continuous joint, must
-        have unit norm to 1e-6.
+        The numbers must be finite, with magnitudes up to 1e9. The quaternion, and the cosine and sine of each
+        continuous joint, must have unit norm to 1e-6.
         """
         if np.asarray(q, dtype=object).shape == (self.n,):
             text = f"must have {self.nq} entries, the base first; sms.configuration(joints) returns them"
@@ -399,7 +399,8 @@ def _carried(model: Any, j: int) -> bool:
     """Return whether the inertia matrix is regular although the body of joint j has no mass.
 
     The joints from j to the next body with a mass must move that body independently, unlike two coaxial
-    revolute joints or two parallel prismatic joints.
+    revolute joints or two parallel prismatic joints. If the joints branch before that body, the result is
+    False.
     """
     carried = [k for k in range(j + 1, model.njoints) if model.parents[k] == j]
     if len(carried) != 1:
@@ -425,10 +426,9 @@ def _carried(model: Any, j: int) -> bool:
 
 
 def scratch(robot: Mechanism) -> Any:
-    """Return the calling thread's Pinocchio data, for a calculation within `ffsms_pin.system`.
+    """Return the calling thread's Pinocchio data of a robot, for a calculation within the library.
 
-    A later calculation may overwrite the data, so a function must copy its result. Code outside
-    `ffsms_pin.system` creates its own data with `sms.model.createData()`.
+    A later calculation may overwrite the data, so a function must copy its result.
     """
     return robot._scratch.data
 

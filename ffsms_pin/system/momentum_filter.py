@@ -36,7 +36,7 @@ class MomentumFilter:
     ----------
     sums : ndarray, shape (k + 7, k + 7)
         The sum of Z^T W Z over the samples, with the equations Z (6, k + 7), whose columns belong to x, p and
-        1, and their weights W (6, 6).
+        1, and their weights W (6, 6). `pushed` eliminates p from the sum.
     samples : int
         The number of samples.
     """

@@ -41,7 +41,7 @@ class State(Unchanging):
         set_frozen(self, _robot=robot, q=frozen(q), v=frozen(v))
 
     def __reduce__(self) -> tuple[Any, ...]:
-        # A copy is constructed from q and v alone and computes the other quantities again.
+        # A copy is constructed from the robot, q and v, and computes the other quantities again.
         return State, (self._robot, np.array(self.q), np.array(self.v))
 
     def __repr__(self) -> str:
@@ -166,17 +166,17 @@ class State(Unchanging):
 
     @property
     def C_m(self) -> FloatArray:
-        """The Coriolis and centrifugal torque on the joints (n,) [N m], at a constant base twist."""
+        """The Coriolis and centrifugal torque on the joints (n,) [N m or N], at a constant base twist."""
         return self._C[6:]
 
     @cached_property
     def C_q(self) -> FloatArray:
-        """The reduced Coriolis and centrifugal torque (n,) [N m], C_m - H_bm^T H_b^-1 C_b."""
+        """The reduced Coriolis and centrifugal torque (n,) [N m or N], C_m - H_bm^T H_b^-1 C_b."""
         return frozen(self._effects.dot(self._N))
 
     @cached_property
     def C_q_matrix(self) -> FloatArray:
-        """The Coriolis matrix C (n, n) [N m s] of the reduced system, at this state's joint rates qd.
+        """The Coriolis matrix C (n, n) of the reduced system, at this state's joint rates qd.
 
         C qd = C_q if the total momentum is zero; dH_q/dt - 2 C is skew-symmetric at any momentum.
         """
@@ -215,12 +215,12 @@ class State(Unchanging):
 
         The base's acceleration is computed with the robot's own parameters. In the product with
         `sms.inertial_parameters` the first six rows, the force on the base, are zero. The last n rows are the
-        joint torques [N m], without the torques due to the rotors' inertia (`model.armature`).
+        joint torques [N m or N], without the torques due to the rotors' inertia (`model.armature`).
 
         Parameters
         ----------
         joint_accelerations : array_like, shape (n,)
-            Joint accelerations [rad/s^2].
+            Joint accelerations [rad/s^2 or m/s^2].
         """
         qdd = vector("joint_accelerations", joint_accelerations, self._robot.n, "rad/s^2")
         root = -dynamics.over_base(self._M, self._M[:6, 6:] @ qdd + self._effects[:6])

@@ -1,6 +1,7 @@
 """Functions that read, change and write the XML elements of a URDF, and checks of inertias.
 
-A number that is not decimal, not finite or too large raises `Unreadable`, whose text names the attribute.
+`number_of`, `triple_of` and `origin_of` raise `Unreadable` for a number that is not decimal, not finite or
+too large; the error's text names the attribute.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from ffsms_pin.files import read_content
 
 # The largest float as text, which stands for an infinite limit and which every URDF reader accepts.
 UNLIMITED = "1.7976931348623157e+308"
-MOVING = ("revolute", "continuous", "prismatic")  # the types of joint that have a degree of freedom
+MOVING = ("revolute", "continuous", "prismatic")  # the supported types of joint that move
 
 # Endings of the names of tool frames, in order of preference, such as "tool0" and "hand_tcp" (first entry),
 # "ee_link" (second entry) and "left_hand" (third entry).
@@ -34,7 +35,7 @@ _TOOL_NAMES = [
 # Decimal numbers of the C locale, as URDF readers accept them.
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 DEEPEST = 100  # nesting of elements; a URDF needs five levels
-MOST_ELEMENTS = 20_000  # enough for some thousand links
+MOST_ELEMENTS = 20_000  # enough for about a thousand links with shapes
 
 INERTIA_KEYS = {"ixx": (0, 0), "ixy": (0, 1), "ixz": (0, 2), "iyy": (1, 1), "iyz": (1, 2), "izz": (2, 2)}
 
@@ -55,7 +56,7 @@ class Joint(NamedTuple):
 
     @property
     def moves(self) -> bool:
-        """True if the joint has a degree of freedom."""
+        """True if the joint is revolute, continuous or prismatic."""
         return self.type in MOVING
 
 
@@ -202,8 +203,8 @@ def spelt(numbers: object) -> str:
 def fix_joint(joint: Element, position: float) -> None:
     """Turn a revolute, continuous or prismatic joint into a fixed joint at `position` [rad or m].
 
-    Elements of moving joints (axis, limits, <mimic>) are removed. If `position` is not zero and the axis or
-    origin of the joint cannot be read, `Unreadable` is raised and the joint is not changed.
+    Elements of moving joints (axis, limits, <mimic>) are removed. If `position` is not zero and the axis is
+    zero, or axis or origin cannot be read, `Unreadable` is raised and the joint is not changed.
     """
     if position != 0.0:
         place, axis = origin_of(joint, math.inf), triple_of(joint.find("axis"), "xyz", "1 0 0", math.inf)
@@ -222,7 +223,7 @@ def fix_joint(joint: Element, position: float) -> None:
 
 
 def tensor_of(inertial: Element) -> FloatArray | None:
-    """Return the inertia (3, 3) [kg m^2] of an <inertial>; None if it is missing, not numeric or >= 1e30."""
+    """Return the inertia (3, 3) [kg m^2] of an <inertial>; None if an entry is no number or >= 1e30."""
     element = inertial.find("inertia")
     if element is None or not all(is_number(element.get(key, "")) for key in INERTIA_KEYS):
         return None

@@ -6,8 +6,8 @@ the <robot> element and returns sentences for warnings. Texts that are not numbe
 them and names the link or joint in its error.
 
 A file with unused declarations or wrong units loads, but the robot differs from the intended robot: a xacro
-macro that was not expanded adds no mass, a misspelt element is ignored, and limits in degrees are read as no
-limits. `unused_declarations` and `declaration_warnings` report such declarations.
+macro that was not expanded adds no mass, a misspelt element is ignored, and a limit in degrees, such as
+90, is read as no limit. `unused_declarations` and `declaration_warnings` report such declarations.
 """
 
 from __future__ import annotations
@@ -69,9 +69,10 @@ def lenient(
 
 
 def _lock(robot: Element, path: Path, locked: Mapping[str, float]) -> list[str]:
-    """Fix the joints in `locked` and all joints that mimic another joint.
+    """Fix the joints in `locked` and the joints that mimic another joint.
 
-    Returns a list with one sentence about the joints that mimic a moving joint, empty if there are none.
+    Returns a list with one sentence about the joints that mimic a moving joint, empty if there are none. A
+    joint whose <mimic> cannot be followed is not changed.
     """
     joints = {joint.get("name", ""): joint for joint in robot.findall("joint")}
     moving = {name: joint for name, joint in joints.items() if joint.get("type") in urdf.MOVING}
@@ -108,7 +109,7 @@ def _leader(
     """Return the joint that the joint `name` follows by <mimic>, and the total multiplier and offset.
 
     A chain of <mimic> is followed to its end or to the first locked joint. If the chain is a loop or has an
-    unreadable number, `name` is returned.
+    unreadable number, or `name` follows no joint, `name` is returned.
     """
     start, factor, offset, passed = name, 1.0, 0.0, {name}
     while name in moving and name not in locked:
@@ -329,7 +330,7 @@ class UrdfFile:
     may violate the triangle inequality. Raises `InvalidUrdf` for faults of XML, numbers, limits and the tree
     of links, `InvalidInertia` for a mass or an inertia that no rigid body has and for a moving body without a
     mass, and `UnsupportedJoint` for a joint of another type than fixed, revolute, continuous or prismatic,
-    for a joint with <mimic>, and for joints that make the base float.
+    for a moving joint with <mimic>, and for joints that make the base float.
     """
 
     def __init__(self, path: Path, robot: Element | None = None, any_tensor: bool = False) -> None:
@@ -385,7 +386,7 @@ class UrdfFile:
         urdf.origin_of(inertial)
         mass_element, inertia_element = inertial.find("mass"), inertial.find("inertia")
         if mass_element is None or inertia_element is None:
-            raise InvalidInertia(self.path, link, "has an <inertial> without both <mass> and <inertia>")
+            raise InvalidInertia(self.path, link, "has an <inertial> without <mass> or without <inertia>")
         mass = urdf.number_of(mass_element, "value")
         for key in urdf.INERTIA_KEYS:
             urdf.number_of(inertia_element, key)
