@@ -31,7 +31,7 @@ class Flight:
         The note of the re-planning (`opt.Replanning.note`), for example failed joints or a predicted miss.
         Empty if there is nothing to note, or without re-planning.
     bodies : tuple of Obstacle
-        The obstacles of the plan, without the pieces of a guide.
+        The obstacles of the plan, without those of a guide.
     grasp : pinocchio.SE3
         The grasp frame, in the client's axes.
     """
@@ -79,7 +79,7 @@ class Flight:
         return self.captured.client
 
     def obstacles(self, client: Any = None) -> list[Obstacle]:
-        """Return the obstacles of the plan, with those of the client placed on `client`.
+        """Return the obstacles `bodies`, with those of the client placed on `client`.
 
         Parameters
         ----------
@@ -95,7 +95,7 @@ class Flight:
 
     @property
     def prediction(self) -> Prediction:
-        """The prediction at the contact, or that of the first plan if the gripper did not close."""
+        """The prediction at the last contact, or that of the first plan if there was no contact."""
         return self.captured.expected or self.captured.planned
 
     @property

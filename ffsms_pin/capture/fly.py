@@ -94,8 +94,8 @@ def fly(
         that of the plan.
     replan : Replan, opt.ReplanOptions or bool, optional
         Options of re-planning from the measured state; True for the defaults. Default: True if there is a
-        camera, else False. If `replan` is False and there is a camera, the motion is planned once, from one
-        measurement before the flight.
+        camera, else False. If `replan` is False and there is a camera, all plans use one measurement before
+        the flight.
     planning : Planning, optional
         Options of the plan, such as the time step, limits and obstacles. Default: `Planning()`.
     procedure : Procedure, optional

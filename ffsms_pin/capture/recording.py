@@ -49,22 +49,22 @@ class Captured:
         The closings of the gripper.
     planned, expected : Prediction
         The predictions from the first plan, and from the estimates at the last contact. `expected` is None
-        if the gripper has not closed on the client.
+        if the gripper has never grasped the client.
     after : AfterCapture, optional
         The servicer with the true client right after the latch. None: the client was not latched.
     braking : Braking, optional
         The last planned braking. None: no braking was planned.
     arrival : float
-        The deadline of the plan [s].
+        The deadline of the first plan [s].
     sms : SpaceManipulator
         The model of the servicer.
     held : bool
         True if the base is under a base law.
     spinning : ndarray, shape (3,), optional
-        Total momentum of the wheels at the end of the run, root axes [N m s].
+        Total momentum of the wheels at the end of the run, root axes [N m s]. None: no base law or no wheels.
     departure : Departure, optional
-        The motion to rest after an abort, and the closest approach afterwards. None: there was no abort, the
-        client was latched before it, or the client has no obstacles.
+        The motion to rest after the capture was given up, and the closest approach afterwards. None: there
+        was no such motion before a latch, or the client has no obstacles.
     measured : ClientIdentification, optional
         The measurements of servicer and latched client. None: the client was not latched.
     sensors : Sensors, optional
@@ -120,7 +120,7 @@ class Captured:
 
     @cached_property
     def approach(self) -> Tracking:
-        """The recording up to the deadline of the plan, or up to an earlier end of the run."""
+        """The recording up to the deadline of the first plan, or up to an earlier end of the run."""
         return self.whole.between(0.0, min(self.arrival, float(self.whole.t[-1])))
 
     @cached_property
