@@ -149,7 +149,7 @@ class Ring:
     reach: Annotated[Positive, Unit("m")] = 0.025
     """The distance from the palm to the middle of the pads."""
     pad: Annotated[Positive, Unit("m")] = 0.04
-    """The side of a square pad."""
+    """The side of a square pad, between the centres of the balls at its corners."""
     pad_radius: Annotated[Positive, Unit("m")] = 0.01
     """The radius of the balls at a pad's corners."""
     stiffness: Annotated[Positive, Unit("N/m^(3/2)")] = 8.7e5
@@ -213,13 +213,13 @@ class Planning:
         Obstacles in addition to those of an `opt.Clearance`. Obstacles on the goal's client are parts of that
         client. The flight ends if the servicer touches such an obstacle and the contact is not modelled.
     joint_rates : array_like, shape (n,), optional
-        Joint rates at the start [rad/s]. Default: zero.
+        Joint rates at the start [rad/s or m/s]. Default: zero.
     momentum : array_like, shape (6,), optional
         Total momentum of the servicer [linear; angular] [kg m/s; kg m^2/s]. Default: see `opt.Problem`.
     locked : sequence of str
         Names of joints that cannot move.
     mode : str
-        The components of the base's motion that a base law holds at zero, see `opt.Problem.mode`.
+        The part of the base's motion that a base law holds, see `opt.Problem`. Default: none.
     wheel_momentum : array_like, shape (w,), optional
         Initial momenta of the wheels that hold the attitude [N m s]. Default: zero.
     search : opt.SearchOptions, optional

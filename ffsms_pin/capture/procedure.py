@@ -45,7 +45,7 @@ class Procedure:
     a retreat to the standoff is tried first. Default: twice the default standoff of `opt.Meet`."""
     after: Annotated[NotNegative, Unit("s")] = 10.0
     """The least simulated time from the start of the last braking. The run does not end before the deadline
-    of the first plan."""
+    of the first plan, either. A collision ends the run at once."""
     torque_share: Annotated[Positive, Unit()] = 0.5
     """The share of the torque limits that braking, motions to rest after an abort and the motion of
     `identify` may use. If braking cannot keep the clearance of the grasped client with this share, it may use
@@ -84,7 +84,7 @@ class CaptureOptions(Procedure):
     guide : Load, optional
         The contact load of surfaces that may touch at any time.
     time : float
-        Time from the closing of the gripper to the rigid grip [s].
+        Time from the closing of the gripper to the rigid grip [s], if there is a `grip`.
     room : callable, optional
         A function from a configuration (nq,) and the pose (pinocchio.SE3) of the grasped client to the `room`
         of `brake`.
