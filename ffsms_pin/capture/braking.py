@@ -18,7 +18,7 @@ from ffsms_pin.system.dynamics import floating_torque
 _STEP = 0.02  # [s] nominal time step of a braking
 _SLOWER = 1.25  # factor on the duration of the next motion that is tried
 _LONGEST = 60.0  # [s] longest duration of a braking, without `coast`
-_BACK = 0.0, 0.05, 0.15  # [m] additional clearances of final postures, because a motion may pass its end
+_BACK = 0.0, 0.05, 0.15  # [m] additional clearances of final postures, because a motion may overshoot
 _LEAST = 0.5  # [s] shortest duration; it avoids a jump of the torque when slow joints stop
 
 
@@ -39,7 +39,7 @@ class Braking:
     q : ndarray, shape (N + 1, nq)
         Configurations.
     joint_rates : ndarray, shape (N + 1, n)
-        Joint rates, linear between the nodes [rad/s].
+        Joint rates, linear between the nodes [rad/s or m/s].
     momentum : ndarray, shape (6,)
         Total momentum [linear; angular] [kg m/s; kg m^2/s], inertial axes, about the common centre of mass.
     torque_share : float
@@ -48,8 +48,8 @@ class Braking:
         The violated limits, with values; empty if all are satisfied.
     clearance : float
         The least distance [m] between the grasped client, the servicer's bodies and obstacles, minus the
-        margin of the obstacle; infinite if no clearance is required. The distance between two bodies of the
-        servicer counts only if it is below the required clearance.
+        margin of the obstacle or client's shape; infinite if no clearance is required. The distance between
+        two bodies of the servicer counts only if it is below the required clearance.
     nearest : str
         The names of the two bodies at the distance `clearance`.
     """
@@ -185,7 +185,10 @@ def move_and_rest(
 def _braking(
     after: AfterCapture, duration: float, torques: FloatArray, coast: float, end: FloatArray | None
 ) -> Braking:
-    """Return a motion with constant rates for `coast` [s], then a braking of `duration` [s] to `end` (n,)."""
+    """Return a motion with constant rates for `coast` [s], then a braking of `duration` [s].
+
+    If `end` (n,) is given, the joints come to rest there.
+    """
     robot, whole, start = after.robot, coast + duration, after.v[6:]
     steps = max(2, round(whole / _STEP))
     t, joints, limits = np.linspace(0.0, whole, steps + 1), robot.layout.positions(after.q), robot.limits

@@ -33,8 +33,8 @@ class LeastDistance(NamedTuple):
 class ClientDistances:
     """The distances between a servicer's bodies and the obstacles on a client.
 
-    The gripper may touch the convex pieces of a nozzle or ring, so distances to these pieces are included
-    only if `guides` is true.
+    The gripper may touch a nozzle or ring, so obstacles with `piece_of`, the convex pieces of these guides,
+    are included only if `guides` is true.
 
     Parameters
     ----------
@@ -47,7 +47,7 @@ class ClientDistances:
     collision : str
         The collision geometry, see `opt.Clearance`.
     guides : bool
-        True to include the distances to the convex pieces of a nozzle or ring.
+        True to include obstacles with `piece_of`.
 
     Attributes
     ----------

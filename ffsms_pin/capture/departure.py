@@ -38,8 +38,8 @@ class ClosestApproach(NamedTuple):
     Attributes
     ----------
     distance : float
-        The least distance [m], minus three standard deviations of the client's position and attitude and
-        minus the displacement between two evaluated instants. A value of 1 m or more is a lower bound.
+        A lower bound of the least distance [m]. It allows for three standard deviations of the client's
+        position and attitude, and for the motion between two evaluated instants.
     pair : str
         The two bodies that come closest.
     time : float
@@ -101,7 +101,7 @@ def closest_approach(
     reduction = moved + chord + between
     near = closeness.nearest(q, places, attitudes, near=FAR + float(reduction.max()))
     distance, pair = near.distance - reduction, near.pair
-    # If the attitude is very uncertain, the distance from the bounding ball is the larger lower bound.
+    # If the attitude is very uncertain, the distance from the bounding ball can be the larger lower bound.
     if distance.min() <= 0.0 and chord.max() > _STEP:
         ball = closeness.around()
         from_ball = ball.nearest(q, places, attitudes, near=FAR).distance - moved - between
@@ -124,9 +124,9 @@ def departure(
 ) -> Departure:
     """Return the first motion to rest after which servicer and client keep clear of each other.
 
-    The braking `plain` is tried first, then motions to `postures`, to random postures, and part of the way to
-    either. A motion to a posture must keep clear of the client, too. If no motion is found, the motion with
-    the largest distance of its closest approach is returned.
+    The braking `plain` is tried first, then motions to `postures` and to random postures, each also part of
+    the way. The motion itself must also keep clear of the client. If no motion is found, `plain` or a motion
+    that keeps clear is returned, whichever has the largest distance of its closest approach.
 
     Parameters
     ----------

@@ -34,7 +34,10 @@ Planned = tuple[Trajectory | None, str]
 
 
 def in_collision(plan: Trajectory, sms: SpaceManipulator) -> str:
-    """Return a text of the bodies that overlap by more than 1 mm in a plan; empty if there are none."""
+    """Return a text of two bodies that overlap in a plan; empty if there are none.
+
+    Overlaps count if they exceed the overlap permitted at the grasp, if any, by at least 1 mm.
+    """
     if "clearance" not in plan.broken or plan.problem is None:
         return ""
     least = least_clearance(plan.problem, sms, plan.problem.motion(plan.joint_rates, plan.dt))
@@ -158,13 +161,13 @@ def _straight(
         as this power of the remaining share of the displacement.
     cut : bool
         True if rates and accelerations are clipped at the joint limits. Later steps compensate the clipping.
-        A motion that ends short of the displacement counts as a violation.
+        A motion that then ends too far short of the displacement counts as a violation of "joints".
 
     Returns
     -------
     Trajectory
     list of str
-        The limits that the motion violates by more than at its start.
+        The names of the limits that the motion violates by more than at its start.
     """
     sms, dt, free, limits = problem.sms, problem.dt, problem.free, problem.sms.limits
     q, rates = problem.q0.copy(), problem.joint_rates.copy()
