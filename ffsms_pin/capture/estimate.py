@@ -142,8 +142,8 @@ class ClientEstimate:
         """Return the standard deviations of a point's position [m] and of the attitude [rad] at t [s].
 
         Each standard deviation is the root of the summed variances of three axes. The point on the client is
-        `lever` [m] away from the centre of mass. The errors of the velocities increase the deviations with
-        the time since the last update.
+        `lever` [m] away from the centre of mass; attitude errors count as perpendicular to the lever. The
+        errors of the velocities increase the deviations with the time since the last update.
         """
         slopes, dt = np.zeros((6, _SIZE)), t - self._since
         slopes[:3, :3] = slopes[3:, 6:9] = np.eye(3)

@@ -62,9 +62,9 @@ class VisualReplanning(Replanning):
 
     In a plan to meet the client, goal and obstacles use the new estimate in the second half of the time. In
     the first half, the new estimate is used only if it changes the position or the attitude of the grasp at
-    the deadline by more than one standard deviation, because plans would otherwise follow noise. The last
-    measurement arrives a second before the deadline, because later corrections leave a velocity error and the
-    gripper hides the markers.
+    the deadline by more than one standard deviation, because plans would otherwise follow noise. No
+    measurement arrives in the last second before the deadline, because later corrections leave a velocity
+    error and the gripper hides the markers.
     """
 
     def __init__(
@@ -76,7 +76,7 @@ class VisualReplanning(Replanning):
         self._follows = isinstance(problem.goal, Path)
         self._rng = np.random.default_rng((sensor.seed, 1))
         self._look, self.until = sensor.period, problem.duration - (0.0 if self._follows else 1.0)
-        # Time [s] and true motion of the client since the last measurement.
+        # Times [s], true poses and true twists of the client, from the last measurement on.
         self._moves = [(0.0, client.start_pose, client.start_twist)]
         self._sense = MomentumSense(problem)
         self._pushes: list[Push] = []  # pushes later than the last measurement
@@ -97,7 +97,7 @@ class VisualReplanning(Replanning):
 
     @property
     def target(self) -> Any:
-        """The true grasp position (3,) [m] as a function of time [s]; recorded errors refer to it."""
+        """The true position (3,) [m] of the goal as a function of time [s]; recorded errors refer to it."""
         return self._grasp_at
 
     def _grasp_at(self, t: float) -> FloatArray:
@@ -114,7 +114,7 @@ class VisualReplanning(Replanning):
         super().observe(t, q, v)
 
     def look(self, t: float, q: FloatArray, v: FloatArray) -> None:
-        """Measure the client if a measurement is due at t [s], which is at most `until`.
+        """Measure the client if a measurement is due at t [s]; after `until` [s] there are no measurements.
 
         q (nq,) and v (6 + n,) are the robot's measured state, from which pushes on the client are estimated.
         """
@@ -167,10 +167,10 @@ class Push(NamedTuple):
 class MomentumSense:
     """An estimator of pushes on a client from changes of the servicer's momentum.
 
-    Only a contact changes the momentum of a floating servicer, however its joints move. Measured changes of
-    the momentum have noise, and a drift if masses deviate from the model. Noise and drift are estimated from
-    the last changes without a push. If a contact is possible, changes that deviate from the drift by more
-    than four times the noise are pushes.
+    Joint motions do not change the momentum of a floating servicer; a contact does. Measured changes of the
+    momentum have noise, and a drift if masses deviate from the model. Noise and drift are estimated from the
+    last changes without a push. If a contact is possible, changes that deviate from the drift by more than
+    four times the noise, and by more than a small threshold, are pushes.
     """
 
     def __init__(self, problem: Problem) -> None:
@@ -188,7 +188,7 @@ class MomentumSense:
         place: FloatArray,
         touching: bool,
     ) -> Push | None:
-        """Return the push on the client since the last call; None without a push.
+        """Return the push on the client since the last call; None if no push is detected.
 
         Parameters
         ----------
