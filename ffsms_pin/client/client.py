@@ -99,7 +99,7 @@ class Client:
     Raises
     ------
     InvalidValue
-        If a value has the wrong type or shape, or no rigid body has the inertia.
+        If a value has the wrong type or shape or is out of range, or no rigid body has the inertia.
     """
 
     mass: float

@@ -142,7 +142,7 @@ def rest_momentum(client: FreeBody, com: ArrayLike) -> FloatArray:
 
         p_s = -p,    L_s = -L - (r_c - r_s) x p.
 
-    Both centres of mass then move along p, so the cross product is constant. `com` is r_s (3,) at the
+    Both centres of mass then move parallel to p, so the cross product is constant. `com` is r_s (3,) at the
     client's time zero, inertial axes [m]. The result is [p_s; L_s] about r_s [kg m/s; kg m^2/s].
     """
     if not isinstance(client, FreeBody):

@@ -46,7 +46,7 @@ _NONE = 4.0 * float(np.finfo(np.float64).eps)
 _NODES = 1024
 _ROUNDING = 1e-17
 
-# Attitudes (K, 3, 3), body axes to inertial axes, at times (K,) [s] since the start.
+# A function from times (K,) [s] since the start to attitudes (K, 3, 3), body axes to inertial axes.
 Rotation: TypeAlias = Callable[[FloatArray], FloatArray]
 
 
