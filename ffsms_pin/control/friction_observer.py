@@ -33,9 +33,9 @@ class FrictionObserver(StepObserver):
     joint is w = tau + tau_k - tau_m. It is fitted by F s + I qdd with a forgetting time of 1 s, where s =
     tanh(qd / 0.01 rad/s), and F is between zero and a quarter of the joint's torque limit. I absorbs the
     effect of a wrong inertia, such as that of an unknown payload; a law that compensated this effect as
-    friction would make the arm oscillate. The weight of F rises from 0 to 1 as the squared partial
-    correlation rises from 0.5 to 0.8. It is the share of the variance of w that F s explains after the
-    regression on qdd.
+    friction would make the arm oscillate. F is weighted by a factor from 0 to 1, which rises as the squared
+    partial correlation of w and s, given qdd, rises from 0.5 to 0.8. In the first 0.2 s of a run, the factor
+    is lower.
 
     Parameters
     ----------

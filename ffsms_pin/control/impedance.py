@@ -84,8 +84,8 @@ class Impedance(_Compliant):
     sms : SpaceManipulator
     stiffness : array_like
         Stiffness of the spring [N/m]: one number, or three along the axes of the desired end effector. The
-        default gives 2 N at a position error of 10 mm. The fastest mode is then about 39 rad/s for an arm of
-        18 kg and 45 rad/s for the paper's planar arm, so a control step of up to 10 ms is short enough.
+        default gives 2 N at a position error of 10 mm. The fastest mode is then up to about 50 rad/s for the
+        paper's planar arm, but may exceed 100 rad/s for an arm with a light wrist (see `time_constants`).
     turn_stiffness : array_like
         Rotational stiffness of the spring [N m/rad]: one number, or three about the axes of the desired end
         effector. The default gives 1 N m at 6 deg.

@@ -114,8 +114,8 @@ class JointLaw(Observer, ABC):
         Returns
         -------
         ndarray, shape (n,)
-            Joint torques [N m] within `torque_limit`. Some are NaN if the state is not finite or the law
-            overflows; `simulate` then ends the run.
+            Joint torques [N m] within `torque_limit`. They may be NaN if the state is not finite or the law
+            overflows; `simulate` then raises `SimulationDiverged`.
         """
         with np.errstate(over="ignore", invalid="ignore"):
             tau = self._law(Motion(self.sms, q, v, q_d, qd_d, qdd_d))
@@ -235,7 +235,7 @@ class SlidingModeController(JointLaw):
     Raises
     ------
     InvalidValue
-        A wrong shape, a gain that is not symmetric positive definite, a boundary or limit not above zero.
+        A wrong shape, a gain that is not symmetric positive definite, or a boundary or limit out of range.
     """
 
     _gains = ("K_s", "Gamma", "boundary")

@@ -21,7 +21,7 @@ _NOISE = 2e-3  # [m/s^2, rad/s^2] assumed standard deviation of the noise in the
 _LEAST = 1e-5  # [m/s^2, rad/s^2] least size of the base's rows; smaller rows may be rounding errors
 _EXPLAINED = 0.9  # adjusted coefficient of determination above which a payload is accepted
 _WORSE = 2.0  # an accepted payload is dropped if it increases the variance of the base's rows by this factor
-_ROUNDS = 10  # iterations of a solution, warm-started from the last solution
+_ROUNDS = 10  # largest number of iterations of a solution, warm-started from the last solution
 _CONVERGED = 1e-4  # relative change in an iteration at convergence
 _CHANGE = 0.02  # relative change of the payload above which the robot model is updated
 
@@ -99,7 +99,7 @@ class PayloadObserver(StepObserver):
             self._solve()
 
     def _solve(self) -> None:
-        """Update the robot if a payload explains the missing force, or if the last payload no longer does."""
+        """Accept a payload that explains the missing force, or drop an accepted payload that increases it."""
         count = (self._base.stop / _SMOOTHING) * min(self._steps * self._dt, _WINDOW)  # independent rows
         left = count - PER_BODY - 1.0
         if left <= 0.0 or self._of_base[-1, -1] < _LEAST**2:
@@ -127,7 +127,7 @@ class PayloadObserver(StepObserver):
         return float(x @ self._of_base @ x) / max(float(self._of_base[-1, -1]), 1e-300)
 
     def _consistent(self, inverse: FloatArray) -> FloatArray:
-        """Return the physically consistent parameters (10,) that fit best, in prior standard deviations.
+        """Return physically consistent parameters (10,) near the best fit, in prior standard deviations.
 
         Least squares solutions alternate with projections on the consistent parameters. Each solution uses
         the `inverse` (10, 10) of the normal matrix and a prior around the last projection, so mainly

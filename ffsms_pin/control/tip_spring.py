@@ -133,7 +133,7 @@ class TipSpring:
     def pull(self, sms: SpaceManipulator, now: MotionPair, desired: Any = None) -> Pull:
         """Return the effect of the spring on the joints of `now.first`.
 
-        `desired` (pinocchio.SE3), in the axes of the first root, replaces the end effector's pose of
+        `desired` (pinocchio.SE3), in the frame of the first root, replaces the end effector's pose of
         `now.second`.
         """
         first, second = now.first, now.second
