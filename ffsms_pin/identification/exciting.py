@@ -2,8 +2,9 @@
 
 A joint's motion is a window function times a sum of harmonics, so it begins and ends at the start position
 at rest. The coefficients of the harmonics minimise the expected standard deviations of the parameters, mostly
-the largest ones. Each joint's motion is scaled to 95 % of its limits of position, rate and acceleration. Then
-the whole motion is scaled down until it keeps all other limits.
+the largest ones. Each joint's motion is scaled to 95 % of its nearest limit of displacement, rate or
+acceleration; displacements are also limited to pi/2 (rad or m). Then the whole motion is scaled down until it
+keeps all other limits.
 
 References
 ----------
@@ -141,7 +142,7 @@ class _Search:
         return window * waves, rate * (slope * waves + window * slopes)
 
     def rates(self, coefficients: FloatArray, nodes: int) -> FloatArray:
-        """Return joint rates (nodes, n), scaled to 95 % of the limits of position, rate and acceleration."""
+        """Return joint rates (nodes, n), scaled to 95 % of the nearest limit; zero for locked joints."""
         basis, slope = self._basis(nodes)
         c = coefficients.reshape(self.shape)
         travel, rates = basis.T @ c, slope.T @ c

@@ -23,7 +23,7 @@ from ffsms_pin.system.momentum_filter import MomentumFilter
 from ffsms_pin.system.regressors import momentum_regressors
 
 _PERIOD = 32  # number of samples with the same weights and noise bias, which change slowly with the posture
-_REWEIGHTED = 64  # number of samples before the first update of the weights, doubled after each update
+_REWEIGHTED = 64  # number of samples before the weights use an estimate, doubled after each new estimate
 _NOISE = 4.0  # largest mean square of weighted residuals that noise explains
 # Least share of the prior variances in the weights. Without it, samples without motion would get such large
 # weights that their noise outweighs the samples with motion.
@@ -41,9 +41,9 @@ class Identifier(Learner):
     """A recursive estimator of inertial parameters from measured configurations and velocities.
 
     Without external forces the total momentum about a fixed point is constant, and it is linear in the
-    inertial parameters. Each sample adds six equations to sums of fixed size (`MomentumFilter`), in which the
-    constant momentum is unknown, too. Wheels may turn if their momentum is given. The property `found` is the
-    estimate.
+    inertial parameters. Each sample adds up to six equations to sums of fixed size (`MomentumFilter`), in
+    which the constant momentum is unknown, too. Wheels may turn if their momentum is given. The property
+    `found` is the estimate.
 
     Parameters
     ----------
@@ -63,7 +63,8 @@ class Identifier(Learner):
         the centre of mass) and `com`.
     spread : float
         The prior standard deviation, as a share of m, m r and m r^2 for mass, first moments and inertias. m
-        is the body's mass, and r its radius of gyration about the origin of its link's frame.
+        is the body's mass, and r its radius of gyration about the origin of its link's frame. It is not used
+        for a payload without a known inertia.
     at_rest : bool
         True if the total momentum is zero. Default: the momentum is constant and unknown.
 
@@ -353,8 +354,9 @@ class Identifier(Learner):
     def learnt(self, last: SpaceManipulator) -> SpaceManipulator:
         """Return the robot with the estimated inertias, or `last` itself.
 
-        `last` is returned if the estimate is too uncertain, or if it changes the momentum of the motion so
-        far by less than 0.3 % of the unknown bodies' momentum.
+        `last` is returned if there are fewer than ten samples, if the estimate is too uncertain or physically
+        inconsistent, or if it changes the momentum of the motion so far by less than 0.3 % of the unknown
+        bodies' momentum.
 
         Parameters
         ----------

@@ -16,7 +16,9 @@ from ffsms_pin.simulation import Sensors
 NOMINAL = 1e-6
 _ORDERS = (3, 5, 7)  # orders of the differences that estimate noise
 _LEAST = 1e-9  # [m/s, rad/s] least deviation in the weights, so that they stay finite
-_USUAL_SHARE = 0.3  # assumed joint rates, as a share of their limits, for the effect of joint position noise
+# Assumed joint rates, as a share of their limits, for the effect of joint position noise. A limit of 10 rad/s
+# or more is replaced by 1 rad/s.
+_USUAL_SHARE = 0.3
 
 
 @dataclass(frozen=True, eq=False)

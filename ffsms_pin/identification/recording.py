@@ -21,16 +21,17 @@ from ffsms_pin.system.batch.stacks import apply, log3, rotations
 
 _GAP = 5.0  # least length of a gap, as a multiple of the usual step
 _USUAL = 90.0  # percentile of the time steps that is the usual step, because samples may be irregular
-_WINDOWS = 24  # least number of windows
-_NOISE = 8.0  # least motion in a window for a comparison, as a multiple of its noise
-_AGREES = 0.2  # allowed difference of positions and integrated velocities, as a share of the motion
+_WINDOWS = 24  # least number of windows of a recording with more than 24 samples
+_NOISE = 8.0  # least RMS motion of the windows for a comparison, as a multiple of its noise
+# Allowed difference of positions and integrated velocities in addition to noise, as a share of the motion.
+_AGREES = 0.2
 _FARTHEST = 3.0  # largest accepted position, as a multiple of one radian plus the position limit
 _FASTEST = 10.0  # largest accepted rate, as a multiple of the limit; impacts are slower, deg/s are faster
 _DEGREES = 180.0 / np.pi
 _TURN = 1.0  # [rad] largest mean rotation of the base in a window
 _ALTERNATIVE = 0.3  # largest disagreement in the right axes, as a share of that in the stated axes
 _MILLI = 3.0  # factor by which wrong masses may change the model's base velocity
-_SOME = 200  # number of samples for the comparison of the base's velocity with the model's
+_SOME = 200  # largest number of samples for the comparison of the base's velocity with the model's
 
 BASE_VELOCITIES = {
     "local": "linear and angular velocity in the root's axes",
@@ -327,8 +328,9 @@ def _spans(q: FloatArray) -> list[tuple[int, int]]:
 def _windows(sms: SpaceManipulator, recording: Recording) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return displacements (K, 6 + n) in K windows, by positions and by velocities, and noise (6 + n,).
 
-    Displacements of the base are in the root's axes at the start of each window. If a velocity is bitwise
-    constant in a window but varies elsewhere, it is treated as frozen and its displacement is zero.
+    Displacements of the base are in the root's axes at the start of each window. A velocity is treated as
+    frozen, with zero displacement, if it is bitwise constant over a window of at least four steps but changes
+    in more than half of the recording's steps.
     """
     t, q, v = recording.t, recording.q, recording.v
     R, layout = rotations(q[:, 3:7].T), sms.layout

@@ -22,8 +22,9 @@ if TYPE_CHECKING:
 
 SHOWN = 0.5  # share of the prior deviation below which a direction is observed
 _ROUNDING = 1e-14  # least variance, as a share of the prior variance
-# A note warns of a wrong model if the unexplained share of the momentum exceeds _UNEXPLAINED, or if the mean
-# square of the weighted residuals exceeds _SUSPICIOUS. Arm masses with errors of 15 % cause a share of 0.04.
+# A note warns of a wrong model if the unexplained share of the momentum exceeds _UNEXPLAINED, or, for given
+# sensors, if the mean square of the weighted residuals exceeds _SUSPICIOUS. Arm masses with errors of 15 %
+# cause a share of 0.04.
 _UNEXPLAINED = 0.08
 _SUSPICIOUS = 4.0
 
@@ -38,8 +39,8 @@ class Solution(NamedTuple):
     covariance : ndarray, shape (k, k)
         The covariance of `x`.
     residual : float
-        The mean square of the weighted residuals, about 1 or less if the noise is as stated. It is at least
-        0.5, and 1 if there are few equations.
+        The mean square of the momentum's weighted residuals, about 1 or less if the noise is as stated. It is
+        at least 0.5, and 1 if there are few equations.
     equations : int
         The number of equations from the measurements.
     unexplained : float
@@ -143,8 +144,8 @@ class Identification(Mapping[str, BodyEstimate]):
     directions : tuple of Direction
         All directions, the best-observed first.
     residual : float
-        The mean square of the weighted residuals, about 1 or less if the noise is as stated. It is at least
-        0.5, and 1 if there are few equations.
+        The mean square of the momentum's weighted residuals, about 1 or less if the noise is as stated. It is
+        at least 0.5, and 1 if there are few equations.
     equations : int
         The number of equations from the measurements.
     projected : bool
