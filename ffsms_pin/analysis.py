@@ -275,7 +275,7 @@ def joint_numbers(
 
 
 def clearance_numbers(least: LeastClearance | None) -> dict[str, Any]:
-    """Return a motion's least clearance, its pair, time and position; all None without a clearance limit."""
+    """Return a motion's least clearance, its pair, time and position; all are None if `least` is None."""
     if least is None:
         return {"required_m": None, "least_m": None, "pair": None, "time_s": None, "position_m": None}
     required, distance = least.required, least.distance

@@ -69,8 +69,8 @@ def advised(message: str, advice: str, known: Container[str] | None = None) -> s
     """Replace advice on Python calls in an error's text, such as `load(..., key=VALUE)`, by `advice`.
 
     `advice` is a format with {key}, {option} (the key as an option of the command line), {value}, and
-    {listed} (the value in TOML). Advice on keys that are not in `known` is not replaced. Alternative advice
-    on methods of the robot is deleted.
+    {listed} (the value in TOML). Advice on keys that are not in `known` is not replaced. `ffsms_pin.mount`
+    is replaced by the scenario key. Alternative advice on methods of the robot is deleted.
     """
 
     def replacement(match: re.Match[str]) -> str:
@@ -109,7 +109,7 @@ class PartError(FfsmsError, ValueError):
 class ModelNotFound(FfsmsError, FileNotFoundError):
     """The argument is neither the name of a packaged model nor the path of an existing file.
 
-    `remedy` is the advice in the message. Default: a question with a similar name.
+    `remedy` is the advice in the message. Default: a question with a similar name, or to check the path.
     """
 
     def __init__(self, name: str | Path, packaged: Sequence[str], remedy: str = "") -> None:
@@ -191,7 +191,7 @@ class DependencyMissing(FfsmsError, ImportError):
         self.package, self.extra = package, extra
 
 
-# The modules that each extra of pyproject.toml installs.
+# The modules of the extras of pyproject.toml that the library can use.
 EXTRAS = {
     "plot": ("matplotlib",),
     "view": ("meshcat", "umsgpack"),

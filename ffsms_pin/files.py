@@ -279,7 +279,7 @@ def save_arrays(path: str | os.PathLike[str], kind: str, values: Mapping[str, An
 
 
 def regular_target(path: str | os.PathLike[str]) -> Path:
-    """Resolve the links of a path; raise `ResultError` if the result is not a regular file."""
+    """Resolve the links of a path; raise `ResultError` if the result exists and is not a regular file."""
     target = Path(os.path.realpath(path_like("path", path)))
     with wrap_os_error(path):
         if target.exists() and not target.is_file():

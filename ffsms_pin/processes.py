@@ -41,7 +41,7 @@ def map_in_processes(
     tasks : sequence
         The arguments of `work`.
     jobs : int, optional
-        The number of processes; 1 uses this process. Default: the number of cores.
+        The largest number of processes; 1 uses this process. Default: the number of cores.
     progress : callable, optional
         A function that is called with the completed share of the tasks, 0 to 1.
 
