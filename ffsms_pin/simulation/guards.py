@@ -1,4 +1,4 @@
-"""Guards of a closed loop: limits that are checked in every control step and stop a flight."""
+"""Guards of a closed loop, which stop a flight that exceeds a limit."""
 
 from __future__ import annotations
 
@@ -46,19 +46,18 @@ class Guards:
     """
 
     position_margin: Annotated[Margin | None, Angle("rad or m")] = POSITION_MARGIN
-    """The largest distance of a joint beyond its position limit. The guard also trips if a joint can no
-    longer brake within this distance with half of its torque limit. Limp joints are ignored, because
-    mechanical stops hold them."""
+    """The largest distance beyond its position limit at which a joint would come to rest when braked, with
+    half of its torque limit or at twice its acceleration limit, whichever brakes harder. Limp joints are
+    ignored, because mechanical stops hold them."""
     rate_margin: Annotated[Margin | None, Unit()] = RATE_MARGIN
-    """The share by which a joint may exceed its rate limit. Re-planned motions with wrong masses exceed the
-    limit by up to 0.02. With the default, braking can keep the excess below 0.05."""
+    """The share by which a joint may exceed its rate limit. The default allows for control errors, for
+    example due to wrong masses."""
     saturation: Annotated[Margin | None, Unit("s")] = 0.3
-    """The longest time that a joint may spend at its torque limit. Later time below the limit is subtracted.
-    The torque limit is the law's `torque_limit`, or the robot's limit if the law has none, and at most the
-    limit of the `Actuator`."""
+    """The time at its torque limit after which a joint trips the guard. Later time below the limit is
+    subtracted. The torque limit is the law's `torque_limit`, or the robot's limit if the law has none, and at
+    most the limit of the `Actuator`."""
     joint_error: Annotated[Margin | None, Angle("rad or m")] = 1.0
-    """The largest deviation of a joint from its reference. An unmodelled payload of 10 kg on a seven-joint
-    arm under control causes half of the default."""
+    """The largest deviation of a joint from its reference."""
     contact_force: Annotated[Margin | None, Unit("N")] = math.inf
     """The largest force of a client on the end effector that the grip bears."""
     contact_torque: Annotated[Margin | None, Unit("N m")] = math.inf
@@ -68,8 +67,8 @@ class Guards:
     limits of the wrist are `force_limit` and `moment_limit` of the `WristSensor`. Until a latch, the joint
     torques that balance the load are compared with the torque limits."""
     base_rate: Annotated[Margin | None, Angle("rad/s")] = 1.0
-    """The largest angular velocity of the base. The default is about the range of a satellite's gyroscopes,
-    and more than twice the rate in any plan of a packaged robot."""
+    """The largest angular velocity of the base. The default is about the range of a satellite's
+    gyroscopes."""
     energy: Annotated[Margin | None, Unit()] = 1.0
     """The largest excess of the joint motion's kinetic energy over the reference's largest kinetic energy so
     far, divided by this largest energy. Without external forces, an excess comes from the motors. The

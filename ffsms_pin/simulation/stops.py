@@ -20,10 +20,10 @@ class Stops:
     """Springs and dampers at the position limits of limp joints, which push but do not pull.
 
     At a depth x beyond the limit the torque is I (w^2 x + 2 w dx/dt), critically damped, where I is the
-    joint's inertia with base and other joints free. A joint that hits its stop at the rate r penetrates the
-    stop by at most r / (e w), and leaves it at the rate r / e^2. The frequency w makes this depth 0.5 mrad or
-    0.5 mm at the joint's rate limit. The torque acts between two bodies of the robot, so the total momentum
-    is constant.
+    joint's inertia with base and other joints free. Without other forces, a joint that hits its stop at the
+    rate r penetrates the stop by r / (e w), and leaves it at the rate r / e^2. The frequency w makes this
+    depth 0.5 mrad or 0.5 mm at the joint's rate limit. The torque acts between two bodies of the robot, so it
+    does not change the total momentum.
 
     Attributes
     ----------
