@@ -106,15 +106,18 @@ class Tracking:
         axes. The wrench is the sum of the loads or, after a latch, the wrench due to the client's inertia.
         No columns without a client.
     orientation_error : ndarray, shape (N + 1,)
-        Angle from the plant's end effector to the desired attitude [rad]; zero if the attitude is free.
+        Angle from the plant's end effector to the desired attitude [rad]; zero if the attitude is free or the
+        run is not judged.
     frames : tuple of str, length f
-        The names of other frames with goals.
+        The names of other frames with goals; empty if the run is not judged.
     frame_error : ndarray, shape (N + 1, f, 2)
         Distance [m] and angle [rad] of each of these frames from its goal.
     misses : tuple of str
-        Messages about missed goals, violated limits, overlaps and a stop; empty if the motion has arrived.
+        Messages about missed goals, an early end, violated limits, overlaps and a stop; empty if the motion
+        has arrived or is not judged.
     least_clearance : LeastClearance or None
-        The least distance within the robot and to obstacles; None if no clearance was required.
+        The least distance, relative to the required clearance, within the robot and to obstacles; None if no
+        clearance was required or the run is not judged.
     """
 
     t: FloatArray = field(metadata=_of("N+1"))
@@ -226,9 +229,7 @@ class Tracking:
         start, end = number("start", start), number("end", end)
         first, last = np.searchsorted(self.t, [start - 1e-9, end + 1e-9]).tolist()
         if last - first < 2:
-            message = (
-                f"must be at least one step after start = {start:g} s; both must be within the recording"
-            )
+            message = f"must be such that the recording has two or more rows from start = {start:g} s to end"
             raise InvalidValue("end", end, message)
         values: dict[str, Any] = {name: getattr(self, name) for name in ("arrived", *_TEXTS, *_JSON)}
         for name in (*SHAPES, *OPTIONAL):
