@@ -28,7 +28,7 @@ from ffsms_pin.options import (
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.simulation.loads import Load
 
-# A function of t [s], q (nq,), v (6 + n,) that returns a generalised force (6 + n,).
+# A function of t [s], q (nq,), v (nv,) that returns a generalised force (nv,).
 GeneralisedForce: TypeAlias = Callable[[float, FloatArray, FloatArray], FloatArray]
 # A generalised force held over a step, or a function that returns it.
 Force: TypeAlias = FloatArray | GeneralisedForce

@@ -89,8 +89,8 @@ class Supervisor(Protocol):
     Attributes
     ----------
     model : SpaceManipulator
-        The robot model for braking and, from a latch on, for the state estimation. `simulate` reads this
-        attribute when it needs the model.
+        The robot model for braking, unless the controller estimates the robot (`EstimatesRobot`), and, from
+        a latch on, for the state estimation. `simulate` reads this attribute when it needs the model.
     """
 
     model: SpaceManipulator

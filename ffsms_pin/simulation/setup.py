@@ -48,7 +48,7 @@ _EVENTS_ONLY = f"must contain {', '.join(kind.__name__ for kind in EVENTS[:-1])}
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Conditions:
-    """The conditions of a closed loop; by default all devices are perfect and no disturbance acts.
+    """The conditions of a closed loop; by default actuators and sensors are perfect and no disturbance acts.
 
     Raises
     ------
@@ -77,13 +77,13 @@ class Conditions:
     the reason. None: no guards."""
     v0: Annotated[Numbers | None, Unit("", "at rest, with the momentum")] = None
     """The velocity of the plant at the start (6 + n numbers) in Pinocchio's layout, in place of the
-    momentum. Default: the joint rates of the reference and the base velocity that follows from the momentum,
-    with zero velocity in the directions in which the reference holds the base (`base_mode`, a plan's
-    `mode`)."""
+    momentum. Default: the joint rates of the reference and the base velocity that follows from the
+    momentum."""
     momentum: Annotated[Vector6 | None, Unit("kg m/s, kg m²/s", "the reference's")] = None
-    """The total momentum at the start (6 numbers), inertial axes, about the centre of mass. If a momentum is
-    given, the base starts as a floating base, even if the reference holds the base. Default: the momentum of
-    the reference, or zero if it has none."""
+    """The total momentum of the plant at the start (6 numbers), inertial axes, about the plant's centre of
+    mass. If a momentum is given, the base starts as a floating base, even if the reference holds the base.
+    Default: the momentum of the reference, or zero if it has none, and zero base velocity in the directions
+    in which the reference holds the base (`base_mode`, a plan's `mode`)."""
     wheel_momentum: Annotated[Numbers | None, Unit("N m s", "0")] = None
     """The spin momentum of each wheel at the start, relative to the base; `momentum` does not include it."""
     integrator: Annotated[str, OneOf(tuple(INTEGRATORS)), Unit()] = "rk4"
@@ -317,7 +317,7 @@ def check_kinds(
 
 
 def warn_of_friction(plant: SpaceManipulator, controller: Any) -> None:
-    """Warn if friction of the plant's file exceeds 5 % of a torque limit and is not compensated."""
+    """Warn if a `JointLaw` does not compensate friction of the plant's file above 5 % of a torque limit."""
     if not isinstance(controller, JointLaw) or controller.compensates_friction:
         return
     limits = plant.limits
@@ -409,7 +409,10 @@ def first_sample(reference: Reference, n: int) -> Sample:
 
 
 def target_function(target: Any) -> Callable[[float], FloatArray]:
-    """Return a function from time [s] to the position (3,) of a target, which is a position or a pose."""
+    """Return a function from time [s] to the position (3,) of a target.
+
+    The target is a position, a pose, or a function of time that returns one of these.
+    """
 
     def place(value: Any) -> FloatArray:
         pose = from_homogeneous("target", value)
