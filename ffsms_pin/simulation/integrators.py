@@ -17,10 +17,10 @@ from ffsms_pin.simulation.events import Force
 Step: TypeAlias = tuple[FloatArray, FloatArray, float]
 
 # Limits of the adaptive integrators.
-_TOLERANCE = 1e-12  # error of each inner step, relative and absolute
+_TOLERANCE = 1e-12  # relative and absolute tolerance of each inner step of DOP853
 _MOST_PARTS = 10_000  # largest number of parts of a step; a state that needs more counts as diverged
 _MOST_SLOPES = 100_000  # largest number of evaluations in a part; a state that needs more counts as diverged
-_REACH = 0.3  # [rad or m] displacement in a part; small, because `_bernoulli` truncates a series
+_REACH = 0.3  # [rad or m] displacement in a part at its initial rates; `_bernoulli` requires a small one
 
 # Yoshida's triple jump: the lengths of three symmetric second-order steps that make a step of order 4.
 _OUTER = 1.0 / (2.0 - 2.0 ** (1.0 / 3.0))
@@ -146,7 +146,7 @@ class _TooLong(Exception):
 def _by_solver(
     model: Any, data: Any, q: FloatArray, v: FloatArray, tau: Force, dt: float, t: float = 0.0, *, method: str
 ) -> Step:
-    """Make a step of any length by a method of `scipy.integrate.solve_ivp`; arguments as for `rk4_step`.
+    """Make a step by a method of `scipy.integrate.solve_ivp`; arguments as for `rk4_step`.
 
     The unknowns are the coordinates xi of the chart q(t) = q exp(xi), the velocity and the work. In body axes
     dxi/dt = dexp^-1(-xi) v. The tolerance of each inner step, relative and absolute, is 1e-12, with Radau

@@ -195,7 +195,10 @@ class World:
         return bool(self._free.wrench(self._model, self._own, self.plant.frame_id, q, v)[0].any())
 
     def _for_friction(self, q: FloatArray, dt: float) -> int:
-        """Return the number of substeps of dt that resolve the friction slopes D, from dt |H_q^-1 D|."""
+        """Return the number of substeps of dt that resolve the friction slopes D.
+
+        It is the largest eigenvalue of dt H^-1 D, rounded up, with the reduced inertia matrix H.
+        """
         if self._steep is None:
             return 1
         joints = slice(6, self._nv)
