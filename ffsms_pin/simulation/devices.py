@@ -110,8 +110,8 @@ class JointFriction:
     coulomb: Annotated[PerJointNotNegative, Unit("N m")] = 0.0
     """The Coulomb torque; per joint."""
     transition: Annotated[Positive, Angle("rad/s")] = 1e-2
-    """The rate at which friction reaches three quarters of the Coulomb torque; smaller values are stiffer.
-    If a control step would need more than 40 substeps, implicit steps replace them."""
+    """The rate at which Coulomb friction reaches three quarters of the Coulomb torque; smaller values are
+    stiffer. If a control step would need more than 40 substeps, implicit steps replace them."""
 
     def steepest(self, n: int) -> FloatArray:
         """Return the largest magnitudes (n,) of the slopes of friction over rate [N m s/rad]."""

@@ -80,7 +80,7 @@ class RunningEstimator:
     def settled_deviations(self) -> tuple[float, float, float]:
         """The standard deviations of joint positions [rad], base position [m] and attitude [rad], per axis.
 
-        They follow from the covariances of the filters in the steady state.
+        They follow from the covariances of the filters after 5 s, or after 10,000 control steps if sooner.
         """
         filters = [PositionAndRate(*noise) for noise in self._noises]
         for filtering in filters:
@@ -193,9 +193,9 @@ class RunningEstimator:
 def place_deviation(
     sms: SpaceManipulator, q: FloatArray, sensors: Sensors, estimator: RunningEstimator | None
 ) -> float:
-    """Return the root-mean-square error [m] of the estimated end-effector position at q (nq,).
+    """Return the root-mean-square error [m] of the end-effector position at q (nq,), neglecting latency.
 
-    Without an estimator, the position follows from the raw measurements.
+    The position follows from the estimated state, or without an estimator from the raw measurements.
     """
     if estimator is None:
         joint, shift, turn = sensors.joint_deviation, sensors.base_position_noise, sensors.base_attitude_noise

@@ -106,8 +106,7 @@ def random_plants(
     count : int
         The number of robots.
     arm_mass : float
-        The largest relative error of each arm body's mass and inertia, which have the same error. The
-        default is typical of an arm with its harness.
+        The largest relative error of each arm body's mass and inertia, which have the same error.
     base_mass : float
         The largest relative error of the base's mass, which changes as fuel is burnt.
     base_inertia : float
