@@ -36,11 +36,11 @@ class Weights(NamedTuple):
     """The weights of goal and limits, and the smoothing of the paper's cost.
 
     `end` is the weight of the goal's errors at the deadline [1/m^2], for a motion of 8 s and an arm of 1 m;
-    `linearise` scales it by duration and arm length. Errors beyond the reach in the last tenth have a tenth
-    of this weight. `limits` is the weight of the limits' residuals, integrated over time [1/s]. `tie_break`
-    multiplies the weights of terms with `Term.smooths`. For `fade_speed` and `fade_distance`, in arm lengths,
-    see `Smoothing`. If `firm` is true, steps that reduce the cost keep the final pose nearly fixed (see
-    `deadzone`), except for exact goals.
+    `linearise` scales it by duration and arm length. The goal's errors in the last tenth of the time have a
+    tenth of this weight. `limits` is the weight of the limits' residuals, integrated over time [1/s].
+    `tie_break` multiplies the weights of terms with `Term.smooths`. For `fade_speed` and `fade_distance`, in
+    arm lengths, see `Smoothing`. If `firm` is true, steps that reduce the cost keep the final pose nearly
+    fixed (see `deadzone`), except for exact goals.
     """
 
     end: float
@@ -332,7 +332,7 @@ def gradients_and_hessians(
 
 
 _SHORTER = 0.3  # length of the second trial step as a share of the full step, if the full step fails
-_SATISFIED = 0.5  # residual below which `tighten` takes a limit as satisfied, as a share of its margin
+_SATISFIED = 0.5  # largest residual of a satisfied limit in `tighten`, as a share of the limit's margin
 
 
 def descend(motions: Candidates, weights: Weights, iterations: int) -> Candidates:
@@ -386,7 +386,7 @@ _LATER = (2, _weights(1e3, 0.03, 0.01)), (2, _weights(1e4, 0.03, 0.002)), (4, LA
 
 
 def coarse_stage(model: Model, p: FloatArray) -> Candidates:
-    """Apply a few iterations to control points (S, M, n); return the six best motions after a few more."""
+    """Apply a few iterations to control points (S, M, n); return up to six best motions after a few more."""
     first, then = _weights(1e2, 0.3, 0.03), _weights(1e2, 0.1, 0.03)
     motions = distinct_best(linearise(model, p, first, 0.3), len(p))
     motions = distinct_best(descend(motions, first, 3), 6)
@@ -396,8 +396,8 @@ def coarse_stage(model: Model, p: FloatArray) -> Candidates:
 def refine(pool: Candidates, fine: Model, keep: tuple[int, int, int], repeats: int = 1) -> Candidates:
     """Select and refine motions of a pool in three stages; return the final motions, the best first.
 
-    The first stage uses the coarse spline, the second and third the fine spline. `keep` has the number of
-    motions in each stage. `repeats` multiplies the iterations of each stage.
+    The first stage uses the coarse spline, the second and third the fine spline. `keep` has the largest
+    number of motions in each stage. `repeats` multiplies the iterations of each stage.
     """
     model, motions = pool.model, pool
     for k, (most, (iterations, weights)) in enumerate(zip(keep, _LATER, strict=True)):
@@ -440,7 +440,7 @@ def tighten(motion: Candidates, iterations: int = 4) -> Candidates:
 
 
 def prefer_limits(motion: Candidates) -> Candidates:
-    """Reduce the weight of the goal until the motion satisfies the limits, if it cannot satisfy both."""
+    """Reduce the weight of the goal, up to four times, until the motion satisfies the limits."""
     for softer in (1e-1, 1e-2, 1e-3, 1e-4):
         if motion.limit_share[0] <= _SATISFIED:
             break

@@ -218,10 +218,10 @@ def halton(first: int, count: int, dimensions: int) -> FloatArray:
 
 
 def spread_postures(problem: Problem, first: int, count: int, radius: float = np.inf) -> FloatArray:
-    """Return joint positions (count, n), evenly spread within a radius of the start [rad or m].
+    """Return joint positions (count, n), evenly spread in `joint_range` within a radius of the start.
 
-    `first` is the index of the first posture in the sequence of postures. Joints that move no frame with a
-    goal, for example the joints of a second arm, keep their positions.
+    The radius is in rad or m. `first` is the index of the first posture in the sequence of postures. Joints
+    that move no frame with a goal, for example the joints of a second arm, keep their positions.
     """
     low, high = joint_range(problem)
     start = problem.joints0
@@ -384,9 +384,10 @@ def workspace_distances(problem: Problem) -> tuple[float, float, float]:
 
 
 def reach_range(problem: Problem) -> tuple[float, float]:
-    """Return the least and greatest distance [m] of the end effector from the system's centre of mass.
+    """Return the least and greatest distance [m] of the end effector from the centre of mass.
 
-    The distances result from a search over `joint_range`, and are computed once for each problem.
+    The centre of mass is that of the system, or of the base if its position is held. The distances result
+    from a search over `joint_range`, and are computed once for each problem.
     """
     reach = _reach_ranges.get(problem)
     if reach is None:

@@ -175,10 +175,11 @@ def rollout_along(
     bounded: bool = True,
     begin: FloatArray | None = None,
 ) -> FloatArray:
-    """Return joint rates (N + 1, n) at the nodes along a path, within the joint limits if `bounded`.
+    """Return joint rates (N + 1, n) at the nodes along a path.
 
-    The rates at the first node are `begin` (n,), by default `Problem.joint_rates`. Without a preference the
-    rates have the least norm, except that joints near a position limit move away from the limit.
+    If `bounded` is true and the problem has joint limits, the motion satisfies these limits. The rates at the
+    first node are `begin` (n,), by default `Problem.joint_rates`. Without a preference the rates have the
+    least norm, except that joints near a position limit move away from the limit.
     """
     sms, dt, steps, n = problem.sms, problem.dt, problem.steps, problem.sms.n
     bounded = bounded and any(limit.joint_bounds is not None for limit in problem.limits)
@@ -379,7 +380,10 @@ def follow_fastest(
 
 
 def _joint_path(problem: Problem, path: Path) -> Rollouts | None:
-    """Return the motion along a path in 1 s without joint limits; None if it leaves the path."""
+    """Return the motion along a path in 1 s without joint limits.
+
+    The result is None if an error exceeds half of the path's tolerance.
+    """
     start = problem
     if path.approach_time > 0.0:  # the joint path begins in the final posture of the approach
         rest = np.zeros(2)
@@ -497,14 +501,14 @@ def _share_of_path(problem: Problem, t: float) -> str:
 
 
 def _used(problem: Problem, plan: Trajectory) -> FloatArray:
-    """Return the errors of a plan near each node (N + 1,), divided by the path's tolerances."""
+    """Return the larger error of a plan near each node (N + 1,), as a share of the path's tolerance."""
     path = problem.goal
     used = np.fmax(plan.path_error / path.tolerance, plan.path_angle_error / path.orientation_tolerance)
     return np.asarray(used)
 
 
 def _binding(problem: Problem, plan: Trajectory) -> str:
-    """Describe the point at which a plan leaves its path, and the joint limits active at this point."""
+    """Describe the point at which a plan leaves its path, and the joint limits active shortly before it."""
     k = int(np.argmax(_used(problem, plan) > 1.0))
     t = plan.t[k]
     where = f"at {t:.3g} s, {_share_of_path(problem, t)}"

@@ -1,6 +1,6 @@
 """The search for the plan of a problem, its strategies, and the functions `solve` and `shortest`.
 
-The strategies run in a fixed order and use the same solver. Each strategy first checks whether it is needed.
+The strategies run in a fixed order. Each strategy first checks whether it is needed.
 `benchmarks/strategies.py` measures the plans of searches that omit one strategy.
 """
 
@@ -70,9 +70,9 @@ class SearchOptions:
     Attributes
     ----------
     time_limit : float, optional
-        The computing time [s] after which the search returns its best plan. The time is checked between
-        strategies, and after each polished motion or rollout. With a limit the plan depends on the speed of
-        the computer. Default: no limit.
+        The computing time [s] after which the search returns its best plan, if it has one. The time is
+        checked between strategies, and within most strategies between motions. With a limit the plan depends
+        on the speed of the computer. Default: no limit.
     cost_tolerance : float
         The search returns the motion of least effort among the motions that arrive and whose cost exceeds the
         least cost by at most this value [s]. The value is not scaled with the duration.
@@ -130,7 +130,7 @@ class Search:
         self._started = time.perf_counter()
 
     def run(self, strategies: Sequence[Strategy]) -> Trajectory:
-        """Run strategies in order; return the best plan that arrives, or else the plan of least error."""
+        """Run strategies in order until the time limit; return the plan of the best motion (`best`)."""
         for i, strategy in enumerate(strategies):
             if self.out_of_time():
                 break
@@ -191,10 +191,10 @@ class Search:
         return goals
 
     def polish(self, motion: Candidates) -> None:
-        """Iterate a motion to convergence, and keep its plan.
+        """Tighten a motion (`tighten`), and keep its plan.
 
-        If the plan misses the goal or violates a limit, repeat this with a displaced goal or a larger margin,
-        up to three times.
+        If the spline arrives but the plan misses the goal or violates a limit, repeat this with a displaced
+        goal or a larger margin, up to three times.
         """
         problem = self.problem
         for _ in range(4):
@@ -249,7 +249,7 @@ class Search:
     def _best_in_full(self) -> Candidates:
         """Return the best motion, evaluated in all time steps of the problem.
 
-        A motion that does not arrive in these steps is polished again.
+        A motion that arrives only in the larger steps of the search is polished again.
         """
         while len((best := self.best()).plan.t) <= self.problem.steps:
             full = _measured(self.problem, best)
@@ -501,7 +501,10 @@ QUICK = (
 
 
 def starts_within(problem: Problem, reach: float, orientation_reach: float) -> bool:
-    """Return whether a robot at rest starts within `reach` [m] and `orientation_reach` [rad] of its goal."""
+    """Return whether a robot at rest starts at a fixed goal.
+
+    Its pose error may be up to `reach` [m] and `orientation_reach` [rad].
+    """
     if problem.momentum is not None or problem.goal.moves or problem.joint_rates.any():
         return False
     start = problem.sms.at(problem.q0).end_effector_pose

@@ -32,7 +32,7 @@ class Grid(NamedTuple):
     gauss: int
 
 
-# Splines with 9 and with up to 17 free control points per joint, and with one more if the rates at the end
+# Splines with up to 9 and up to 17 free control points per joint, and with one more if the rates at the end
 # are free. Nine suffice for a motion that reverses twice.
 COARSE, FINE = Grid(6, 3, 2), Grid(12, 5, 3)
 
