@@ -160,9 +160,9 @@ def step_qp(
     The velocity is at the angle acos(`cosine`) to the displacement towards the target. The component of
     `side` (3,) perpendicular to this displacement selects the side of the cone. If `side` is zero, the end
     effector's present velocity replaces it; if there is no perpendicular component, the side is arbitrary. A
-    row lower <= G u <= upper becomes lower <= G V alpha <= upper. A soft row becomes two rows,
-    G V alpha + softness slack >= lower and G V alpha - softness slack <= upper. The last two rows are s >= 0
-    and slack >= 0.
+    row lower <= G u <= upper becomes lower <= G V alpha <= upper. A soft row becomes one row for each of its
+    bounds, G V alpha + softness slack >= lower or G V alpha - softness slack <= upper. The last two rows are
+    s >= 0 and slack >= 0.
     """
     kinematics = step.J_star, step.V, step.rates, step.tip_drift, step.sms.limits.acceleration
     when = cosine, step.time_left, step.dt
@@ -285,9 +285,9 @@ class Stepper:
     be changed between steps.
 
     A stepper stores the last step, and is for one thread; `like()` returns another. `side` (3,) is the side
-    of the cone of the last step, zero before the first step. `base_start` (7,) is the root pose relative to
-    which base rotation and displacement are measured; None: the pose at the next step. `deadline` is the time
-    from the motion's start to its deadline [s]; None: the motion starts with the next step.
+    of the cone of the last step, or before the first step that of `reset`. `base_start` (7,) is the root pose
+    relative to which base rotation and displacement are measured; None: the pose at the next step. `deadline`
+    is the time from the motion's start to its deadline [s]; None: the motion starts with the next step.
     """
 
     def __init__(

@@ -1,7 +1,7 @@
 """Motions by single steps, for searches and for the methods of `plan`.
 
-A rollout of steps by QP has zero cost unless a limit is active. In the paper's method each step minimises the
-cost over alpha as a nonlinear program.
+A rollout of steps by QP has almost zero cost unless a limit is active. In the paper's method each step
+minimises the cost over alpha as a nonlinear program.
 """
 
 from __future__ import annotations
@@ -155,7 +155,7 @@ class PaperStepper:
         time_left: float,
         rotation: FloatArray | None = None,
     ) -> Step:
-        """Return the joint rates for the next step; for arguments see `Stepper.advance`."""
+        """Return the next step; for arguments see `Stepper.advance`."""
         from scipy.optimize import minimize  # slow to load
 
         if rotation is not None:
