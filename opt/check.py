@@ -210,7 +210,7 @@ def _by_differences(
 
 
 def _check_rows(limit: Limit, problem: Problem, motion: Rollouts, tolerance: float) -> float:
-    """Return the largest relative error of a limit's rows at the nodes of a motion."""
+    """Return the largest relative error of a limit's rows at the nodes of a motion except the first."""
     largest, nodes = 0.0, configurations(problem.sms, problem.q0, motion)
     for k in range(1, len(nodes)):  # the base's displacement has no slope at the start
         state = _state(problem, nodes[k], motion.rates[:, 0, 2 * k], float(motion.times[2 * k]))

@@ -140,8 +140,8 @@ class Coupling(Term):
     """The paper's cost (C~ - (1 - H_norm))^2, integrated over time (Eq. optimal_cost).
 
     The residual is independent of the end effector's speed, and discontinuous where this speed or the
-    distance to the target is zero. During a search two factors reduce the residual to zero at these points
-    (`rollouts.Smoothing`). The cost of a finished motion has no such factors.
+    distance to the target is zero. In the early stages of a search two factors reduce the residual to zero
+    at these points (`rollouts.Smoothing`). The cost of a finished motion has no such factors.
 
     The paper states no `kappa`; with 10, C~ is close to max(0, cos(theta_a)). The weights of other terms are
     relative to the default `weight` of this term.

@@ -45,8 +45,8 @@ Where: TypeAlias = "tuple[Indices | None, Any]"
 # same slopes with respect to all joints.
 OWN = {"own_joint": "by_joints", "own_rate": "by_rates", "own_acceleration": "by_accelerations"}
 _NEXT, _AFTER = [1, 2, 0], [2, 0, 1]
-_lost = threading.local()  # number of variables converted to plain arrays, by thread
-_TINY = 1e-150  # keeps the slope of a square root finite at zero
+_lost = threading.local()  # number of conversions of variables with slopes to plain arrays, by thread
+_TINY = 1e-150  # keeps the slopes of square root and hypot finite at zero
 
 # Derivatives of a function by each argument, computed from its result y and its arguments; None means 1.
 _DERIVATIVES: dict[np.ufunc, tuple[Callable[..., Any], ...]] = {

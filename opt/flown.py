@@ -286,7 +286,7 @@ def _exact_misses(problem: Problem, motion: Rollouts, errors: FloatArray) -> lis
 
 
 def _velocity_misses(problem: Problem, motion: Rollouts) -> list[str]:
-    """Return a message if required velocities are missed at the deadline."""
+    """Return a message for each required velocity that is missed at the deadline."""
     goal, place = problem.goal, problem.place
     k = min(int(np.searchsorted(motion.times, problem.duration - 1e-9)), motion.last)
     linear, angular = np.linalg.norm(_contact(problem, motion, k).reshape(2, 3), axis=1)

@@ -232,7 +232,8 @@ def plan_problem(
             return still
     if method == "horizon":
         return solve(problem, options, progress)
-    # Raises for an overlap. The result is unused, because steps may start nearer than the clearance.
+    # Raises for an overlap or a target inside an obstacle. The result is unused, because steps may start
+    # nearer than the clearance.
     refused(problem)
     if isinstance(problem.goal, Path):
         return plan_path_stepwise(problem, method, progress)
@@ -259,7 +260,7 @@ def plan_many(
     """Plan N motions in several processes, and return the plans in the order of the arguments.
 
     `q0`, `target` and `duration` each have one value for all motions, or N values. The other arguments are
-    the arguments of `plan`. Each result equals the result of `plan` bit for bit.
+    the arguments of `plan`. Without `time_limit` each result equals the result of `plan` bit for bit.
 
     Parameters
     ----------

@@ -314,7 +314,7 @@ class Rollouts:
 
     @property
     def target_points(self) -> FloatArray:
-        """The position of the goal (3, S, K), inertial axes [m]."""
+        """The position of the goal, inertial axes [m]: (3, 1, K), or (3, S, K) for a goal on the base."""
         if self.target_on == "inertial":
             return self.target[:, None]
         from_com = (self.target - self.stack.base_com[:, None])[:, None]
@@ -359,7 +359,10 @@ class Rollouts:
 
     @cached_property
     def before(self) -> Rollouts:
-        """The motions at their nodes, the even instants, with the accelerations just before each node."""
+        """The motions at their nodes, the even instants, with the accelerations just before each node.
+
+        At the first node the acceleration is that of the first step.
+        """
         nodes, jumping = self.at(None, slice(None, None, 2)), self.accelerations
         return replace(nodes, accelerations=np.concatenate([jumping[..., :1], jumping[..., 1::2]], axis=-1))
 

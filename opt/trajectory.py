@@ -71,27 +71,27 @@ class Trajectory:
         Positions of the end effector, and desired position at the deadline [m]; desired attitude, NaN if any
         attitude is admissible. Inertial axes.
     position_error, orientation_error : ndarray, shape (N + 1,)
-        Distance of the end effector from the target [m], and angle from the desired attitude [rad], zero if
-        any attitude is admissible.
+        Distance of the end effector from the goal's position at the same time [m], and angle from the goal's
+        attitude [rad], zero if any attitude is admissible.
     path_error, path_angle_error : ndarray, shape (N + 1,)
         The largest distance from the path [m] and angle from its attitude [rad] within half a step of each
         node, evaluated at ten times the resolution; NaN if the goal is not an `opt.Path`.
     kappa, reach, orientation_reach : float
         The sharpness of C~; the paper's r_th [m]; the corresponding angle [rad].
     note : str
-        The errors and their reasons; empty if there are none.
+        Remarks on the plan, such as errors and their reasons; empty if there are none.
     shortest_duration : float
         A sufficient duration [s], if the plan failed and the search found such a duration; otherwise 0. For
-        plans of `opt.shortest`, and of paths with `timing="fastest"`, the plan's own duration.
+        plans that succeed, with `opt.shortest` or the fastest time law of a path, the plan's own duration.
     contact_velocity, momentum : ndarray, shape (6,)
         Velocity [m/s] and angular velocity [rad/s] of the end effector at the deadline, relative to the
         desired velocities (zero by default); total momentum [linear; angular] about the system's centre of
         mass [kg m/s; kg m^2/s]. Inertial axes.
     clear, within_tolerance, met : bool
-        `clear` is true if all limits are satisfied, at nodes and between them, and the tolerance of a path.
-        `within_tolerance` is true if the state at the deadline is within the goal's tolerance of position,
-        attitude, and required velocities (`reached` is the paper's criterion). `met` is the same for
-        `opt.Meet`, and true for other goals.
+        `clear` is true if all limits and the tolerance of a path are satisfied. `within_tolerance` is true if
+        the state at the deadline is within the goal's tolerance of position, attitude, and required
+        velocities (`reached` is the paper's criterion). `met` is the same for `opt.Meet`, and true for other
+        goals.
     shares, binding, broken : dict of str to float, to ndarray, and to float
         The weighted integral of each term over time; the instants [s] at which each limit is active or
         violated; the violation of each violated limit, in its own unit.
@@ -173,7 +173,7 @@ class Trajectory:
 
     @property
     def dt(self) -> float:
-        """The step [s]."""
+        """The length of a step [s]."""
         return self.duration / (len(self.t) - 1)
 
     @property
@@ -183,7 +183,7 @@ class Trajectory:
 
     @property
     def base_mode(self) -> str:
-        """The `mode`, under the name that `simulate` requires of every reference."""
+        """The `mode`, under the name that `simulate` reads from a reference."""
         return self.mode
 
     @property
