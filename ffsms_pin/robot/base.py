@@ -35,8 +35,8 @@ class SatelliteBase:
     Raises
     ------
     InvalidValue
-        A mass, size or inertia is one that no rigid body has, or the centre of mass is more than ten times
-        the longest edge from the box's centre.
+        A mass, size or inertia is one that no rigid body has, or the centre of mass is farther from the box's
+        centre than ten times the longest edge of the box and the panels.
     """
 
     mass: Annotated[Positive, Unit("kg")] = 200.0

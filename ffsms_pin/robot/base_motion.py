@@ -61,10 +61,11 @@ def roll_out(
 ) -> tuple[FloatArray, FloatArray]:
     """Integrate a system from q (nq,) and joint rates (n,) over N steps of joint accelerations (N, n).
 
-    The accelerations are constant in each step of length `dt` [s]. The total momentum (6,) is about the
-    system's centre of mass, in inertial axes; default: zero. `mode` is a key of `dynamics.MODES`. Returns q
-    (N + 1, nq) and joint rates (N + 1, n) at the nodes. Joint positions and centre of mass are exact to
-    rounding; the error of the attitude is of order dt^4.
+    The accelerations are constant in each step of length `dt` [s]. `mode` is a key of `dynamics.MODES`. The
+    total momentum (6,), in inertial axes, is about the system's centre of mass, or about the base's centre of
+    mass if the mode holds the base's position; default: zero. Returns q (N + 1, nq) and joint rates
+    (N + 1, n) at the nodes. Joint positions are exact to rounding; the error of the attitude is of order
+    dt^4.
     """
     states, n = _states(sms, q, rates, accelerations.T, dt, momentum, mode), sms.n
     configurations = np.empty((states.shape[1], sms.nq))

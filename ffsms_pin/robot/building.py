@@ -51,10 +51,11 @@ class LoadOptions:
 
 
 def checked(robot: ElementTree.Element, path: Path, options: LoadOptions, stacklevel: int) -> UrdfFile:
-    """Lock joints and treat inertias of the <robot> of the file at `path` as in `options`, and check it.
+    """Check the <robot> of the file at `path`, after locking joints and treating inertias as in `options`.
 
-    The <robot> is changed in place. Warnings name unused declarations and state assumptions about missing
-    data. `stacklevel` is the argument of `warnings.warn`: 2 names the line that calls this function.
+    The <robot> is changed in place; missing limits of revolute joints are added. Warnings name unused
+    declarations and state assumptions about missing data. `stacklevel` is the argument of `warnings.warn`:
+    2 names the line that calls this function.
     """
     limits = {"velocity": options.velocity, "effort": options.torque}
     overridden = [key for key, value in limits.items() if value is not None]

@@ -71,7 +71,7 @@ def load(
 ) -> SpaceManipulator:
     """Load a space manipulator, with a free-flyer root joint and zero gravity.
 
-    If a revolute joint of a URDF lacks limits, or a joint mimics another joint, a warning (`FfsmsWarning`)
+    If a revolute joint of a URDF lacks limits, or a joint mimics a moving joint, a warning (`FfsmsWarning`)
     states the assumption. Warnings also name declarations that are not used (such as xacro that is not
     expanded), limits that look like degrees, and a root link that is too light for a satellite.
 

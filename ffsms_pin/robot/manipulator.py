@@ -61,7 +61,7 @@ class SpaceManipulator(ShapedMechanism):
         Joint acceleration limits [rad/s^2 or m/s^2], one number or (n,). Default: 1.25 /s times the rate
         limits, the paper's ratio.
     limits : RobotLimits, optional
-        Limits that replace the model's limits and `acceleration`.
+        Limits that replace the model's limits; not allowed together with `acceleration`.
     description : ShapeSource, optional
         The URDF from which the model was built, or the shapes of the model.
     wheels : ReactionWheels, optional
@@ -78,7 +78,7 @@ class SpaceManipulator(ShapedMechanism):
 
     Raises
     ------
-    UnsupportedJoint, FrameNotFound, InvalidInertia, InvalidValue
+    UnsupportedJoint, FrameNotFound, InvalidInertia, InvalidUrdf, InvalidValue
     """
 
     def __init__(
@@ -256,8 +256,9 @@ class SpaceManipulator(ShapedMechanism):
         Raises
         ------
         InvalidValue
-            A prismatic joint has no limits, a revolute joint has no position within half a turn of zero, or
-            no posture with this clearance was drawn.
+            A prismatic joint has no limits, a revolute joint has no position within half a turn of zero, no
+            posture with this clearance was drawn, or the base has no box although the clearance is measured
+            between points (see `opt.Clearance`).
         """
         joints = clear_postures(self, 1, 0, clearance, 0.5)
         return self.configuration(joints[int(np.argmax(self.batch(joints).manipulability))])

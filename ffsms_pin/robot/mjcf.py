@@ -105,7 +105,7 @@ class _Source:
         return InvalidUrdf(self.path, f"MuJoCo cannot read it as MJCF ({text})")
 
     def _settle(self, inertias: Inertias) -> dict[int, tuple[float, FloatArray]]:
-        """Replace inertias that MuJoCo refuses by isotropic inertias, and return the inertias of `settle`.
+        """Replace nonzero inertias that MuJoCo refuses by isotropic inertias, and return those of `settle`.
 
         The result maps the index of each such body to its mass [kg] and the inertia (3, 3) [kg m^2] to use.
         """
@@ -226,7 +226,8 @@ class _Robot:
             self.sentences.append(f"{message} satellite; ffsms_pin.load reads the whole robot")
         chosen = robots if whole or not arms else arms
         if not chosen:
-            raise UnsupportedJoint(self._path, "the file has no joint; an arm needs at least one")
+            message = "the file has no joint except free joints; an arm needs at least one"
+            raise UnsupportedJoint(self._path, message)
         if len(chosen) > 1 and chosen is robots:
             names = ", ".join(f"'{m.body(top).name}'" for top in robots)
             message = f"the file has several robots with a free joint: {names}; keep one"

@@ -33,7 +33,7 @@ class Arm:
     """The file, end-effector frame and locked joints of an arm.
 
     The file of an arm of example-robot-data is relative to the package's folder of robots. If the
-    end-effector frame is None, the last link's frame is used. The positions of locked joints are in rad or m.
+    end-effector frame is None, the default of `load` is used. The positions of locked joints are in rad or m.
     """
 
     file: str
@@ -159,8 +159,8 @@ def mount(
         too, see `load`.
     velocity : array_like, optional
         Joint rate limits [rad/s or m/s], one number or (n,). Default: the limits in the arm's file; a joint
-        without a limit gets 0.5 rad/s or 0.5 m/s, because planning needs a finite rate. Arms for use on the
-        ground reach 2 to 3 rad/s, which disturbs a satellite strongly.
+        without a limit gets 0.5 rad/s or 0.5 m/s, because planning needs a finite rate. Most arms for use on
+        the ground reach 2 to 3 rad/s, which disturbs a satellite strongly.
     torque : array_like, optional
         Joint torque limits [N m or N], one number or (n,). Default: the limits in the arm's file.
     acceleration : array_like, optional
