@@ -1,4 +1,4 @@
-"""The distances of pairs of bodies, between their shapes or between the joints and the base's box."""
+"""The distances of pairs of bodies, between their shapes or between the paper's points and the base's box."""
 
 from __future__ import annotations
 
@@ -56,7 +56,9 @@ class BodyStack(ClearanceStack):
     Raises
     ------
     InvalidValue
-        Without obstacles: no two bodies can collide, or the clearance is larger than all distances.
+        Without obstacles: no two bodies can collide, or all pairs are left out as near by construction.
+    GeometryError
+        The mode is "hulls" or "shapes", and the collision shapes are missing or cannot be read.
     """
 
     def __init__(
@@ -112,7 +114,7 @@ class BodyStack(ClearanceStack):
         self.reaches = self._parts.reaches
 
     def _take(self, pairs: list[tuple[Body, Body]]) -> None:
-        """Set the pairs of bodies, their names, and the arrays with a row for each pair."""
+        """Set the pairs of bodies, their names and parts, `bodies`, `sizes`, `passes` and `margins`."""
         self._bodies, self.names = pairs, [f"{a.name} - {b.name}" for a, b in pairs]
         self._parts = PartPairs(self.arm, [(a.parts, b.parts) for a, b in pairs])
         self.bodies, self.sizes = self._parts.bodies[:, [0, 1, 0]], self._parts.sizes
@@ -222,7 +224,8 @@ class PointStack(ClearanceStack):
         super().__init__(sms)
         n, placed = sms.n, sms.base_box_placement
         self._box = np.vstack([placed.rotation, placed.translation, 0.5 * np.array(sms.base_size)])
-        # Leave out points with the same distance, or at the same position, in four random postures.
+        # Leave out pairs of points at a constant distance, and pairs of a fixed point and the box. Constant
+        # means the same in four random postures.
         first, second = np.triu_indices(n + 1, 1)
         ends = [*zip(second, first, strict=True), *((i, -1) for i in range(n + 1))]
         poses = Poses.of(np.random.default_rng(0).uniform(-1.0, 1.0, (n, 4)))
@@ -324,8 +327,8 @@ def body_pairs(sms: ShapedMechanism, indices: Sequence[int]) -> list[tuple[int, 
 def chosen_mode(sms: ShapedMechanism) -> str:
     """Return the mode for "auto": "hulls" if bodies with collision shapes can collide, else "points".
 
-    For an arm with parallel revolute joints the mode is "points", as in the paper. If the shapes cannot be
-    read, the mode is "points", with a warning.
+    For an arm whose joints are all revolute and parallel the mode is "points", as in the paper. If the shapes
+    cannot be read, the mode is "points", with a warning.
     """
     model = sms.model
     turns = pin.computeJointJacobians(model, model.createData(), pin.neutral(model))[3:, 6:].T

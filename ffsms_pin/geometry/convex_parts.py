@@ -98,7 +98,7 @@ def part_of(shape: Any, body: int, placed: Any, convex: bool) -> Part:
 
 
 def _hull(corners: FloatArray, body: int, placed: Any) -> Part:
-    """Return the convex hull of points (k, 3) as a part, or the box around the points if qhull fails."""
+    """Return the convex hull of points (k, 3) as a part, or their box if they are coplanar or qhull fails."""
     low, high = corners.min(axis=0), corners.max(axis=0)
     centre = 0.5 * (low + high)
     try:
@@ -126,7 +126,7 @@ def mesh_triangles(mesh: Any) -> tuple[FloatArray, Any]:
 
 
 def _slabs(mesh: Any) -> list[FloatArray]:
-    """Return points (k, 3) for each slab of a mesh: vertices, and points at which edges cross its cuts."""
+    """Return points (k, 3) for each slab of a mesh: its vertices, and points where edges cross its cuts."""
     vertices, faces = mesh_triangles(mesh)
     low, high = vertices.min(axis=0), vertices.max(axis=0)
     sides = high - low
@@ -159,7 +159,7 @@ def _crossings(here: FloatArray, there: FloatArray, axis: int, cut: float) -> Fl
 def convex_shape(name: str, shape: Any) -> Any:
     """Check a shape and return it, or the hull of a convex mesh.
 
-    Raises `InvalidValue` if the shape is not convex or has no finite size.
+    Raises `InvalidValue` if the shape is not convex, or if its size is zero or not finite.
     """
     if not isinstance(shape, coal.CollisionGeometry):
         message = "must be a coal shape: coal.Box, Sphere, Capsule, Cylinder, Convex, or a convex mesh"
@@ -177,7 +177,7 @@ def convex_shape(name: str, shape: Any) -> Any:
 
 
 def _checked_hull(name: str, mesh: Any) -> Any:
-    """Return the hull of a mesh; raise `InvalidValue` if the mesh is not convex or has no finite corners."""
+    """Return the hull of a mesh; raise `InvalidValue` unless it is convex, finite, and has a volume."""
     vertices, faces = mesh_triangles(mesh)
     if not len(faces) or not np.isfinite(vertices).all():
         raise InvalidValue(name, mesh, "must be a mesh with triangles whose corners are finite")

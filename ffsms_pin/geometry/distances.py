@@ -78,7 +78,7 @@ class JointMotion(Protocol):
 
     @property
     def drift(self) -> FloatArray:
-        """The constant velocity (3,) of `com` [m/s]."""
+        """The velocity (3,) of `com` [m/s], taken as constant."""
 
 
 class Poses(NamedTuple):
@@ -98,7 +98,7 @@ class Poses(NamedTuple):
 
 
 class Nearest(NamedTuple):
-    """The distances (V,) of pairs [m], negative if the bodies overlap, and the nearest points (V, 3, 3).
+    """The distances (V,) of pairs [m], negative if convex shapes overlap, and the nearest points (V, 3, 3).
 
     A `ClearanceStack` subtracts the obstacles' margins from the distances. Each entry of `points` has three
     rows: the point on the first body, the point on the second body, and the unit normal. The distance grows
@@ -127,14 +127,15 @@ class ClearanceStack(ABC):
         An estimate of the largest distance that each pair can reach, from sample postures or the grasp pose
         [m]; infinite if unknown. It limits the safety margin of `opt.Clearance`.
     margins : ndarray, shape (m,)
-        The obstacles' margins, which are subtracted from the pairs' distances [m].
+        The margins that are subtracted from the pairs' distances [m]. They are the margins of the obstacles,
+        but smaller and possibly negative for pieces of an obstacle that are near in the grasp pose.
     sizes : ndarray, shape (m, 2)
         An upper bound of the distance of a body's points from the body's origin [m]; not set for "points".
     reaches : ndarray, shape (m, n), or None
         An upper bound of the rate of each distance per unit rate of each joint [m/rad, or 1]; None if no
         bound is known.
     passes : ndarray of bool, shape (m,)
-        True for pairs with an obstacle that moves relative to the base.
+        True for pairs with an obstacle that moves relative to the base; empty for "points".
     obstacles : tuple of Obstacle
         The obstacles, which are second bodies of pairs.
     tolerance : float
@@ -374,9 +375,9 @@ def _hull(part: Part) -> tuple[FloatArray, list[float]]:
 class Least(NamedTuple):
     """The least clearance of a motion [m], its pair and time [s], and the instants `near` the limit (k,) [s].
 
-    With a search between instants, `exact` is True only if the value violates the required clearance with
-    certainty. If `exact` is False and the value is below the required clearance, the value is a lower bound,
-    and the clearance is neither proven nor violated with certainty.
+    With a search between instants, `exact` is True only if the least clearance is certainly below the
+    required clearance minus the tolerance. If `exact` is False and the value is below this bound, the value
+    is a lower bound, and the clearance is neither proven nor violated with certainty.
     """
 
     value: float
@@ -420,7 +421,11 @@ class _Search:
         self.close = np.zeros(len(motion.times), dtype=bool)
 
     def least(self) -> Least:
-        """Return the least clearance, after halving intervals until all are decided or `_MOST` is reached."""
+        """Halve intervals, and return the least clearance.
+
+        The search ends when all intervals are decided, when a violation is found and all undecided intervals
+        lie between adjacent instants, or when `_MOST` is reached.
+        """
         pairs, count = self.travel.shape
         cuts = np.append(np.arange(0, count - 1, _STRIDE), count - 1)
         pair, place = np.tile(np.arange(pairs), len(cuts)), np.repeat(cuts, pairs)
@@ -466,7 +471,7 @@ class _Search:
     def measure(self, pair: Indices, place: FloatArray, near: FloatArray) -> FloatArray:
         """Return the distances (V,) of pairs at places.
 
-        Distances above `near` (V,), and all distances between instants, may be lower bounds.
+        Distances of `near` (V,) or more, and all distances between instants, may be lower bounds.
         """
         stack, k = self.stack, place.astype(np.intp)
         values, most, between = np.empty(len(pair)), np.empty(len(pair)), place > k

@@ -100,7 +100,8 @@ class ShapedMechanism(Mechanism):
         Raises
         ------
         GeometryError
-            A collision mesh is missing, a shape cannot be read, or the robot has no source of shapes.
+            A collision mesh is missing, a shape or the SRDF cannot be read, or the robot has no source of
+            shapes.
         """
         one_of("kind", kind, ("visual", "collision"))
         if self.description is None:

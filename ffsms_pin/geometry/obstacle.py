@@ -57,8 +57,9 @@ class Obstacle:
         shapes are kept clear of the obstacle.
     piece_of : Obstacle, optional
         The whole obstacle, if this obstacle is a piece such as a wall of a nozzle; both need a `grasp`. Only
-        the shapes that may touch the whole obstacle are kept clear of the piece. Their required distance is
-        the clearance, or the distance in the grasp pose minus 10 mm if that is smaller.
+        the shapes that may touch the whole obstacle are kept clear of the piece. For a piece without a
+        margin, their required distance is the clearance, or the distance in the grasp pose minus 10 mm if
+        that is smaller.
 
     Raises
     ------

@@ -23,7 +23,8 @@ _BESIDE = 5e-3  # [m] distance that the search adds to the requested distance
 class HeldClient:
     """The shapes of a grasped client, and the distances of client, servicer and obstacles.
 
-    The client is paired with all bodies of the servicer except the body that carries the end effector.
+    The client is paired with the obstacles, and with all bodies of the servicer except the body that carries
+    the end effector.
 
     Parameters
     ----------
@@ -74,7 +75,7 @@ class HeldClient:
         return min(nearest)
 
     def away(self, joints: FloatArray, more: float = 0.0) -> FloatArray:
-        """Search for a posture (n,) near `joints` with all distances 5 mm above the requested distance.
+        """Search for a posture (n,) near `joints` with all distances at least 5 mm above the requested.
 
         `more` [m] is added to the requested distance, except between two bodies of the servicer. If the
         search fails, its last posture is returned.

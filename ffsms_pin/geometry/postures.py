@@ -12,15 +12,15 @@ from ffsms_pin.geometry.mechanism import ShapedMechanism
 
 
 def clear_postures(sms: ShapedMechanism, count: int, seed: int, clearance: float, share: float) -> FloatArray:
-    """Return k >= `count` random postures (k, n) whose bodies are at least `clearance` [m] apart.
+    """Return k >= `count` random postures (k, n) with a clearance.
 
-    Blocks of 256 postures are drawn from the middle `share` of the joint ranges. The range of a revolute
-    joint is limited to [-pi, pi].
+    All pairs of `clearance_stack` are at least `clearance` [m] apart. Blocks of 256 postures are drawn from
+    the middle `share` of the joint ranges. The range of a revolute joint is limited to [-pi, pi].
 
     Raises
     ------
     InvalidValue
-        Fewer than one posture in 64 blocks has the clearance, or the range of a joint is unbounded or empty.
+        Fewer than one posture per 64 blocks has the clearance, or the range of a joint is unbounded or empty.
     """
     block, blocks = 256, 64
     number("clearance", clearance)

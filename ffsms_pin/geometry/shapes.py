@@ -172,10 +172,10 @@ def shape_problem(shape: Element) -> str | None:
 def find_mesh(name: str, urdf: Path, package_dirs: tuple[Path, ...] = ()) -> Path | None:
     """Return the path of a mesh file that a URDF names, or None if it does not exist.
 
-    A plain or `file://` name is relative to the URDF's folder. The package of a `package://` or `model://`
-    name is searched in `package_dirs`, in the folders of ROS_PACKAGE_PATH, and in the URDF's folder and its
-    parent folders. A folder in `package_dirs`, or the URDF's folder or one of its parents, may also be the
-    package itself.
+    A plain or `file://` name is an absolute path or relative to the URDF's folder. The package of a
+    `package://` or `model://` name is searched in `package_dirs`, in the folders of ROS_PACKAGE_PATH, and in
+    the URDF's folder and its parent folders. A folder in `package_dirs`, or the URDF's folder or one of its
+    parents, may also be the package itself.
     """
     name = name.replace("\\", "/").strip()
     if not name:
