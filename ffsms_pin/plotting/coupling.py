@@ -32,7 +32,10 @@ _ENTROPY = r"entropy $H_\mathrm{norm}$ [-]"
 
 @drawing
 def plot_cost(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
-    """Plot the summand of the paper's J at every step, on a logarithmic scale if it spans two decades."""
+    """Plot the summand of the paper's J at every step.
+
+    The scale is logarithmic if the largest value exceeds 100 times the 10 % quantile.
+    """
     ax = plot_series(ax, trajectory.t[:-1], trajectory.cost, "cost [-]", steps=True)
     top = float(trajectory.cost.max())
     low = float(np.quantile(trajectory.cost, 0.1))
@@ -101,14 +104,14 @@ def plot_sigma_bands(sms: SpaceManipulator, result: Trajectory | Tracking, ax: A
 def plot_sigma(
     sms: SpaceManipulator, trajectory: Trajectory, ax: Axes | None = None, flown: Tracking | None = None
 ) -> Axes:
-    """Plot the nonzero singular values of C_bm over time, on a logarithmic scale if they differ much.
+    """Plot the nonzero singular values of C_bm over time.
 
     The scale is logarithmic if the largest value of the plan exceeds 30 times the smallest. If `flown`
     differs visibly from the plan, both are drawn, the plan thin and pale.
     """
     made = [_sigma(sms, motion) for motion in (trajectory, flown) if motion is not None]
     largest = float(made[0].values.max())
-    nonzero = made[0].values.max(axis=0) > _NO_RANK * largest  # a planar arm has only three nonzero values
+    nonzero = made[0].values.max(axis=0) > _NO_RANK * largest  # a planar arm has at most three nonzero values
     made = [Series(t, values[:, nonzero]) for t, values in made]
     names = [_sigma_name(i) for i in np.flatnonzero(nonzero).tolist()]
     ax = plot_flown(ax, made, "singular values of $C_{bm}$\n[m/rad, rad/rad]", names)
@@ -124,7 +127,7 @@ def plot_entropy(
     sms: SpaceManipulator | None = None,
     flown: Tracking | None = None,
 ) -> Axes:
-    """Plot the entropy H_norm (paper): 0 if one direction has all the coupling, 1 if all have the same.
+    """Plot the entropy H_norm (paper): 0 if one direction has all the coupling, 1 if all n have the same.
 
     `flown` is a recording of the robot `sms`; without `sms`, it is ignored. If it differs visibly from the
     plan, both are drawn, the plan thin and pale.

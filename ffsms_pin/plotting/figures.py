@@ -65,7 +65,7 @@ _MORE: Mapping[str, tuple[Panel, ...]] = {
         lambda o, ax: series.plot_wheels(o.sms, o.trajectory, o.tracking, ax),
         _of_tracking(series.plot_wheel_torque),
         lambda o, ax: plot_series(
-            ax, o.tracking.t, np.degrees(o.tracking.base_rotation), "base turned by [deg]"
+            ax, o.tracking.t, np.degrees(o.tracking.base_rotation), "base rotation [deg]"
         ),
     ),
 }

@@ -38,7 +38,7 @@ def plot_motion(
     along: str | FloatArray | None = None,
     flown: Tracking | None = None,
 ) -> Axes:
-    """Draw the motion in a plane of inertial axes, by default the plane of its largest extent.
+    """Draw the motion in a plane, by default the plane of inertial axes in which its extent is largest.
 
     A spatial motion is projected onto the plane, which the labels of the axes state. `motion_sides` returns
     suitable directions of view.
@@ -210,7 +210,7 @@ def _draw_obstacle(
 
 
 def _draw_hull(ax: Axes, points: FloatArray, face: str, edge: str, strength: float) -> None:
-    """Fill the convex hull of points (k, 2)."""
+    """Draw the convex hull of points (k, 2) as a polygon."""
     corners = points[ConvexHull(points).vertices]
     ax.add_patch(Polygon(corners, closed=True, facecolor=face, edgecolor=edge, alpha=strength, zorder=1))
     ax.update_datalim(corners)

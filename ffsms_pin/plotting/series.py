@@ -134,7 +134,7 @@ def near_limits(
 
     A limit is drawn if a value exceeds the share `near` of the limit, because distant limits would flatten
     the curves. All other limits are infinite. If no limit is drawn, the second result is empty and the label
-    states the largest value as a share of its limit.
+    states the largest share, unless it is zero.
     """
     shares = (np.abs(values) / limit).max(axis=0, initial=0.0)
     if (shares > near).any():
@@ -256,8 +256,8 @@ def plot_joint_rates(
 ) -> Axes:
     """Plot joint rates [deg/s or m/s] over time, with dotted limits of joints that come near them.
 
-    If no joint comes near a limit, the label states the largest rate as a share of its limit. `flown` is
-    drawn as in `plot_joint_positions`.
+    If no joint comes near a limit, the label states the largest share of a rate limit. `flown` is drawn as in
+    `plot_joint_positions`.
     """
     factors = joint_factors(sms)
     made = [Series(motion.t, motion.v[:, 6:] * factors) for motion in _motions(trajectory, flown)]
@@ -432,8 +432,7 @@ def plot_wheels(
     """Plot the simulated spin momenta [N m s] of the wheels that turn, with any planned momenta dashed.
 
     Wheels with the same momentum share a line, and its label names them. Limits that a wheel comes near are
-    dotted. If no wheel comes near its limit, the label of the axis states the largest momentum as a share of
-    its limit.
+    dotted. If no wheel comes near its limit, the label of the axis states the largest share of a limit.
     """
     ax = _plot_turning_wheels(sms, tracking, ax, tracking.wheel_momentum)
     planned = trajectory.wheel_momentum

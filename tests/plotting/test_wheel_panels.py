@@ -59,7 +59,7 @@ def test_wheels_that_turn_have_a_figure(held: Outcome) -> None:
     assert named(momentum)[:2] == ["wheel 1, wheel 2 (coincide)", "wheel 4"]
     assert "planned" in named(momentum)
     assert torque.get_ylabel().startswith("wheel torque [N m]")
-    assert attitude.get_ylabel() == "base turned by [deg]"
+    assert attitude.get_ylabel() == "base rotation [deg]"
 
 
 def test_limits_are_drawn_where_they_are_near_and_told_where_they_are_not(held: Outcome) -> None:
