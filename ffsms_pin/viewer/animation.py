@@ -82,8 +82,7 @@ def view(
         used.
     target : array_like, shape (3,), or pinocchio.SE3, or callable, optional
         Target in inertial axes [m], or a function of time [s]. Default: the grasp on the client, else the
-        plan's target. If the motion follows a path, there is no default target. Without a target, no
-        direction and no cone are drawn.
+        plan's target unless the motion follows a path. Without a target, no direction and no cone are drawn.
     obstacles : sequence of Obstacle
         Obstacles of the plan. With `client`, obstacles on any client are drawn on `client`.
     client : Client or ClientMotion, optional
@@ -94,7 +93,7 @@ def view(
         Path to follow, drawn in the frame to which it is fixed. Default: the plan's path.
     events : sequence of simulation.Phase
         Phases of a capture, which are marked in the scene and on the time bar of a `Tracking`. Default: the
-        flight's phases. A stop by a guard is always marked.
+        flight's phases. A stop of the run is always marked.
     show : str or sequence of str, optional
         Names of the layers in `LAYERS` that are visible at first, or "all". Default: all except "ghosts",
         "frames", "base_trail", "principal_motions", "limits" and "clearance". The legend of the page switches

@@ -204,7 +204,7 @@ def _client_corners(client: DrawnClient, obstacles: Sequence[Obstacle]) -> Float
 
 
 def middle_and_radius(points: FloatArray) -> tuple[FloatArray, float]:
-    """Return the middle (3,) and half the diagonal [m] of the box around points (k, 3)."""
+    """Return the middle (3,) and half the diagonal (1 mm or more) [m] of the box around points (k, 3)."""
     low, high = points.min(axis=0), points.max(axis=0)
     return 0.5 * (low + high), max(0.5 * float(np.linalg.norm(high - low)), 1e-3)
 

@@ -37,7 +37,7 @@ class Mark:
 
 
 def marks_of(tracking: Tracking, phases: Sequence[Phase]) -> list[Mark]:
-    """Return marks for the phases of a capture except the first, and for a stop of the run by a guard."""
+    """Return marks for the phases of a capture except the first, and for a stop of the run."""
     marks = [_mark(phase) for phase in phases if phase.time > 0.0 or phase.name != "approach"]
     if tracking.stopped and not any(mark.stops for mark in marks):
         marks.append(Mark(tracking.stop_time, "stop", tracking.stopped))

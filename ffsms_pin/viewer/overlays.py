@@ -34,7 +34,7 @@ _LONGEST = 0.42  # length of the longest arrow, as a share of `Stage.size`
 
 
 def coupling_layer(stage: Stage, frames: Frames) -> Show:
-    """Draw the arrows and the cone of the coupling; the longest arrow of each kind sets its scale."""
+    """Draw the arrows and the cone of the coupling, with a constant scale for each kind of arrow."""
     radius, longest, colours = 0.011 * stage.size, _LONGEST * stage.size, meshes.COLOURS
     # The arrows of the base motion begin inside the base, so they must be visible through it.
     look: dict[str, Any] = {"flat": True, "through": True, "opacity": 0.9}
@@ -89,7 +89,10 @@ def _agreeing(V: FloatArray, rates: FloatArray, last: FloatArray | None) -> Floa
 
 
 def _scales(frames: Frames) -> FloatArray:
-    """Return the scales (3,) of the arrows for u_1's translation, u_1's rotation and principal motions."""
+    """Return the scales (3,) of the arrows for u_1's translation, u_1's rotation and principal motions.
+
+    The largest vectors at a sample of the frames set the scales.
+    """
     states = frames.states[:: max(1, len(frames.t) // 60)]
     twists = np.array([state.coupling.sigma[0] * state.coupling.U[:, 0] for state in states])
     motions = [np.linalg.norm(state.J_star[:3] @ state.coupling.V, axis=0).max() for state in states]

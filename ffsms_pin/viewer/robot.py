@@ -155,7 +155,8 @@ def moving_layers(
 ) -> list[environment.Show]:
     """Draw the robot and its environment, and return the functions that move them to a frame.
 
-    Obstacles on a client are drawn with the client. The target is hidden from the time `latched` [s] on.
+    Obstacles on a client are drawn on `client`, if it is given. The target is hidden from the time `latched`
+    [s] on.
     """
     sms, around_it = frames.sms, [obstacle for obstacle in obstacles if client is None or not obstacle.moves]
     shows: list[environment.Show] = [
