@@ -71,9 +71,8 @@ class Guards:
     gyroscopes."""
     energy: Annotated[Margin | None, Unit()] = 1.0
     """The largest excess of the joint motion's kinetic energy over the reference's largest kinetic energy so
-    far, divided by this largest energy. Without external forces, an excess comes from the motors. The
-    default allows rates 40 % above the desired rates. In addition, the sum of each joint's energy at half of
-    its rate limit is always allowed."""
+    far, divided by this largest energy. The default allows rates about 40 % above the desired rates. In
+    addition, the sum of each joint's energy at half of its rate limit is always allowed."""
     failed_steps: Annotated[AtLeastOne | None, Unit()] = 10
     """The number of consecutive planning steps without a solution (`Observer.failed_in_a_row`) at which the
     guard trips."""
