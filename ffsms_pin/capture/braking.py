@@ -27,8 +27,8 @@ class Braking:
     """A motion in which all joints come to rest; the base follows from the momentum equation.
 
     The joint rates decrease as 1 - 3 s^2 + 2 s^3, where s goes from 0 to 1, so the acceleration is zero at
-    both ends. For a motion to a given posture, a quintic displacement is added. Joints that would pass a
-    position limit stop early; all others come to rest together. The motion is a reference for `simulate`.
+    both ends. Joints that would pass a position limit stop early; all others come to rest together. For a
+    motion to a given posture, a quintic displacement is added. The motion is a reference for `simulate`.
 
     Attributes
     ----------

@@ -83,8 +83,8 @@ def closest_approach(
     """Predict the closest approach of a client and a servicer with its joints at rest.
 
     The prediction covers `span` [s] from the client's time t [s] on; `rest` is the servicer's state at t. If
-    the attitude is too uncertain, the distance from the client's bounding ball is used, because it does not
-    depend on the attitude.
+    the uncertain attitude makes a contact possible, the distance from the client's bounding ball is also
+    used, because it does not depend on the attitude.
     """
     free = rest.at_rest()
     speed = float(np.linalg.norm(client.twist(t)[:3] - free.start_twist[:3]))

@@ -55,7 +55,7 @@ class Flight:
     def outcome(self) -> str:
         """The outcome and its reason: "latched", "no go: ...", "given up: ..." or "collision: ...".
 
-        After "latched", the text lists missed goals and violated limits.
+        After "latched", the text lists a stop by a guard, violated limits and colliding bodies, if any.
         """
         if self.latched:
             return "; ".join(["latched", *self.tracking.misses])

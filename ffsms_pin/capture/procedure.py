@@ -52,7 +52,7 @@ class Procedure:
     the full limits."""
     identify: Annotated[NotNegative, Unit("s")] = 0.0
     """The duration of a motion of small swings after the braking, from which the client's mass and inertia
-    are identified; 0 for no such motion. Without the motion, most of the parameters are unobservable."""
+    are identified; 0 for no such motion. Without the motion, many parameters may be unobservable."""
     keep_clear: Annotated[Positive, Unit("s")] = 600.0
     """The time after an abort for which servicer and client must keep clear of each other, as predicted. The
     default leaves ten minutes for the next decision."""

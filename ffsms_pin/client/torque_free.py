@@ -17,8 +17,8 @@ The integrand is smooth and periodic, so its Fourier series gives the integral t
 functions take the parameter k^2, which loses precision near k^2 = 1. Therefore the functions below take the
 complementary modulus k' = sqrt(1 - k^2).
 
-Errors are about 1e-16 times the angle of rotation, except near the unstable intermediate axis, where they
-grow because the motion is unstable.
+Errors are typically below 1e-15 times the angle of rotation, except near the unstable intermediate axis,
+where they grow because the motion is unstable.
 
 References: L. D. Landau, E. M. Lifshitz, "Mechanics", section 37, for m. The phase is derived here; R. van
 Zon, J. Schofield, "Numerical implementation of the exact dynamics of free rigid bodies", Journal of
