@@ -80,7 +80,7 @@ class Real(Kind):
 
 @dataclass(frozen=True)
 class Integer(Kind):
-    """A whole number from `least` to `most`."""
+    """A whole number from `least` to `most`; None is no upper bound."""
 
     least: int
     most: int | None = None
@@ -96,7 +96,7 @@ class Integer(Kind):
 
 @dataclass(frozen=True)
 class Name(Kind):
-    """A text that is not blank and, if `pattern` is not None, matches this regular expression somewhere."""
+    """A text that is not blank, has no NUL character, and contains a match of the regex `pattern` (if any)."""
 
     pattern: str | None = None
 
@@ -278,7 +278,7 @@ Sizes2: TypeAlias = Annotated[Any, List(_POSITIVE, 2)]
 Sizes3: TypeAlias = Annotated[Any, List(_POSITIVE, 3)]
 Rows: TypeAlias = Annotated[Any, List(_THREE, what="rows of 3 numbers")]
 Spans: TypeAlias = Annotated[Any, List(_SPAN, what="pairs of times")]
-# One number, or one number for each joint, wheel or thruster.
+# One number, or one number for each joint, wheel, thruster or axis.
 PerJoint: TypeAlias = Annotated[Any, values_per_joint(Real())]
 PerJointPositive: TypeAlias = Annotated[Any, values_per_joint(_POSITIVE)]
 PerJointNotNegative: TypeAlias = Annotated[Any, values_per_joint(Real(0.0))]

@@ -63,7 +63,7 @@ def message_of_check(
 
 
 def _unknown(title: str, name: str, table: type[Keys]) -> str:
-    """Return the message for an unknown key; it names another choice of the table that has the key."""
+    """Return the message for an unknown key, with another choice of the table that has the key, if any."""
     tables = table.choices.items()
     takers = [choice for choice, other in tables if name.removesuffix(DEGREES) in other.model_fields]
     if not takers:
@@ -131,7 +131,7 @@ def is_table(model: type[Keys], path: str) -> bool:
 def message_of_value(
     error: errors.InvalidValue, model: type[Keys], tables: Mapping[str, Any], paths: tuple[str, ...]
 ) -> str:
-    """Return the message of a library error with the file's key in place of the argument's name.
+    """Return the message of a library error; if a table has the key, it replaces the argument's name.
 
     `paths` are the tables that were read, as in `table_at`. The message names the first table with the key.
     """

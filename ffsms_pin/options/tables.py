@@ -45,7 +45,7 @@ OWN = "package.module:Class"  # the choice for a user's own class
 
 
 class Keys(BaseModel):
-    """A table, which rejects unknown keys."""
+    """A table, which by default rejects unknown keys."""
 
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
 
@@ -244,7 +244,7 @@ def tables_by(
     default = [name for name, table in tables.items() if not table.model_fields[chooser].is_required()]
 
     def chosen(row: Any) -> str | None:
-        """Return the value of the chooser in a file's table; None if it is missing and has no default."""
+        """Return the tag of a file's table; None if the chooser is missing and has no default."""
         value = row.get(chooser) if isinstance(row, Mapping) else next(iter(tables))
         if value is None:
             return next(iter(default), None)

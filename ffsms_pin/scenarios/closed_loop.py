@@ -56,7 +56,7 @@ _CONTROL_STEP = 1e-3  # [s] default `dt` of `simulate`
 
 
 def loop_options(scenario: Scenario, sms: SpaceManipulator, q0: FloatArray) -> dict[str, Any]:
-    """Return the keyword arguments of `simulate` for a plan from q0 (nq,), except reference and law."""
+    """Return the keyword arguments of `simulate` that a scenario sets, for a plan from q0 (nq,)."""
     start = scenario.plant_start(sms, q0)
     table = scenario.simulation
     with scenario.named("plant"):
@@ -96,7 +96,10 @@ _DEVICES: Mapping[str, type] = {
 
 
 def _device(scenario: Scenario, name: str) -> Any:
-    """Return the device of table `name`; None if the file does not set it, False if it is switched off."""
+    """Return the device of table `name`; False if it is switched off.
+
+    The result is None without the table, and for an empty table other than [wrist].
+    """
     table = scenario.tables[name]
     if table is None or (not table and name not in NONE_IF_ABSENT):
         return None
@@ -251,7 +254,7 @@ class ClosedLoop:
 
 
 def prepared(scenario: Scenario, sms: SpaceManipulator, q0: FloatArray) -> ClosedLoop:
-    """Return a scenario's closed loop for a plan from q0 (nq,), after a check of all its options."""
+    """Return a scenario's closed loop for a plan from q0 (nq,), after a check of its options."""
     loop = ClosedLoop(scenario, sms, loop_options(scenario, sms, q0))
     if scenario.replans:
         replanning(scenario, sms)
@@ -309,7 +312,7 @@ class Outcome:
         The plan.
     tracking : Tracking
         The recording of the closed loop, with the plan or the re-planned motion as reference; for a capture
-        of a client, up to the deadline of the plan.
+        of a client, at most up to the deadline of the plan.
     timing : Timing
     note : str
         The notes of re-planning, such as the predicted reason for a miss; empty if there are none.
@@ -466,7 +469,8 @@ def _recording_path(scenario: Scenario, folder: Path | None, allow_outside: bool
     """Return the path of the recording that the guards save; None if [guards] has no path.
 
     The path in [guards] is relative to `folder`, by default the folder of the scenario's file. Raise
-    `ResultError` if the recording cannot be written.
+    `InvalidScenario` if the path lies outside this folder without `allow_outside`, and `ResultError` if the
+    recording cannot be written.
     """
     name = scenario.guards.get("path")
     if name is None:

@@ -94,12 +94,12 @@ class Scenario:
 
     @property
     def arrival(self) -> float:
-        """The planned time of arrival [s]."""
+        """The duration of [plan] [s]; a path with `timing = "fastest"` may end earlier."""
         return float(self.plan.get("duration", opt.Problem.duration))
 
     @property
     def duration(self) -> float:
-        """The time of arrival plus the time of holding the target [s]; a capture may last longer."""
+        """`arrival` plus the time of holding the target [s]; a capture may last longer."""
         return self.arrival + float(self.reference.get("hold", 0.0))
 
     @property
@@ -198,7 +198,7 @@ class Scenario:
         return plant.with_limits(sms.limits)
 
     def robot_path(self, model: str) -> str | Path:
-        """Return the argument of `load` for a robot: a packaged name, or a path in the file's folder."""
+        """Return the argument of `load`: a packaged name, or a path relative to the scenario's folder."""
         return model if model in (*model_names(), *satellite_names()) else self.source.parent / model
 
     problem = planning_problem

@@ -14,7 +14,7 @@ from ffsms_pin.options.tables import DEGREES
 from ffsms_pin.scenarios.tables import DEFAULT_LAW, NONE_IF_ABSENT, STATION_KEEPING, ScenarioFile
 
 COORDINATED_WITH = "computed-torque"  # the joint law that the base law "coordinated" needs
-OF_HORIZON = ("effort", "base", "time_limit")  # keys of [plan] for the method "horizon" only
+OF_HORIZON = ("effort", "base", "time_limit")  # keys of [plan] that only the method "horizon" uses
 # Defaults of keys that conditions below compare with a value.
 _DEFAULTS = {
     "plan.method": "horizon",
@@ -44,7 +44,7 @@ _ATTITUDE = "attitude, faces, or a file with attitudes"
 # A row has a condition, its requirements (conditions separated by |), and the end of the message. If the
 # condition holds, at least one requirement must hold, too. In the message {} is the first requirement.
 _NEEDS: tuple[tuple[str, str, str], ...] = (
-    # Re-planning uses these keys even if the first plan has another method.
+    # Re-planning uses effort and base even if the first plan has another method.
     ("plan.effort", "plan.method = horizon | reference.kind = re-planning", _OTHERS),
     ("plan.base", "plan.method = horizon | reference.kind = re-planning", _OTHERS),
     ("plan.time_limit", "plan.method = horizon", _OTHERS),

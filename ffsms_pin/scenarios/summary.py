@@ -22,7 +22,7 @@ _PLANNING = ("robot", "start", "target", "path", "plan", "obstacle", "limits", "
 
 
 def summary(outcome: Outcome) -> dict[str, Any]:
-    """Return all results of a run as numbers, texts, lists and dictionaries for JSON.
+    """Return the results of a run as numbers, texts, lists and dictionaries for JSON.
 
     Keys of quantities with a unit end in the unit. Infinite limits are None. Extremes of the plan's joint
     motion, path errors and clearances include the motion between the nodes; extremes of the base's motion are

@@ -60,8 +60,8 @@ class RobotTable(FileKeys):
     """The table [robot]: the robot, by name or file."""
 
     model: Annotated[Text, Unit()]
-    """a packaged robot, such as `planar_3r` or `satellite_panda`, or the path of a URDF, relative to the
-    scenario file's folder"""
+    """a packaged robot, such as `planar_3r` or `satellite_panda`, or the path of a URDF or MJCF file,
+    relative to the scenario file's folder"""
     mount: Annotated[Any, table_of(MountTable, SatelliteBase)] = None
 
 
@@ -164,7 +164,7 @@ class ClientTable(FileKeys):
     spin: Annotated[Vector3, Angle("rad/s", "0")] = None
     """angular velocity of the client at the time of `velocity`"""
     size: Annotated[Sizes3, Unit("m")] = None
-    """sides of the drawn box; clearance to the client needs an [[obstacle]] with on = "client"."""
+    """sides of the drawn box; plans keep clear of the client only with an [[obstacle]] with on = "client"."""
     sensor: Annotated[Any, table_of(Camera)] = None
     belief: Annotated[Any, table_of(Belief)] = None
 
@@ -224,7 +224,7 @@ class ControlTable(FileKeys):
     torque_limit: Annotated[PerJointLimit, Unit("N m or N", "[limits] torque")] = None
     """torque saturation; per joint, may be inf"""
     dt: Annotated[Positive, Unit("s")] = 0.001
-    """control and integration step; the torque is constant in a step"""
+    """control step, in which the commanded torque is constant; by default also the integration step"""
     offset: Annotated[PerJoint, Angle("rad or m", "0")] = None
     """simulated minus planned joint positions at the start; per joint"""
 
@@ -235,13 +235,13 @@ class AttitudeTable(FileKeys):
     law: Annotated[Text, Unit()] = "quaternion"
     """"quaternion": attitude feedback, with any law of [control]; "coordinated": one model-based law for arm
     and base, with `law = "computed-torque"` and its gains under [control]; "station-keeping": thrusters also
-    hold the base's position"""
+    hold the base's position, or only the position with `holds = "place"`"""
     attitude: Annotated[Vector3, Angle("rad", "that at the start")] = None
     """desired roll, pitch and yaw of the root frame"""
 
 
 class DumpingTable(AttitudeTable):
-    """The table [attitude] of a law that unloads the wheels by thrusters."""
+    """The table [attitude] of a law that can unload the wheels by thrusters."""
 
     dump: Annotated[Any, table_of(MomentumDump)] = None
 
@@ -292,7 +292,7 @@ class GuardsTable(FileKeys):
     """The table [guards]: limits that stop a run."""
 
     on: Annotated[bool, Unit()] = True
-    """false: no guards; only a state that is not finite ends the run"""
+    """false: no guards; a state that is not finite still ends the run"""
 
 
 class CampaignTable(FileKeys):
