@@ -27,7 +27,7 @@ class Campaign:
     """The runs of one scenario with the seeds `seed`, `seed` + 1, ..."""
 
     source: str  #: path of the scenario file
-    content: Mapping[str, Any]  #: tables of the file without [campaign]
+    content: Mapping[str, Any]  #: tables of the file without [campaign]; `compare` sets re-planning
     draws: Mapping[str, Any]  #: distributions by key, such as {"plant.arm_mass": {"uniform": [0.8, 1.2]}}
     runs: int  #: number of runs
     seed: int = 1  #: seed of the first run

@@ -29,7 +29,7 @@ MOMENTUM = (
     *("momentum.x [kg m/s]", "momentum.y [kg m/s]", "momentum.z [kg m/s]"),
     *("angular momentum.x [N m s]", "angular momentum.y [N m s]", "angular momentum.z [N m s]"),
 )
-MODE = "mode"  # the only text column; a floating base has no such column
+MODE = "mode"  # the only text column; only plans with a base that does not float have it
 
 # The joint rates of a plan integrate to its positions up to rounding. In a simulated motion accelerations
 # vary within a step, so rates and positions agree only within the error of the trapezoidal rule.
@@ -54,14 +54,14 @@ def read_csv(sms: SpaceManipulator, path: str | os.PathLike[str]) -> Trajectory:
     """Read a trajectory from a CSV file with the columns that `to_csv` writes; other columns are ignored.
 
     The start configuration is that of the first row, and the joint motion is the integral of the joint rates.
-    The base's motion follows from the momentum equation with the mode and the first row's momenta of system
-    and wheels. Without these columns the momenta are zero and the base floats. The target is the last
-    end-effector position.
+    The base's motion follows from the momentum equation with the mode and, if the mode uses them, the first
+    row's momenta of system and wheels. Without these columns the momenta are zero and the base floats. The
+    target is the last end-effector position.
 
     Raises
     ------
     ResultError
-        The file cannot be read.
+        The file cannot be read as a table.
     InvalidValue
         A column is missing, the times are not equally spaced from zero, a number is not finite, a joint's
         positions contradict its rates, or the base's poses contradict the momentum equation.
@@ -200,8 +200,8 @@ def _checked_joints(
     """Check that rates (K, n) integrate to the joint positions; return the allowed error per row (K,).
 
     The error of the trapezoidal rule is a twelfth of the second difference of the rates, times the step. An
-    eighth is allowed; a single wrong rate causes a larger error. `InvalidValue` names the first row with such
-    an error. The returned errors are sums over the joints [rad or m].
+    eighth is allowed; a single wrong rate causes a larger error. `InvalidValue` names the first row
+    whose error is larger than allowed. The returned errors are sums over the joints [rad or m].
     """
     dt = float(table[TIME][-1]) / (len(rates) - 1)
     bends = np.abs(np.diff(rates, n=2, axis=0, prepend=rates[:1], append=rates[-1:]))
@@ -231,7 +231,7 @@ def _check_base(
     units = base[:, 3:] / np.linalg.norm(base[:, 3:], axis=1)[:, None]
     parallel = np.abs(np.einsum("kx,kx->k", units, motion.q[:, 3:7]))
     angles = 2.0 * np.arccos(np.minimum(parallel, 1.0))
-    # Because of rounding, the angle between equal quaternions may be 1e-8 rad.
+    # Because of rounding, the angle between equal quaternions may be some 1e-8 rad.
     beyond = np.flatnonzero((distances > allowed) | (angles > allowed))
     if not len(beyond):
         return

@@ -113,13 +113,13 @@ def elements(robot: ElementTree.Element) -> Iterator[tuple[str, ElementTree.Elem
 
 
 def number_faults(robot: ElementTree.Element, settings: Settings) -> Iterator[Fault]:
-    """Find numbers that are not plain decimals."""
+    """Find numeric attributes that are not the expected count of plain decimals."""
     for where, item in elements(robot):
         yield from faults_in(item, where)
 
 
 def faults_in(item: ElementTree.Element, where: str) -> Iterator[Fault]:
-    """Find numbers that are not plain decimals in one link, joint or shape."""
+    """Find such attributes (see `number_faults`) in one link, joint or shape."""
     for element in item.iter():
         for key, count in _ATTRIBUTES.get(str(element.tag), {}).items():
             text = element.get(key)

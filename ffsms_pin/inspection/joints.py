@@ -61,7 +61,7 @@ def root_faults(robot: ElementTree.Element, settings: Settings) -> Iterator[Faul
 
 
 def declaration_faults(robot: ElementTree.Element, settings: Settings) -> Iterator[Fault]:
-    """Find elements that are not used, and a root link that is too light for a satellite."""
+    """Find unused declarations (`unused_declarations`), and a root link that is too light for a satellite."""
     for where, problem in unused_declarations(robot):
         yield Fault(where, problem, False)
     if reason := light_base(robot):
@@ -69,7 +69,7 @@ def declaration_faults(robot: ElementTree.Element, settings: Settings) -> Iterat
 
 
 def joint_faults(robot: ElementTree.Element, settings: Settings) -> Iterator[Fault]:
-    """Find joints that mimic other joints, or have an invalid axis, invalid limits or an empty <dynamics>."""
+    """Find joints with <mimic>, a zero or non-unit axis, missing or invalid limits, or empty <dynamics>."""
     for joint in robot.findall("joint"):
         where = label(joint)
         if joint.get("type") not in MOVING or any(faults_in(joint, where)):
@@ -104,7 +104,7 @@ def _limit_faults(
     elif limit is None:
         defaults = " and ".join(f"{key} {value:g} {measure}" for key, (value, measure) in usual.items())
         values = between | {key: spelt(value) for key, (value, _) in usual.items()}
-        blocks = kind != "revolute"  # `load` gives a revolute joint the limits of this repair
+        blocks = kind != "revolute"  # `load` gives a revolute joint default limits
         remedy = f"limited to +/-{reach:.4g} {unit}, {defaults}"
         added = partial(joint.append, ElementTree.Element("limit", values))
         yield Fault(where, f"it is {kind} but has no <limit>", blocks, remedy, added)
@@ -177,7 +177,7 @@ def _mimic_fault(
     robot: ElementTree.Element, joint: ElementTree.Element, mimic: ElementTree.Element, where: str
 ) -> Fault:
     leaders = [other.get("name", "") for other in robot.findall("joint") if other is not joint]
-    blocks = mimic.get("joint", "") not in leaders  # if this joint exists, `load` locks the mimicking joint
+    blocks = mimic.get("joint", "") not in leaders  # `load` locks a joint that mimics an existing joint
     problem = f"it mimics '{mimic.get('joint', '')}', which is not supported"
     if _axis_length(joint) <= 1e-9:
         return Fault(where, problem, True)

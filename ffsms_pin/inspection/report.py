@@ -242,8 +242,9 @@ def repair(
     """Write a URDF that `ffsms_pin.load` or `ffsms_pin.Client.from_urdf` accepts, and return the changes.
 
     The repair changes only faults that prevent loading, numbers that readers drop, entries for which `load`
-    makes an assumption with a warning, and mesh paths that are relative to the old folder. If a fault cannot
-    be repaired from the file alone (a negative mass, a base without mass, two roots), nothing is written.
+    makes an assumption with a warning, and mesh paths that are relative to the old folder. If a fault
+    that prevents loading cannot be repaired from the file alone (a negative mass, a base without mass, two
+    roots), nothing is written.
 
     Parameters
     ----------
