@@ -230,7 +230,7 @@ def _add_info(commands: Commands) -> None:
         Print masses, joint limits, joint friction, the condition of the base inertia and the dynamic
         coupling. Faults of a URDF file come first, each with its repair. If the file does not load, its links
         and joints are listed. With --repair, write a file that loads, list every change, and show that robot;
-        if a fault needs a value that only the author has, nothing is written.
+        if a fault that prevents loading needs a value that only the author has, nothing is written.
 
         For example:
           ffsms-pin info planar_3r --joints-deg 1 1 1

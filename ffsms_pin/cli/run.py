@@ -166,7 +166,7 @@ _ERRORS = {"final_error_m": "final error", "path_error_max_m": "largest error on
 
 
 def _error_key(numbers: Mapping[str, Any]) -> str:
-    """Return the key of the error that determines whether a plan arrives: on the path, or at the end."""
+    """Return the key of the error that determines whether a run arrives: on the path, or at the end."""
     return "path_error_max_m" if "path_error_max_m" in numbers else "final_error_m"
 
 
