@@ -21,7 +21,7 @@ class MomentumFilter:
         Y basis x - p + h = 0
 
     to sums of fixed size. Y (6, 10 b) is the momentum regressor of the bodies, and h (6,) is the momentum of
-    the model.
+    the model and the wheels.
 
     Parameters
     ----------
