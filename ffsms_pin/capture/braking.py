@@ -119,8 +119,8 @@ def brake(
     Returns
     -------
     Braking
-        A motion of at least 0.5 s. If no motion within 60 s satisfies the torque limits, because a fast
-        rotation also loads joints at rest, the motion with the smallest torque share is returned. If no
+        A motion of at least 0.5 s. If no motion within 60 s keeps `share` of the torque limits, because a
+        fast rotation also loads joints at rest, the motion with the smallest torque share is returned. If no
         motion keeps the clearance, the motion with the largest clearance within the full torques is
         returned. In both cases the `note` of the motion names the violated limit.
     """

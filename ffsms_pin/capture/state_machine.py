@@ -408,7 +408,10 @@ class StateMachine(Observer, Supervisor):
         return self._touched_ahead(now, min(_AHEAD, self._deadline - now.t))
 
     def _beside_corridor(self, now: Instant) -> float:
-        """Return the distance [m] of the end effector from the cone with its tolerance, negative inside."""
+        """Return the distance [m] of the end effector from the cone's surface, minus the tolerance.
+
+        The distance is negative inside the cone.
+        """
         meet, off = self._meet, self._off(now)
         before = float(-off @ np.array(meet.axis))
         beside = float(np.linalg.norm(off + before * np.array(meet.axis)))
