@@ -38,6 +38,8 @@ class ClientMotion:
 
     def pose(self, t: float) -> Any:
         """Return the pose (pinocchio.SE3) at a time [s], clipped to the first and the last instant."""
+        if len(self.t) == 1:
+            return pin.XYZQUATToSE3(np.concatenate([self.position[0], self.quaternion[0]]))
         i = int(np.clip(np.searchsorted(self.t, t) - 1, 0, len(self.t) - 2))
         share = float(np.clip((t - self.t[i]) / (self.t[i + 1] - self.t[i]), 0.0, 1.0))
         rotation = pin.Quaternion(self.quaternion[i]).slerp(share, pin.Quaternion(self.quaternion[i + 1]))

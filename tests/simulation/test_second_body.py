@@ -24,6 +24,7 @@ from ffsms_pin.simulation import (
     Wrench,
     simulate,
 )
+from ffsms_pin.simulation.client_motion import ClientMotion
 from ffsms_pin.simulation.events import Event
 from ffsms_pin.system.dynamics import centroidal
 
@@ -247,3 +248,10 @@ def test_a_part_of_a_recording_and_its_file(tmp_path: Any) -> None:
 def test_what_cannot_be_is_refused(options: dict[str, Any], word: str) -> None:
     with pytest.raises(InvalidValue, match=word):
         _run(**options)
+
+
+def test_the_motion_of_a_single_instant_has_its_pose() -> None:
+    pose = pin.SE3(pin.exp3(np.array([0.3, -0.2, 0.1])), np.array([1.0, 2.0, 3.0]))
+    row = pin.SE3ToXYZQUAT(pose)
+    motion = ClientMotion(np.zeros(1), row[None, :3], row[None, 3:])
+    assert motion.pose(0.5).isApprox(pose, 1e-12)
