@@ -43,7 +43,7 @@ class Term(ABC):
     name : str
         The key in `Trajectory.shares`.
     tie_breaker : bool
-        True if the term only decides between motions of equal cost in the other terms.
+        True if the term only decides between motions of nearly equal cost in the other terms.
     smooths : bool
         True if the term has a larger weight at the beginning of a search, to avoid poor minima.
     step_weight : float

@@ -102,7 +102,7 @@ class Variable(NDArrayOperatorsMixin):
     """A number or a vector at every instant of every motion, with its derivatives.
 
     Operators and NumPy's elementwise functions (`np.sqrt`, `np.maximum`, ...) combine variables with numbers,
-    vectors (3,) and other variables. `A @ variable` multiplies a vector by a matrix (r, c). The attribute
+    vectors (c,) and other variables. `A @ variable` multiplies a vector by a matrix (r, c). The attribute
     `value` is the plain array.
 
     Parameters
@@ -242,7 +242,7 @@ class Variable(NDArrayOperatorsMixin):
         return Variable(self.value[..., span], slopes, (None, instants[span]))
 
     def dot(self, other: Any) -> Variable:
-        """Return the scalar product with a vector (3,), or with another variable."""
+        """Return the scalar product with a vector (c,), or with another variable."""
         first, second = self.value, _components(other)
 
         def slopes() -> dict[str, FloatArray]:
@@ -387,7 +387,7 @@ class FrameVariable(Variable):
     """The position of a frame (3, S, K) [m], as a variable that also has the frame's attitude.
 
     `rotation` is the attitude (3, 3, S, K), or a function that returns it. `turns` are the slopes of the
-    frame's rotation vector. All are in inertial axes, or in base axes for `Variables.frame(on="base")`.
+    frame's rotation vector. All are in the same axes, inertial or base axes in `Variables`.
     """
 
     def __init__(

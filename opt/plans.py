@@ -271,7 +271,7 @@ def plan_many(
     duration : float or array_like, shape (N,)
         The durations [s].
     jobs : int, optional
-        The number of processes; with 1 no further process is started. Default: the number of cores. With
+        The number of processes; with 1 no further process is started. Default: the usable cores. With
         several processes a script must make the call below `if __name__ == "__main__":`, because each process
         imports the script.
     progress : callable, optional
@@ -347,9 +347,9 @@ class _StepBox(AlphaBox):
 def replannable(problem: Problem, plan: Trajectory | None = None) -> Problem:
     """Return the problem for re-planning in a closed loop.
 
-    The paper's box on alpha is added if `problem` does not have it, because single steps always have this
-    limit. A waypoint without a time gets the time at which `plan` is nearest to it, because the loop cannot
-    measure which waypoints were passed. Without a `plan` it stays without a time.
+    The paper's box on alpha is added if `problem` does not have it, as for plans by single steps. A waypoint
+    without a time gets the time at which `plan` is nearest to it, because the loop cannot measure which
+    waypoints were passed. Without a `plan` it stays without a time.
     """
     limits = list(problem.limits)
     if not any(isinstance(limit, AlphaBox) for limit in limits):

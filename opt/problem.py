@@ -90,7 +90,7 @@ def free_momentum(momentum: FloatArray, mode: str) -> FloatArray:
 
 
 def step_limits(limits: Sequence[Limit], mode: str = "floating") -> tuple[Limit, ...]:
-    """Add the limits of all single steps: `AlphaBox`, and `WheelLimits` if wheels hold the attitude."""
+    """Add the limits of plans by single steps: `AlphaBox`, and `WheelLimits` if wheels hold the attitude."""
     return _with_others(limits, AlphaBox(), *([WheelLimits()] if mode == "rotation-floating" else []))
 
 

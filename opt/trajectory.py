@@ -94,9 +94,10 @@ class Trajectory:
         goals.
     shares, binding, broken : dict of str to float, to ndarray, and to float
         The weighted integral of each term over time; the instants [s] at which each limit is active or
-        violated; the violation of each violated limit, in its own unit.
+        violated; the violation of each violated limit, in its own unit, and of a path's tolerance [m].
     wheel_momentum : ndarray, shape (N + 1, w)
-        Predicted spin momenta of the robot's wheels relative to the base [N m s].
+        Predicted spin momenta of the robot's wheels relative to the base [N m s]; zero if the wheels do not
+        hold the attitude.
     wheel_energy, propellant : float
         Predicted integral of the sum of |motor torque x wheel speed| [J], without regeneration; and the
         propellant of thrusters that hold attitude or position [kg].

@@ -201,7 +201,8 @@ def _cannot_stay(problem: Problem, plan: Trajectory) -> str:
 def moving_end_note(problem: Problem, plan: Trajectory) -> str:
     """Describe the joint rates that hold the end effector at the deadline while the base rotates.
 
-    The text is empty if the joints are nearly at rest, the robot does not tumble, or the plan fails.
+    The text is empty if the joints are nearly at rest, the robot does not tumble, the goal has a velocity, or
+    the plan fails.
     """
     rates = np.abs(plan.joint_rates[-1])
     holds = problem.tumbles and problem.place.rests and plan.reached

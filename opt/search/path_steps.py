@@ -29,8 +29,8 @@ def plan_path_stepwise(problem: Problem, method: str, progress: Progress | None 
     """Plan along a path step by step, by a method of `plan`.
 
     The path determines the direction of motion, so the methods "step" and "resolved-rate" are the same. The
-    other methods weight the redundant motion by the metric `REFERENCES[method]`. The joint rates of each step
-    satisfy the limits, and are nearest to the rates without limits.
+    other methods weight the redundant motion by the metric `REFERENCES[method]`. Each solved step has the
+    joint rates within the limits that are nearest to the rates without limits.
     """
     path = problem.goal
     assert isinstance(path, Path)

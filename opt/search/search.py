@@ -122,7 +122,7 @@ class Search:
         self.starts: FloatArray = np.empty(0)  # initial control points (K, M, n) on the coarse spline
         self.pool: Candidates | None = None  # the best motions from all starts after a few iterations
         self.found: list[Candidates] = []  # all finished motions
-        self.fresh: list[Candidates] = []  # the polished motions from the last starts
+        self.fresh: list[Candidates] = []  # recently polished motions, for `within_limits`
         self.settled = False  # True if no further starts are needed
         self.hopeless = False  # True if no motion is expected to arrive
         # False for an exact goal without cost terms, for which the first plan that arrives is sufficient.

@@ -247,7 +247,7 @@ def _cut(columns: FloatArray, free_end: bool) -> Map:
 def _basis(knots: FloatArray, degree: int, times: FloatArray) -> FloatArray:
     """Return the values (k, count) of all B-splines of a degree at times (k,), by the recursion of de Boor.
 
-    `scipy.interpolate.BSpline` returns the same values, but its import takes 0.2 s.
+    `scipy.interpolate.BSpline` returns the same values, but its import is slow.
     """
     last = len(knots) - degree - 2  # the last interval that is not empty
     interval = np.clip(np.searchsorted(knots, times, side="right") - 1, degree, last)
