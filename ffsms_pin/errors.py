@@ -311,7 +311,7 @@ class ClusterError(FfsmsError, RuntimeError):
 
 
 class FfsmsWarning(UserWarning):
-    """The class of the library's warnings."""
+    """The class of the library's warnings, except deprecations."""
 
 
 def length_text(metres: float) -> str:
@@ -337,7 +337,7 @@ def numerical_errors(task: str) -> Iterator[None]:
     """Convert errors of NumPy, SciPy, Pinocchio and solvers into `NumericalError`; also a decorator.
 
     `numerical_errors` wraps functions that users call, such as `opt.plan` or `simulate`. Exceptions of a
-    user's own function, controller or term pass unchanged.
+    user's own function, controller or term are not converted.
     """
     try:
         yield

@@ -25,7 +25,7 @@ from ffsms_pin.system.dynamics import floating_motion
 class Motion:
     """A measured state `q`, `v` and a desired joint motion, as arrays.
 
-    The errors are q_e = q - q_d [rad] and qd_e = qd - qd_d [rad/s].
+    The errors are q_e = q - q_d [rad or m], wrapped for continuous joints, and qd_e = qd - qd_d.
     """
 
     def __init__(self, sms: SpaceManipulator, q: Any, v: Any, q_d: Any, qd_d: Any, qdd_d: Any) -> None:

@@ -39,8 +39,8 @@ class Solution(NamedTuple):
     covariance : ndarray, shape (k, k)
         The covariance of `x`.
     residual : float
-        The mean square of the momentum's weighted residuals, about 1 or less if the noise is as stated. It is
-        at least 0.5, and 1 if there are few equations.
+        The mean square of the weighted residuals of the momentum, about 1 or less if the noise is as stated.
+        It is at least 0.5, and 1 if there are few equations.
     equations : int
         The number of equations from the measurements.
     unexplained : float
@@ -144,8 +144,8 @@ class Identification(Mapping[str, BodyEstimate]):
     directions : tuple of Direction
         All directions, the best-observed first.
     residual : float
-        The mean square of the momentum's weighted residuals, about 1 or less if the noise is as stated. It is
-        at least 0.5, and 1 if there are few equations.
+        The mean square of the weighted residuals of the momentum, about 1 or less if the noise is as stated.
+        It is at least 0.5, and 1 if there are few equations.
     equations : int
         The number of equations from the measurements.
     projected : bool
