@@ -254,8 +254,8 @@ GOALS = f"{_PLACES}, a function of time [s] that returns one of these, or a goal
 class Goal(ABC):
     """The desired pose of the end effector at the deadline.
 
-    The pose error must be within `tolerance` at the deadline, and within `reach` and `orientation_reach` in
-    the last tenth of the time.
+    The pose error should be within `tolerance` at the deadline (`Trajectory.within_tolerance`), and must be
+    within `reach` and `orientation_reach` in the last tenth of the time (`Trajectory.reached`).
 
     Attributes
     ----------
@@ -417,7 +417,7 @@ class Moving(Goal):
     ----------
     path : callable
         A smooth function of time [s] that returns a position (3,) [m], a pinocchio.SE3 or a homogeneous
-        matrix (4, 4), inertial axes.
+        matrix (4, 4), inertial axes. The velocity is computed from its values 1 ms before and after a time.
     """
 
     path: Callable[[float], Any]

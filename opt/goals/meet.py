@@ -47,8 +47,8 @@ class Meet(Goal):
     """The length of the corridor; zero: no corridor. The default is the depth over which a gripper's fingers
     are beside the grasp."""
     half_angle: Annotated[Positive, Angle("rad", "0.349")] = _HALF_ANGLE
-    """The half angle of the corridor, below a right angle. With the default the corridor extends 55 mm to
-    each side at the default standoff, about the opening of a gripper."""
+    """The half angle of the corridor, below a right angle. With the defaults the corridor extends about 5 cm
+    to each side at its mouth, about the opening of a gripper."""
     misalignment: Annotated[Positive | None, Angle("rad", "any")] = None
     """The largest angle between axes of the end effector and of the grasp at the mouth of the corridor, at
     most 90 degrees. The bound decreases linearly to a twentieth at the grasp, because a tilted probe may jam.
@@ -112,7 +112,10 @@ class Meet(Goal):
         return Place(grasps, np.moveaxis(attitudes @ self.grasp.rotation, 0, -1))
 
     def approach(self, duration: float) -> list[tuple[float, Place]]:
-        """Return times [s] and places on the corridor's axis, at decreasing speed; none without one."""
+        """Return times [s] and places on the corridor's axis, at decreasing speed.
+
+        The list is empty without a corridor.
+        """
         # By default the approach ends at 0.9 of the duration, which is 0.6 of the time in the corridor. The
         # end effector then stays at the grasp in the last tenth of the duration. If an approach until the
         # deadline is within half of `reach` in this tenth, it is used instead.

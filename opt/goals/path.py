@@ -204,7 +204,7 @@ class Path(Goal):
 
     @property
     def rest(self) -> float:
-        """The time from the motion's deadline to the last sample [s]; zero if the samples have no times."""
+        """The time from the motion's deadline to the last sample [s]; zero without times or `duration`."""
         if callable(self.curve) or self.times is None or self.duration is None:
             return 0.0
         return max(float(self.times[-1]) - (self.duration - self.approach_time), 0.0)
@@ -327,7 +327,8 @@ class Path(Goal):
     def place(self, t: float) -> Place:
         """Return the place at a time of the motion [s].
 
-        The place has its velocity and, without a free axis, its angular velocity. On the base it has neither.
+        The place has the path's velocity and, if the path has attitudes and no free axis, its angular
+        velocity. On the base it has neither.
         """
         place, velocities, angular_velocities = self.motion(np.array([t]))
         rotation = None if place.rotation is None else place.rotation[..., 0]

@@ -29,7 +29,7 @@ def path_samples(path: str | os.PathLike[str]) -> PathSamples:
 
     The first line of the file names the columns, which are x, y, z [m] and, optionally, t [s] and the
     quaternion qx, qy, qz, qw. Quaternions are normalised. `ResultError` is raised if the file cannot be read,
-    has other columns, or has values that are not finite.
+    has other columns, or has a value that is not finite or a quaternion that is zero.
     """
     try:
         text = read_content(path).decode("utf-8-sig")

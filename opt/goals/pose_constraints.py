@@ -94,7 +94,8 @@ class PoseTolerance(PoseConstraint, Inequality):
     def residual(self, m: Variables) -> list[Variable]:
         """Return the pose error beyond `share` of the reaches, as vectors.
 
-        A squared vector also has curvature perpendicular to the pose error; a squared length does not.
+        The Gauss-Newton Hessian of a squared vector also has curvature perpendicular to the pose error, that
+        of a squared length does not.
         """
         scale = self._scale_and_margin(m.rollouts)[0]
         residuals: list[Variable] = []
@@ -130,7 +131,7 @@ class FrameGoal(AllOf):
     ----------
     frame : str
         Name of a frame of the robot: a link or a joint.
-    goal : array_like, shape (3,), pinocchio.SE3, opt.Position or opt.Pose
+    goal : array_like, shape (3,) or (4, 4), pinocchio.SE3, opt.Position or opt.Pose
         The goal of the frame, fixed in space or on the base (`on="base"`).
     name : str
         The key in `Trajectory.binding`; by default "also FRAME".
@@ -416,7 +417,7 @@ class Corridor(PoseConstraint, Inequality):
         return np.maximum(cone, far - self.length)
 
     def margin_violation(self, m: Variables) -> Any:
-        """Return the violation of the margin by whole motions.
+        """Return the violation of the margin by whole motions, negative if the margin is kept.
 
         The margin decreases linearly to `accuracy` at the cone's tip.
         """
