@@ -24,7 +24,8 @@ def by_method(table: dict[str, Any]) -> dict[str, dict[str, Any]]:
 def report(table: dict[str, Any]) -> dict[str, Any]:
     """Return the report of a table of runs for JSON, by method if the campaign compares methods.
 
-    The ten worst runs are first those that failed, were stopped or killed, then those with the largest error.
+    The ten worst runs are first those that failed or were stopped or killed, then those with the largest
+    error.
     """
     if "method" in table:
         return {method: report(part) for method, part in by_method(table).items()}

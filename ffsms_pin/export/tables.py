@@ -200,7 +200,7 @@ def _checked_joints(
     """Check that rates (K, n) integrate to the joint positions; return the allowed error per row (K,).
 
     The error of the trapezoidal rule is a twelfth of the second difference of the rates, times the step. An
-    eighth is allowed; a single wrong rate causes a larger error. `InvalidValue` names the first row
+    eighth is allowed, which a single rate with a large error exceeds. `InvalidValue` names the first row
     whose error is larger than allowed. The returned errors are sums over the joints [rad or m].
     """
     dt = float(table[TIME][-1]) / (len(rates) - 1)

@@ -96,7 +96,7 @@ class Integer(Kind):
 
 @dataclass(frozen=True)
 class Name(Kind):
-    """A text that is not blank, has no NUL character, and contains a match of the regex `pattern` (if any)."""
+    """A text that is not blank, has no NUL character, and in which the regex `pattern`, if any, is found."""
 
     pattern: str | None = None
 

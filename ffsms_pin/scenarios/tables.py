@@ -164,7 +164,7 @@ class ClientTable(FileKeys):
     spin: Annotated[Vector3, Angle("rad/s", "0")] = None
     """angular velocity of the client at the time of `velocity`"""
     size: Annotated[Sizes3, Unit("m")] = None
-    """sides of the drawn box; plans keep clear of the client only with an [[obstacle]] with on = "client"."""
+    """sides of the drawn box; plans ignore it, and keep clear of an [[obstacle]] with on = "client"."""
     sensor: Annotated[Any, table_of(Camera)] = None
     belief: Annotated[Any, table_of(Belief)] = None
 
