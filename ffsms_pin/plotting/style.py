@@ -102,7 +102,7 @@ def _columns(labels: Sequence[str], width: float = 1.0) -> int:
 
 @lru_cache(maxsize=1024)
 def _length(label: str) -> float:
-    """Estimate the length of a label [em], because an exact measurement takes ten milliseconds."""
+    """Return the length of a label [em], cached because the measurement takes over ten milliseconds."""
     return float(TextPath((0.0, 0.0), label, size=10.0).get_extents().width) / 10.0
 
 

@@ -209,7 +209,7 @@ def readings(
 def page(title: str, commands: Sequence[bytes], facts: dict[str, Any]) -> str:
     """Return the text of the HTML file, with Meshcat's packed commands and the data for `page.js`."""
     framed = b"".join(struct.pack("<I", len(command)) + command for command in commands)
-    # Without a time stamp the same scene gives the same text. Level 9 saves 1 % in three times the time.
+    # Without a time stamp the same scene gives the same text. Level 9 saves little and is much slower.
     packed = base64.b64encode(gzip.compress(framed, 6, mtime=0)).decode("ascii")
     data = json.dumps(facts, allow_nan=False).replace("<", "\\u003c")  # "</script>" would end the element
     text = (files("ffsms_pin.viewer") / "page.html").read_text("utf-8")
