@@ -63,8 +63,8 @@ class Identifier(Learner):
         the centre of mass) and `com`.
     spread : float
         The prior standard deviation, as a share of m, m r and m r^2 for mass, first moments and inertias. m
-        is the body's mass, and r its radius of gyration about the origin of its link's frame. It is not used
-        for a payload without a known inertia.
+        is the body's mass, and r its radius of gyration about the origin of its link's frame. `spread` is not
+        used for a payload without a known inertia.
     at_rest : bool
         True if the total momentum is zero. Default: the momentum is constant and unknown.
 
