@@ -295,14 +295,15 @@ class SpaceManipulator(ShapedMechanism):
             Total momentum [linear; angular], inertial axes, about the system's centre of mass; default zero.
         mode : str
             Mode of the base (see `opt.Problem`). If the mode holds the base's attitude, the angular momentum
-            is ignored. If the mode holds the base's position, the whole momentum is ignored.
+            is ignored. If the mode holds the base's position, the linear momentum is ignored, and the angular
+            momentum is about the base's centre of mass.
         """
         q = self.checked_configuration("q", q)
         rates = vector("joint_rates", joint_rates, self.n, "rad/s")
         M = dynamics.inertia_matrix(self, q)
         root = dynamics.mode_reaction(M, self.base_com, mode) @ rates
         if momentum is not None:
-            root += dynamics.root_drift(M, q, vector("momentum", momentum, 6), mode)
+            root += dynamics.root_drift(M, q, vector("momentum", momentum, 6), self.base_com, mode)
         return np.concatenate([root, rates])
 
     def __repr__(self) -> str:

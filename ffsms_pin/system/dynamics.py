@@ -239,22 +239,34 @@ def mode_reaction(M: FloatArray, base_com: FloatArray, mode: str) -> FloatArray:
     """Return the root's velocity per joint rate (6, n) in a mode at zero momentum, in root axes."""
     if mode == "floating":
         return root_reaction(M)
-    to_root = np.eye(6)  # maps a twist of the base's centre of mass, root axes, to the root's velocity
-    to_root[:3, 3:] = pin.skew(base_com)
+    to_root = _from_base_com(base_com)
     H_b, H_bm = to_root.T @ M[:6, :6] @ to_root, to_root.T @ M[:6, 6:]
     return np.asarray(to_root @ mode_coupling(H_b, H_bm, mode))
 
 
-def root_drift(M: FloatArray, q: FloatArray, momentum: FloatArray, mode: str = "floating") -> FloatArray:
+def _from_base_com(base_com: FloatArray) -> FloatArray:
+    """Return the map (6, 6) from a twist of the base's centre of mass, root axes, to the root's velocity."""
+    to_root = np.eye(6)
+    to_root[:3, 3:] = pin.skew(base_com)
+    return to_root
+
+
+def root_drift(
+    M: FloatArray, q: FloatArray, momentum: FloatArray, base_com: FloatArray, mode: str = "floating"
+) -> FloatArray:
     """Return the root velocity (6,), root axes, of a system with the given momentum and resting joints.
 
     `momentum` (6,) is in inertial axes, about the system's centre of mass. If the mode holds the base's
-    attitude, the angular momentum is ignored. If the mode holds the base's position, the result is zero.
+    attitude, the angular momentum is ignored. If the mode holds the base's position, the linear momentum is
+    ignored, and the angular momentum is about the base's centre of mass.
     """
     to_root, whole = pin.XYZQUATToSE3(q[:7]).rotation.T, whole_body(M)
     linear, angular = to_root @ momentum[:3], to_root @ momentum[3:]
     if mode == "floating":
         return over_base(M, np.concatenate([linear, angular + pin.skew(whole.lever) @ linear]))
+    if mode == "translation-flying":
+        turn = _from_base_com(base_com)[:, 3:]
+        return np.asarray(turn @ np.linalg.solve(turn.T @ M[:6, :6] @ turn, angular))
     return np.concatenate([linear / whole.mass * (0 in MODES[mode]), np.zeros(3)])
 
 

@@ -232,7 +232,8 @@ class State(Unchanging):
 
         `momentum` (6,) [linear; angular] is in inertial axes, about the system's centre of mass.
         """
-        return dynamics.root_drift(self._M, self.q, vector("momentum", momentum, 6))
+        momentum = vector("momentum", momentum, 6)
+        return dynamics.root_drift(self._M, self.q, momentum, self._robot.base_com)
 
     # -- coupling
     @cached_property

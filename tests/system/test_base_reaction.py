@@ -13,6 +13,7 @@ from paper_sums import assert_near, paper, pinocchio_state, random_case, skew
 
 import ffsms_pin as ffsms
 from ffsms_pin.errors import InvalidValue
+from ffsms_pin.robot.base_motion import roll_out
 from ffsms_pin.system import dynamics
 
 Array = NDArray[np.float64]
@@ -86,8 +87,18 @@ def test_the_drift_has_the_momentum(setting: tuple[Any, ...]) -> None:
     _, sms, case, q, _ = setting
     M, wanted = dynamics.inertia_matrix(sms, q), np.array([1.0, -2.0, 3.0, 0.5, -0.4, 0.3])
     v = dynamics.floating_motion(M) @ case.rates
-    v[:6] += dynamics.root_drift(M, q, wanted)
+    v[:6] += dynamics.root_drift(M, q, wanted, sms.base_com)
     np.testing.assert_allclose(differences(sms, q, v, 1e-6), wanted, atol=1e-5)
+
+
+@pytest.mark.parametrize("mode", dynamics.MODES)
+def test_the_velocity_of_a_mode_is_that_of_its_rollout(setting: tuple[Any, ...], mode: str) -> None:
+    _, sms, case, q, _ = setting
+    momentum, h = np.array([1.0, -2.0, 3.0, 0.5, -0.4, 0.3]), 1e-5
+    v = sms.velocity(q, case.rates, momentum, mode)
+    ends, _ = roll_out(sms, q, case.rates, np.zeros((1, sms.n)), h, momentum, mode)
+    found = pin.difference(sms.model, q, ends[1]) / h
+    np.testing.assert_allclose(found, v, atol=1e-4 * max(1.0, np.abs(v).max()))
 
 
 def test_torques_are_those_of_the_joints_while_the_base_gives_way(setting: tuple[Any, ...]) -> None:
