@@ -598,7 +598,10 @@ class Variables:
 
     @property
     def torques(self) -> Variable:
-        """The joint torques H_q qdd + C_q (n, S, K) with a reacting base [N m, or N]; qdd = 0 in a step."""
+        """The joint torques H_q qdd + C_q (n, S, K) with a reacting base [N m, or N]; qdd = 0 in a step.
+
+        For a recording with torques they are the recorded torques.
+        """
         torques: Variable = self._forces[:-6]
         return torques
 

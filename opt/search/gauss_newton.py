@@ -35,12 +35,12 @@ from ffsms_pin.system.batch.stacks import dot
 class Weights(NamedTuple):
     """The weights of goal and limits, and the smoothing of the paper's cost.
 
-    `end` is the weight of the goal's errors at the deadline [1/m^2], for a motion of 8 s and an arm of 1 m;
+    `end` is the weight of the goal's errors at the deadline, for a motion of 8 s and an arm of 1 m;
     `linearise` scales it by duration and arm length. The goal's errors in the last tenth of the time have a
-    tenth of this weight. `limits` is the weight of the limits' residuals, integrated over time [1/s].
-    `tie_break` multiplies the weights of terms with `Term.smooths`. For `fade_speed` and `fade_distance`, in
-    arm lengths, see `Smoothing`. If `firm` is true, steps that reduce the cost keep the final pose nearly
-    fixed (see `deadzone`), except for exact goals.
+    tenth of this weight. `limits` is the weight of the limits' residuals, integrated over time. `tie_break`
+    multiplies the weights of terms with `Term.smooths`. For `fade_speed` and `fade_distance`, in arm lengths,
+    see `Smoothing`. If `firm` is true, steps that reduce the cost keep the final pose nearly fixed (see
+    `deadzone`), except for exact goals.
     """
 
     end: float
