@@ -35,19 +35,21 @@ class Clearance(Limit):
     Raises
     ------
     InvalidValue
-        If the collision mode is unknown, the clearance is not a number, or an obstacle or the payload is
-        invalid.
+        If the collision mode is unknown, the clearance is negative or not a number, or an obstacle or the
+        payload is invalid.
     """
 
     clearance: Annotated[NotNegative, Unit("m")] = 0.01
-    """The least distance between points of the arm (the paper's d_safe), to the base and to obstacles."""
+    """The least distance within the arm (the paper's d_safe), to the base and to obstacles."""
     collision: Annotated[str, OneOf(MODES), Unit()] = "auto"
     """The geometry of the robot: "points", the joints' origins, the end effector and the base's box, as in
     the paper (const4 to const7); "hulls", the URDF's collision shapes as convex parts; "shapes", the exact
     shapes, which take much longer; "off", none; "auto", "hulls" if bodies with shapes can collide, else
-    "points", for example for planar arms. The clearance to obstacles is measured from the exact shapes
-    with "shapes", and from the convex parts with "hulls" and "off". With "points", or if the robot has no
-    shapes, it is measured from the points and from the lines between them."""
+    "points". For an arm whose joints are all revolute and parallel, "auto" is always "points". The clearance
+    to obstacles is measured from the exact shapes with "shapes", and from the convex parts with "hulls",
+    "auto" and "off". With "points", or if the arm has no shapes, it is measured from the lines between the
+    points and from the base's box. If convex parts are too near in a finished motion, the distance between
+    the exact shapes decides."""
     margin: float = 0.01
     """The safety margin of whole motions during a search [arm lengths], in addition to the clearance. With
     "hulls" or "shapes" it is 3e-3, because neighbouring bodies are close in every posture."""
@@ -55,7 +57,7 @@ class Clearance(Limit):
     """The obstacles."""
     payload: tuple[Any, Any] | None = None
     """The grasped convex shape (coal), and its pose (pinocchio.SE3) in the end-effector frame. The shape
-    becomes a part of the body that carries the end effector."""
+    moves with the body that carries the end effector. The distances between "points" ignore it."""
     name = "clearance"
     rate, step_margin, softness = 2.0, 2e-3, 1.0
     blocks = True
@@ -158,7 +160,7 @@ class Clearance(Limit):
         return residuals
 
     def violation(self, motion: Rollouts) -> Violation:
-        """Return the largest violation at nodes and midpoints and, except for "points", between them."""
+        """Return the largest violation at nodes and midpoints, for a `BodyStack` also between them."""
         near = self.margin * motion.stack.length + _BINDING
         minima = [(least_of(stack, motion, self.clearance, near), stack) for stack in self._stacks]
         if not minima:

@@ -157,8 +157,9 @@ class Inequality(Limit):
 
     In a step the slack above `step_margin` decreases at most at a rate proportional to itself. If the slack
     depends on the joint rates, for example in a speed limit, it must be at least `step_margin` at the step's
-    end. In whole motions the violation of the safety margin is penalised. The violation by a finished motion
-    is the magnitude of its least slack if this slack is below -`accuracy`.
+    end. Steps before a limit is active (`when`) differ. In whole motions the violation of the safety margin
+    is penalised. The violation by a finished motion is the magnitude of its least slack if this slack is
+    below -`accuracy`.
 
     The attributes of the class are parameters with defaults for a slack in metres; docs/own-parts.md explains
     them. All except `margin`, `rate`, `softness`, `trusted`, `when` and `unit` are in the slack's unit.
@@ -263,7 +264,7 @@ class Inequality(Limit):
         return scale, self.margin * scale if self.absolute_margin is None else self.absolute_margin
 
     def violation(self, motion: Rollouts) -> Violation:
-        """Return the largest violation; minima between nodes are estimated by parabolas."""
+        """Return the largest violation; for `when` "always" parabolas estimate minima between nodes."""
         active = self.at_active_instants(Variables(motion))
         slacks, times = self.slacks(active).value[:, 0], active.times
         if not slacks.size:

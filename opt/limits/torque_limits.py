@@ -60,7 +60,7 @@ class MotorLimits(Inequality):
         return Violation(worst, motion.times[binds], f"{self.broken}: {'; '.join(notes)}" if notes else "")
 
     def violation_in_flight(self, motion: RecordedRollouts) -> Violation:
-        """Return the largest overload at the recorded rows, as a share of a motor's capacity."""
+        """Return the largest overload at the recorded rows as a share of a capacity, zero up to 0.1 %."""
         worst, notes = 0.0, []
         for load, most, names, units in self.recorded_loads(Variables(motion)):
             values = np.abs(load.value[:, 0])

@@ -42,12 +42,12 @@ class WheelLimits(MotorLimits):
         return self.loads(m)[:1]
 
     def rows(self, step: StepState) -> Rows | None:
-        """Return a row of unit norm for each wheel, in rad/s; None if no wheels hold the attitude.
+        """Return rows of unit norm, in rad/s; None if no wheels hold the attitude or no joint moves a wheel.
 
-        The torques are the present torques plus A^+ D (u_0 - u) / dt, with the joint rates u_0 at the step's
-        start and u at its end; for A^+ D see `opt.rollouts`. Both limits are therefore bounds on A^+ D u. If
-        they contradict each other, the torque limit has priority. Wheels with parallel rows, for example all
-        wheels of a planar arm, share a row.
+        The torques are those at constant joint rates plus A^+ D (u_0 - u) / dt, with the joint rates u_0 at
+        the step's start and u at its end; for A^+ D see `opt.rollouts`. Both limits are therefore bounds on
+        A^+ D u. If they contradict each other, the torque limit has priority. Wheels with parallel rows, for
+        example all wheels of a planar arm, share a row.
         """
         wheels = step.wheels
         if wheels is None:
