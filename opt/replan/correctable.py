@@ -16,7 +16,7 @@ from ffsms_pin.system.batch.stacks import apply, exp3
 class Correctable:
     """The directions in which a robot can displace or rotate its end effector in some configuration.
 
-    They span the range of J* in eight random configurations within the position limits, in root
+    They span the range of J* in eight random configurations within the position limits and +-pi, in root
     axes. Most arms can move in all directions. If all joint axes are parallel, arm and base can move only in
     a plane.
     """

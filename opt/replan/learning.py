@@ -77,8 +77,8 @@ class ScaleFactors(Learner):
     """The default `Learner`: factors on the mass and inertia of each arm body, and on the base's inertia.
 
     The factors (n + 1,) are the unknowns of a `MomentumFilter`, which `identification.Identifier` uses with
-    the ten parameters of each unknown body. If wheels hold the attitude, only the linear momentum without the
-    wheels is constant, and a sample has three equations. Thrusters change the momentum, so in their modes the
+    the ten parameters of each unknown body. If wheels hold the attitude, only the linear momentum of base and
+    arm is constant, and a sample has three equations. Thrusters change the momentum, so in their modes the
     factors remain 1. A common scale of all masses is unobservable, so the base's mass is fixed. A prior keeps
     unobservable factors at 1.
 

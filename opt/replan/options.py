@@ -21,7 +21,7 @@ class ReplanOptions:
     Raises
     ------
     InvalidValue
-        If a number is negative, or `rate_reserve` is not below one.
+        If a value is out of range, except `jerk`, which `opt.Replanning` checks.
     """
 
     period: Annotated[Positive, Unit("s")] = 0.1
@@ -34,7 +34,8 @@ class ReplanOptions:
     search_again: float = 1.0
     """The least time [s] between two searches, or a quarter of the remaining time if that is longer. A search
     is made if the rest of a plan does not arrive or violates a limit. For goals other than an `opt.Meet`, it
-    is also the least time from the last plan that arrives within the limits to a search."""
+    is also the least time from the last plan that arrives within the limits to a search. After the failure of
+    a joint, a search may follow at once."""
     dead_band: Annotated[NotNegative | None, Unit("m", "from the sensors")] = None
     """The distance from a fixed goal within which an arm at rest stays at rest after the deadline; a moving
     arm comes to rest within a third of it. Default: three times the noise of the measured end-effector
@@ -81,7 +82,7 @@ class ReplanOptions:
 
 @dataclass(frozen=True, eq=False)
 class Nearby(Term):
-    """The deviation of the joint accelerations from the accelerations (n, 1, K) of the last searched plan.
+    """The deviation of joint accelerations from those (n, 1, K) of the last plan that was searched or given.
 
     With the default `weight` [s^3/rad^2] a re-plan corrects errors without fast, late changes.
     """

@@ -23,7 +23,7 @@ from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.robot.base_motion import advance
 
 _NOISY_GAIN = 2.0  # [1/s] the feedback gain for noisy measurements
-_ANOTHER = 5e-3  # [m, rad] if the measured start deviates by more, it replaces the start of the problem
+_ANOTHER = 5e-3  # [m, rad] if the measured start pose deviates by more, it replaces the problem's start
 _APPROACH = 1.0  # [1/s] the largest rate of a joint towards a position limit, per distance to the limit
 _RETURN = 2.0  # [1/s] the gain of redundant motion towards the plan
 
@@ -58,7 +58,10 @@ class PathTracker:
             raise InvalidValue("timing", problem.goal.timing, remedy)
 
     def begun(self, q: FloatArray) -> Problem:
-        """Return the problem, whose start becomes the measured q (nq,) if it deviates by more than noise."""
+        """Return the problem, with the start at the measured q (nq,) if its end-effector pose deviates.
+
+        Deviations up to `_ANOTHER` are taken as noise. Joints are clipped to their position limits.
+        """
         place = frame_at(self._problem.sms.at(self._problem.q0).end_effector_pose)
         here = self._problem.sms.at(q).end_effector_pose
         distance = float(np.linalg.norm(place.value[:, 0, 0] - here.translation))

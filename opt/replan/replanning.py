@@ -27,10 +27,11 @@ from ffsms_pin.references import Observer
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.threads import OneThread
 
-# [s] Corrections after the deadline end if the least error is older than this and the error has doubled.
+# [s] Corrections after the deadline of a fixed goal end if the least error is older than this and the error
+# has more than doubled.
 _PATIENCE = 2.0
-# [rad or m] After the deadline, the command stops while a joint lags behind it by more than this. Otherwise
-# the joint would overshoot.
+# [rad or m] After the deadline of a fixed goal, the command stops while a joint lags behind it by more than
+# this. Otherwise the joint would overshoot.
 _LAG = 0.05
 # [margins] The largest residual of a limit in a plan to a fixed goal that is followed. For the clearance
 # between bodies this is 9 mm per metre of the arm.
@@ -44,7 +45,8 @@ class Replanning(Observer):
     A closed loop calls `observe` with its measurements, then `sample`. Every `ReplanOptions.period` the rest
     of the motion is planned again, warm-started by the rest of the last plan. The initial state has the
     measured base pose, but the commanded joint positions and rates, which satisfy the limits and do not jump.
-    The model has the estimated masses and the wheel momenta of `observe_wheels`; failed joints are locked.
+    The model has the estimated masses and the wheel momenta of `observe_wheels`; failed joints are locked at
+    their measured positions.
     Between re-plans, the arm follows the plan. After the deadline, each step moves the end effector straight
     to the goal from the measured state, unless the plan misses the goal by more than 1 cm.
 
@@ -149,7 +151,10 @@ class Replanning(Observer):
 
     @property
     def expected_miss(self) -> float:
-        """The predicted distance to the goal at the deadline, including the uncorrectable part [m]."""
+        """The predicted distance to the goal at the deadline, including the uncorrectable part [m].
+
+        It is infinite before the first plan.
+        """
         plan = self._planner.current
         return np.inf if plan is None else math.hypot(plan.miss, self._uncorrectable)
 

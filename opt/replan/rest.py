@@ -39,7 +39,7 @@ class JointPlan:
     miss: float  # [m] the predicted distance to the goal at the deadline
     damping: float = 0.03  # the damping at the end of the descent
     excess: float = 0.0  # the largest residual of a limit divided by its margin; above 1: violated
-    found: JointPlan | None = None  # the plan of the last search; None if this plan is the result of a search
+    found: JointPlan | None = None  # the last plan that was searched or given; None: this plan is that plan
 
     @classmethod
     def of_trajectory(cls, plan: Trajectory, start: float = 0.0) -> JointPlan:
@@ -114,9 +114,9 @@ def rest_of(
 ) -> Problem:
     """Return the problem of the rest of a motion from t [s] on, with the present robot estimate.
 
-    `t` is a whole number of steps. The start has the base pose of the measured q (nq,), and the commanded
-    joint positions `joints` (n,) and `rates` (n,). The defaults of `goal` and `wheel_total` are those of
-    `problem`.
+    `t` must be a multiple of `problem.dt`. The start has the base pose of the measured q (nq,), and the
+    commanded joint positions `joints` (n,) and `rates` (n,). If the problem has joint limits, the positions
+    are clipped to them. The defaults of `goal` and `wheel_total` are those of `problem`.
     """
     goal = problem.goal if goal is None else goal
     if any(limit.joint_bounds is not None for limit in problem.limits):
