@@ -85,10 +85,10 @@ class Path(Goal):
     """The axes of the curve: "inertial"; "base", the base link's frame; or the body axes of a Client or a
     capture.ClientEstimate. In the last two cases the path moves with these axes."""
     timing: Annotated[Literal["given", "fastest"], Unit()] = "given"
-    """The time law of a geometric curve. "given": constant speed from the end of the approach to the deadline,
-    with a smooth start and end. "fastest": the least time, at most the problem's duration, within the limits that bound the
-    speed (`Limit.speed_bound`). These are limits on joint rates, accelerations and torques, and on wheels, on
-    the base's angular speed and on alpha if the problem has them."""
+    """The time law of a geometric curve. "given": constant speed from the end of the approach to the
+    deadline, with a smooth start and end. "fastest": the least time, at most the problem's duration, within
+    the limits that bound the speed (`Limit.speed_bound`). These are limits on joint rates, accelerations and
+    torques, and on wheels, on the base's angular speed and on alpha if the problem has them."""
     approach_time: Annotated[NotNegative, Unit("s")] = 0.0
     """The time before the path's start in which the end effector moves from rest to the path and reaches the
     path's velocity, along a quintic polynomial. Zero: the motion begins on the path."""

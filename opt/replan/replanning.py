@@ -46,9 +46,9 @@ class Replanning(Observer):
     of the motion is planned again, warm-started by the rest of the last plan. The initial state has the
     measured base pose, but the commanded joint positions and rates, which satisfy the limits and do not jump.
     The model has the estimated masses and the wheel momenta of `observe_wheels`; failed joints are locked at
-    their measured positions.
-    Between re-plans, the arm follows the plan. After the deadline, each step moves the end effector straight
-    to the goal from the measured state, unless the plan misses the goal by more than 1 cm.
+    their measured positions. Between re-plans, the arm follows the plan. After the deadline, each step moves
+    the end effector straight to the goal from the measured state, unless the plan misses the goal by more
+    than 1 cm.
 
     A `Path` is followed by resolved rates near the first plan (`PathTracker`), with the newest estimate of a
     client to which the path is fixed. For a path the options are `period`, `jerk` and `arrived_miss`; other
