@@ -1,7 +1,7 @@
 """The verdict on a flown motion by the goals and limits of its problem.
 
-A recording becomes one motion whose instants are the recording's rows. The same formulas check plans and
-flown motions.
+A recording becomes one motion whose instants are the recording's rows, so that the formulas of goals and
+limits apply to it.
 """
 
 from __future__ import annotations

@@ -108,8 +108,7 @@ class Problem:
         The desired pose of the end effector at the deadline: a position [m] or a pose in inertial axes, a
         function of time [s] that returns either, or a goal such as `opt.Pose`, `opt.Path` or `opt.Meet`.
     duration : float
-        Time to the deadline [s]. The paper states no duration; here its cases are planned with 1.5 to 3 times
-        the least time under the joint limits.
+        Time to the deadline [s]. The paper states no duration.
     dt : float
         Step of the finished motion [s]; it is rounded so that the duration is a whole number of steps.
     terms : sequence of Term, optional
