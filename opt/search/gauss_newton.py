@@ -82,7 +82,7 @@ class Model:
         """The Hessian (Mn, Mn) of the damping of rates, or of accelerations if `spline.changes`."""
         n, squares = self.problem.sms.n, np.eye(self.spline.size)
         if self.spline.changes:
-            # For M control points over the time T, |p|^2 is M / T times the integral of the squared rates.
+            # For M control points over the time T, |p|^2 is about M / T times the integral of squared rates.
             # For parabolic rates, zero at both ends, the integral of the squared accelerations is 10 / T^2
             # times the integral of the squared rates.
             squares = (
