@@ -93,13 +93,14 @@ class BodyStack(ClearanceStack):
             ]
             met = [_as_met(sms, a, obstacle, clearance) for a, obstacle, _ in pairs]
             self._take([(a, b) for (a, _), (_, _, b) in zip(met, pairs, strict=True) if a.parts])
-            nearest = np.array([near for a, near in met if a.parts]) - self.margins
+            near = np.array([near for a, near in met if a.parts])
+            nearest = near - self.margins
             pieces = [
                 obstacle.piece_of is not None
                 for (a, _), (_, obstacle, _) in zip(met, pairs, strict=True)
                 if a.parts
             ]
-            most = np.where(pieces, nearest - _GUIDED - clearance, np.inf)
+            most = np.where(pieces, near - _GUIDED - clearance, np.inf)
             guided = most < self.margins
             self.margins = np.minimum(most, self.margins)
             self.largest = np.where(guided, clearance + 2.0 * _GUIDED_MARGIN, nearest)

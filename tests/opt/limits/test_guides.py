@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import coal
 import numpy as np
 import pinocchio as pin
@@ -77,3 +79,22 @@ def test_a_piece_needs_a_grasp() -> None:
     whole = opt.Obstacle(coal.Sphere(0.2), grasp=pin.SE3.Identity())
     with pytest.raises(InvalidValue, match="requires grasp="):
         opt.Obstacle(coal.Sphere(0.1), piece_of=whole)
+
+
+def test_the_margin_of_a_piece_does_not_loosen_its_limit() -> None:
+    """For walls beside the grasped probe, the required distance does not depend on the obstacle's margin."""
+    scenario = scenarios.scenario("nozzle")
+    sms = scenario.load()
+    meeting = rendezvous(scenario, sms)
+    assert meeting.scene is not None
+    grasp = sms.at(scenario.start_configuration(sms)).end_effector_pose
+    obstacles = meeting.obstacles(Standing(grasp * meeting.scene.grasp.inverse()))
+    plain, wide = (
+        BodyStack(sms, "hulls", 0.01, obstacles=[replace(one, margin=margin) for one in obstacles])
+        for margin in (0.0, 0.02)
+    )
+    walls = [i for i, name in enumerate(plain.names) if "wall" in name]
+    near = [i for i in walls if plain.margins[i] < 0.0]
+    assert near
+    np.testing.assert_allclose(wide.margins[near], plain.margins[near], atol=1e-9)
+    assert (wide.margins[walls] >= plain.margins[walls] - 1e-9).all()
