@@ -395,11 +395,12 @@ def plot_tracked_position_error(
     if open_loop is None:
         ax = plot_series(ax, tracking.t, tracking.position_error, label)
     else:
-        # A stopped run has fewer rows.
-        other = np.full_like(tracking.position_error, np.nan)
-        other[: len(open_loop.t)] = open_loop.position_error
-        both = np.column_stack([tracking.position_error, other])
-        ax = plot_series(ax, tracking.t, both, label, ("re-planned", "planned once"))
+        # A run that stops early has fewer rows.
+        longer = max(tracking, open_loop, key=lambda run: len(run.t))
+        both = np.full((len(longer.t), 2), np.nan)
+        for column, run in enumerate((tracking, open_loop)):
+            both[: len(run.t), column] = run.position_error
+        ax = plot_series(ax, longer.t, both, label, ("re-planned", "planned once"))
     ax.set_ylim(bottom=0.0)
     return ax
 

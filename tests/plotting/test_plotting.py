@@ -224,3 +224,11 @@ def test_lines_that_coincide_share_an_entry_of_the_legend() -> None:
 def test_a_motion_is_drawn_at_a_single_instant(outcome: Outcome) -> None:
     ax = plotting.plot_motion(outcome.sms, outcome.trajectory, instants=[outcome.trajectory.duration])
     assert len(ax.get_lines()) > 0
+
+
+def test_runs_of_different_length_are_drawn_side_by_side(outcome: Outcome) -> None:
+    whole = outcome.tracking
+    early = whole.between(0.0, 0.5 * float(whole.t[-1]))
+    for first, second in ((whole, early), (early, whole)):
+        ax = plotting.plot_tracked_position_error(first, open_loop=second)
+        assert max(curve.get_xdata().max() for curve in ax.get_lines()) == pytest.approx(whole.t[-1])
