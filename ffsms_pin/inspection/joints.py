@@ -176,8 +176,16 @@ def _turn_freely(joint: ElementTree.Element, limit: ElementTree.Element) -> None
 def _mimic_fault(
     robot: ElementTree.Element, joint: ElementTree.Element, mimic: ElementTree.Element, where: str
 ) -> Fault:
-    leaders = [other.get("name", "") for other in robot.findall("joint") if other is not joint]
-    blocks = mimic.get("joint", "") not in leaders  # `load` locks a joint that mimics an existing joint
+    # `load` locks a joint that mimics an existing joint, unless the joints mimic each other in a loop.
+    leaders = {
+        other.get("name", ""): None if (own := other.find("mimic")) is None else own.get("joint", "")
+        for other in robot.findall("joint")
+    }
+    seen, leader = set[str](), joint.get("name", "")
+    while (follows := leaders.get(leader)) is not None and leader not in seen:
+        seen.add(leader)
+        leader = follows
+    blocks = leader in seen or leader not in leaders
     problem = f"it mimics '{mimic.get('joint', '')}', which is not supported"
     if _axis_length(joint) <= 1e-9:
         return Fault(where, problem, True)

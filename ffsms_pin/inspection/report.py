@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import copy
 import os
+import re
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -282,7 +283,7 @@ def repair(
     if changes:
         # An XML comment must not contain two dashes in a row.
         comment_text = "\n".join(["Changed by ffsms-pin:", *(f"  {change}" for change in changes), ""])
-        comment: Any = ElementTree.Comment(" " + comment_text.replace("--", "- -"))
+        comment: Any = ElementTree.Comment(" " + re.sub("-(?=-)", "- ", comment_text))
         comment.tail = "\n"
         examination.mended.insert(0, comment)
     text = ElementTree.tostring(examination.mended, encoding="utf-8", xml_declaration=True)

@@ -115,6 +115,14 @@ MENDED: dict[str, tuple[str, str, str, Callable[[ffsms.SpaceManipulator], bool]]
         "pi/2",
         lambda sms: sms.joint_names == ["joint_1", "joint_3"],
     ),
+    "mimic in a loop": (
+        in_joint_2("<limit", '<mimic joint="joint_3"/><limit').replace(
+            'name="joint_3" type="revolute">', 'name="joint_3" type="revolute"><mimic joint="joint_2"/>'
+        ),
+        "joint 'joint_2'",
+        "mimics",
+        lambda sms: sms.joint_names == ["joint_1"],
+    ),
     "empty dynamics": (
         in_joint_2("<limit", "<dynamics/><limit"),
         "joint 'joint_2'",
@@ -259,3 +267,10 @@ def test_what_cannot_be_mended_is_said(refused: Refused, case: str, tmp_path: Pa
         assert any(word in str(fault) for fault in stuck)
     refused(lambda: repair(path, out), InvalidUrdf, "cannot be repaired", *words)
     assert not out.exists()
+
+
+def test_a_name_with_dashes_leaves_the_written_file_readable(tmp_path: Path) -> None:
+    """The comment with the changes must not contain two dashes in a row."""
+    text = in_joint_2(BOUNDS, 'lower="2" upper="-1"').replace('name="joint_2"', 'name="joint---2"')
+    repair(write(tmp_path, text), tmp_path / "out.urdf")
+    assert ffsms.load(tmp_path / "out.urdf").joint_names[1] == "joint---2"
