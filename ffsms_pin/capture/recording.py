@@ -106,7 +106,8 @@ class Captured:
         """
         if self.caught:
             return [phase.time for phase in self.phases if phase.name == "contact"][-1]
-        return next(phase.time for phase in self.phases if phase.name in ("retreat", "braking", "collision"))
+        failures = (p.time for p in self.phases if p.name in ("retreat", "braking", "collision"))
+        return next(failures, float(self.whole.t[-1]))
 
     @property
     def latched_at(self) -> float:
