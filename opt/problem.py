@@ -320,6 +320,11 @@ class Problem:
         """The centre of mass at the start (3,) [m], of the system, or of the base if its position is held."""
         return np.asarray(self.q0[:3] + self.rotation0 @ self.arm0.com[:, 0])
 
+    @property
+    def centre(self) -> str:
+        """The name of the point `com0`, for messages."""
+        return f"{'system' if 0 in MODES[self.mode] else 'base'}'s centre of mass"
+
     @cached_property
     def tip0(self) -> FloatArray:
         """The position of the end effector at the start (3,) [m]."""

@@ -203,6 +203,10 @@ class TimeLaw(NamedTuple):
             self.shares[k] + h * (self.rates[k] + 0.5 * h / span * (self.rates[k + 1] - self.rates[k]))
         )
 
+    def slower(self, scale: float) -> TimeLaw:
+        """Return the law with times multiplied by `scale`."""
+        return TimeLaw(scale * self.times, self.shares, self.rates / scale)
+
 
 def check_jumps(curve: Curve, parameters: FloatArray, unit: str) -> None:
     """Raise `InvalidValue` if a curve jumps between parameters (K,).

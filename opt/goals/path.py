@@ -213,7 +213,7 @@ class Path(Goal):
         """Return the path with the times of curve and approach multiplied by `scale`."""
         path = replace(self, approach_time=scale * self.approach_time, duration=None, begin=None)
         if self.geometric:
-            return path
+            return replace(path, law=None if self.law is None else self.law.slower(scale))
         if callable(self.curve):
             curve = self.curve
             return replace(path, curve=lambda t: curve(t / scale))

@@ -143,7 +143,7 @@ def reasons(problem: Problem, plan: Trajectory, binding: Kinds, goals: JointGoal
         distance, least, most = workspace_distances(problem)
         outside = (
             f"binding: the workspace, because the end effector can be {least:.3f} to {most:.3f} m from the "
-            f"system's centre of mass and the target is {distance:.3f} m from it"
+            f"{problem.centre} and the target is {distance:.3f} m from it"
         )
         return [outside, _time_within_reach(problem) if problem.goal.moves else ""]
     fast = _too_fast(problem, goals) if goals is not None and problem.goal.moves else ""

@@ -486,7 +486,7 @@ def _out_of_reach(problem: Problem, nodes: PathNodes) -> str:
         return ""
     k = int(outside[0])
     return (
-        f"binding: the workspace, because the path is {distances[k]:.3f} m from the system's centre of mass "
+        f"binding: the workspace, because the path is {distances[k]:.3f} m from the {problem.centre} "
         f"at {t[k]:.3g} s, {_share_of_path(problem, t[k])}, and the end effector can be {least:.3f} to "
         f"{most:.3f} m from it"
     )

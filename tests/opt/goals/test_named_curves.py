@@ -12,6 +12,7 @@ import pytest
 import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.errors import FfsmsError, InvalidValue
+from ffsms_pin.opt.goals.curves import TimeLaw
 
 AXES = pin.SE3(pin.utils.rotate("x", 0.4), np.array([0.1, 0.2, 0.3]))
 
@@ -64,3 +65,9 @@ def test_a_path_along_a_curve_needs_no_parameter(planar: ffsms.SpaceManipulator)
 )
 def test_refusals(make: Callable[[], object], words: str, refused: Callable[..., FfsmsError]) -> None:
     refused(make, InvalidValue, words)
+
+
+def test_a_slower_law_covers_the_same_shares_later() -> None:
+    law = TimeLaw(np.array([0.0, 1.0, 3.0]), np.array([0.0, 0.4, 1.0]), np.array([0.0, 0.5, 0.1]))
+    t = np.linspace(0.0, 3.0, 13)
+    np.testing.assert_allclose(law.slower(2.0)(2.0 * t), law(t), atol=1e-14)

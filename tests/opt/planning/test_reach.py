@@ -217,3 +217,12 @@ def test_a_start_in_collision(planar: ffsms.SpaceManipulator, method: str) -> No
         assert "joint_3 - base box" in plan.note
         assert np.array_equal(plan.q, np.tile(q0, (201, 1)))
     assert opt.plan(planar, q0, here, 2.0, method=method, collision="off").clear
+
+
+def test_a_target_outside_the_workspace_of_a_held_base(planar: ffsms.SpaceManipulator) -> None:
+    """The distance is from the base's centre of mass, which the thrusters hold."""
+    q0 = planar.configuration([0.1, 0.2, 0.3])
+    base = planar.at(q0).base_pose.translation
+    problem = opt.Problem(planar, q0, base + [6.0, 0.0, 0.0], 6.0, 0.05, mode="flying")
+    note = opt.solve(problem).note
+    assert "m from the base's centre of mass and the target is 6.000 m from it" in note
