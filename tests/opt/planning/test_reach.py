@@ -223,6 +223,6 @@ def test_a_target_outside_the_workspace_of_a_held_base(planar: ffsms.SpaceManipu
     """The distance is from the base's centre of mass, which the thrusters hold."""
     q0 = planar.configuration([0.1, 0.2, 0.3])
     base = planar.at(q0).base_pose.translation
-    problem = opt.Problem(planar, q0, base + [6.0, 0.0, 0.0], 6.0, 0.05, mode="flying")
+    problem = opt.Problem(planar, q0, base + np.array([6.0, 0.0, 0.0]), 6.0, 0.05, mode="flying")
     note = opt.solve(problem).note
     assert "m from the base's centre of mass and the target is 6.000 m from it" in note
