@@ -187,7 +187,8 @@ def _braking(
 ) -> Braking:
     """Return a motion with constant rates for `coast` [s], then a braking of `duration` [s].
 
-    If `end` (n,) is given, the joints come to rest there.
+    A joint that would pass its position limit brakes earlier. If `end` (n,) is given, the joints come to rest
+    there.
     """
     robot, whole, start = after.robot, coast + duration, after.v[6:]
     steps = max(2, round(whole / _STEP))
@@ -202,7 +203,7 @@ def _braking(
     s = np.clip((t[:, None] - coasts) / stops, 0.0, 1.0)
     rates = (1.0 - s**2 * (3.0 - 2.0 * s)) * start
     if end is not None:
-        travel, s = end - joints - (coast + 0.5 * stops) * start, np.clip((t - coast) / duration, 0.0, 1.0)
+        travel, s = end - joints - (coasts + 0.5 * stops) * start, np.clip((t - coast) / duration, 0.0, 1.0)
         rates += (30.0 / duration * (s * (1.0 - s)) ** 2)[:, None] * travel
     accelerations = np.diff(rates, axis=0) * (steps / whole)
     q, _ = roll_out(robot, after.q, rates[0], accelerations, whole / steps, after.momentum)

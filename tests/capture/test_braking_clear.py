@@ -7,7 +7,7 @@ import pytest
 from by_coal import ByCoal
 
 import ffsms_pin as ffsms
-from ffsms_pin.capture.braking import Braking, brake
+from ffsms_pin.capture.braking import Braking, _braking, brake
 from ffsms_pin.capture.prediction import predicted
 from ffsms_pin.client import AfterCapture, after_capture
 from ffsms_pin.errors import InvalidValue
@@ -127,3 +127,18 @@ def test_a_client_that_is_far_from_everything_brakes_as_ever() -> None:
     assert found.nearest.endswith(" - box")
     with pytest.raises(InvalidValue, match="shapes"):
         HeldClient(scene.sms, [LONG], CLEARANCE, "auto", scene.q, scene.client.start_pose)
+
+
+@pytest.mark.parametrize("coast", [0.0, 0.5, 1.0])
+def test_joints_near_their_limits_rest_at_the_required_posture(coast: float) -> None:
+    """A joint that brakes earlier, because it would pass its limit, ends there too."""
+    sms = ffsms.load("satellite_panda")
+    joints = np.array([0.1, -0.4, 0.1, -2.0, 0.0, 2.1, 0.9])
+    joints[0] = sms.limits.upper[0] - 0.15
+    q = sms.configuration(joints)
+    v = sms.velocity(q, 0.3 * np.eye(7)[0])
+    end = joints - 0.1 * np.eye(7)[0]
+    after = AfterCapture(sms, q, v, np.zeros(6), 0.0)
+    motion = _braking(after, 3.0, sms.limits.torque, coast, end)
+    np.testing.assert_allclose(sms.joint_positions(motion.q[-1]), end, atol=1e-4)
+    np.testing.assert_allclose(motion.joint_rates[-1], 0.0, atol=1e-9)
