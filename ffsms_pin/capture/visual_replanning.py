@@ -102,7 +102,7 @@ class VisualReplanning(Replanning):
 
     def _grasp_at(self, t: float) -> FloatArray:
         since, pose, twist = self._moves[-1]
-        if since == 0.0:  # no call of `sees` yet: the client moves freely
+        if since == 0.0:  # no call of `sees` after the start: the client moves freely
             return self._target(t)
         place, moving = carried(pose, twist, self.problem.goal.grasp)
         there: FloatArray = place.translation + (t - since) * moving[:3]

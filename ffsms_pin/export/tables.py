@@ -200,8 +200,9 @@ def _checked_joints(
     """Check that rates (K, n) integrate to the joint positions; return the allowed error per row (K,).
 
     The error of the trapezoidal rule is a twelfth of the second difference of the rates, times the step. An
-    eighth is allowed, which a single rate with a large error exceeds. `InvalidValue` names the first row
-    whose error is larger than allowed. The returned errors are sums over the joints [rad or m].
+    eighth is allowed; a large error of a single rate causes a larger error of the position. `InvalidValue`
+    names the first row with a larger error, of the first joint that has one. The returned errors are sums
+    over the joints [rad or m].
     """
     dt = float(table[TIME][-1]) / (len(rates) - 1)
     bends = np.abs(np.diff(rates, n=2, axis=0, prepend=rates[:1], append=rates[-1:]))

@@ -306,7 +306,15 @@ def save_scenario(scenario: Scenario, path: str | os.PathLike[str]) -> None:
 
 
 def load_scenario(path: str | os.PathLike[str]) -> Scenario:
-    """Read a scenario that `save_scenario` wrote; raise `ResultError` if the file has other content."""
+    """Read a scenario that `save_scenario` wrote.
+
+    Raises
+    ------
+    ResultError
+        The file is not a file of `save_scenario`.
+    InvalidScenario
+        Its tables are not valid.
+    """
     content, kinds = read_json(path), {"tables": dict, "name": str, "file": str}
     if not all(isinstance(content.get(key), kind) for key, kind in kinds.items()):
         raise ResultError(path, "is not the scenario of a run")

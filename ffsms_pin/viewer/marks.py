@@ -32,7 +32,7 @@ class Mark:
 
     @property
     def stops(self) -> bool:
-        """True if the event ends the planned motion."""
+        """True for a stop and for a collision."""
         return self.name in ("stop", "collision")
 
 

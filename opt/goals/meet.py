@@ -50,9 +50,9 @@ class Meet(Goal):
     """The half angle of the corridor, below a right angle. With the defaults the corridor extends about 5 cm
     to each side at its mouth, about the opening of a gripper."""
     misalignment: Annotated[Positive | None, Angle("rad", "any")] = None
-    """The largest angle between axes of the end effector and of the grasp at the mouth of the corridor, at
-    most 90 degrees. The bound decreases linearly to a twentieth at the grasp, because a tilted probe may jam.
-    Default: any rotation in the corridor."""
+    """The largest angle at the mouth of the corridor between the directions of approach of end effector and
+    grasp, and between axes perpendicular to them; at most 90 degrees. The bound decreases linearly to a
+    twentieth at the grasp, because a tilted probe may jam. Default: any rotation in the corridor."""
     axis: Annotated[Vector3, Unit()] = (0.0, 0.0, 1.0)
     """The direction of approach, in grasp axes; its length is ignored. Default: z, which points away from the
     flange in most tool frames."""
