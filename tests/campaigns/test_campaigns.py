@@ -281,6 +281,7 @@ def test_both_methods_meet_the_drawn_plants(compared: Path, planar: ffsms.SpaceM
             assert row["outcome"] == ("arrived" if run.position_error[-1] <= 0.02 else "missed")
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_the_methods_side_by_side(compared: Path, capsys: pytest.CaptureFixture[str]) -> None:
     table = read_table(compared)
@@ -417,7 +418,9 @@ CAUGHT += "[campaign.draw]\nclient.joints = { uniform = [[0.41, 0.71, -0.49], [0
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("text", [PASSED, CAUGHT], ids=["waypoint", "client"])
+@pytest.mark.parametrize(
+    "text", [PASSED, pytest.param(CAUGHT, marks=pytest.mark.long)], ids=["waypoint", "client"]
+)
 def test_a_row_does_not_depend_on_those_before_and_is_the_run_alone(tmp_path: Path, text: str) -> None:
     path = tmp_path / "small.toml"
     path.write_text(text)

@@ -126,6 +126,7 @@ def test_a_worker_that_is_killed_loses_nothing(file: Path, table: bytes, tmp_pat
     assert len(chunks_in(tmp_path)) == RUNS
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_a_run_that_kills_its_workers_is_written_down_and_the_others_go_on(tmp_path: Path) -> None:
     (tmp_path / "deadly_limit.py").write_text(DEADLY)

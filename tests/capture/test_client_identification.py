@@ -123,7 +123,7 @@ def test_a_push_from_outside_is_told(caught: Any, motion: opt.Trajectory) -> Non
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("held", [False, True])
+@pytest.mark.parametrize("held", [False, pytest.param(True, marks=pytest.mark.long)])
 def test_a_flight_has_it(held: bool, caught: Any) -> None:
     """Wheels that hold the attitude take part of the momentum, which is measured."""
     wheels = ffsms.ReactionWheels(np.eye(3), 0.05, torque=1.0, momentum=60.0)

@@ -50,7 +50,10 @@ def test_it_is_far_better_than_what_is_measured() -> None:
     assert min(held[0] for _, held in runs[:3]) > 0.002
 
 
-@pytest.mark.parametrize(("times", "doubt"), [(1.0, 0.0), (3.0, 0.1)])
+@pytest.mark.parametrize(
+    ("times", "doubt"),
+    [(1.0, 0.0), pytest.param(3.0, 0.1, marks=[pytest.mark.slow, pytest.mark.long])],
+)
 def test_its_covariance_is_honest(times: float, doubt: float) -> None:
     """The errors' squares over their variances are one in the mean, 12 numbers of 20 runs.
 

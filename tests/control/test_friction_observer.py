@@ -123,7 +123,10 @@ def flown_held(plan: opt.Trajectory, law: str, learn: bool, **conditions: Any) -
     return ffsms.simulate(sms, plan, joints, 5e-3, base_controller=base, **conditions)
 
 
-@pytest.mark.parametrize("law", ["quaternion feedback", "coordinated"])
+@pytest.mark.parametrize(
+    "law",
+    ["coordinated", pytest.param("quaternion feedback", marks=[pytest.mark.slow, pytest.mark.long])],
+)
 def test_friction_is_made_good_where_wheels_hold_the_base(held: opt.Trajectory, law: str) -> None:
     friction = simulation.JointFriction(coulomb=COULOMB)
     without, learnt = (flown_held(held, law, learn, friction=friction) for learn in (False, True))

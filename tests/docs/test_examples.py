@@ -12,9 +12,25 @@ import pytest
 
 SCRIPTS = sorted((Path(__file__).parents[2] / "examples").glob("*.py"))
 ARGUMENTS = {"coupling_map": ["map.png"]}
-# Notebooks 10 and 12, and the code of the pages on clients, simulation, bases that act and campaigns, run the
-# same functions in .ci/run.
-SLOWEST = {"capture", "follow_path", "meet_client", "noisy_sensors", "hold_attitude", "campaign"}
+# Notebooks and the code of pages run the same functions in .ci/run.
+SLOWEST = {
+    "capture",
+    "follow_path",
+    "meet_client",
+    "noisy_sensors",
+    "hold_attitude",
+    "campaign",
+    "basilisk_orbit",
+}
+SLOWEST |= {
+    "reach_pose",
+    "two_arms",
+    "live_meshcat",
+    "disturbance",
+    "wrong_model",
+    "compare_laws",
+    "identify_base",
+}
 LONGEST = 180.0  # [s] of wall time, on a machine that is busy: a script takes a few seconds of its own
 
 

@@ -42,7 +42,10 @@ def assert_same(sms: ffsms.SpaceManipulator, again: ffsms.SpaceManipulator) -> N
             assert other.geometry == one.geometry
 
 
-@pytest.mark.parametrize("name", [*ROBOTS, "servicer", "satellite_kinova"])
+@pytest.mark.parametrize(
+    "name",
+    [*ROBOTS, "servicer", pytest.param("satellite_kinova", marks=[pytest.mark.slow, pytest.mark.long])],
+)
 def test_a_written_urdf_is_the_same_robot(name: str, tmp_path: Path) -> None:
     sms = robot(name)
     again = written(sms, tmp_path / "robot.urdf")

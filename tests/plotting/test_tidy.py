@@ -61,7 +61,7 @@ def eight(planar: Outcome, random_tree: Callable[..., Any]) -> Outcome:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["planar", "caught", "eight"])
+@pytest.mark.parametrize("name", ["planar", pytest.param("caught", marks=pytest.mark.long), "eight"])
 def test_words_are_whole_and_apart_and_no_quantity_is_drawn_twice(
     name: str, request: pytest.FixtureRequest
 ) -> None:

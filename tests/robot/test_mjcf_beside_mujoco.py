@@ -202,7 +202,15 @@ def test_torque_limits_come_from_actuators(tmp_path: Path) -> None:
     assert ffsms.mount(written(tmp_path, ARM, unlimited)).limits.torque.tolist() == [4.0, np.inf]
 
 
-@pytest.mark.parametrize("name", ["planar_3r", "space_arm_7", "servicer", "satellite_panda"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "planar_3r",
+        "space_arm_7",
+        "servicer",
+        pytest.param("satellite_panda", marks=[pytest.mark.slow, pytest.mark.long]),
+    ],
+)
 def test_what_to_mjcf_writes_is_read_back(name: str, tmp_path: Path) -> None:
     wanted = ffsms.load(name)
     model = wanted.model.copy()

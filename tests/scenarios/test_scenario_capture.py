@@ -366,7 +366,7 @@ def test_wheels_that_are_slow_have_not_taken_all_of_it_yet(tmp_path: Path) -> No
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("opening", [0.04, 0.005])
+@pytest.mark.parametrize("opening", [0.04, pytest.param(0.005, marks=pytest.mark.long)])
 def test_a_gripper_goes_round_a_ring(tmp_path: Path, opening: float) -> None:
     """With 17 mm on either side no pad touches the rim; pads as near as it is thick push it aside."""
     ring = f"[contact.ring]\nopening = {opening}\nstiffness = 1e5\n"

@@ -50,7 +50,16 @@ def test_simulate_has_the_friction_of_the_file(
     assert np.abs(end(rubbing, None)[6:]).max() < 0.5 * np.abs(end(planar, None)[6:]).max()
 
 
-@pytest.mark.parametrize("kind", ["computed-torque", "coordinated", "impedance"])
+@pytest.mark.parametrize(
+    "kind",
+    [
+        "computed-torque",
+        *(
+            pytest.param(name, marks=[pytest.mark.slow, pytest.mark.long])
+            for name in ("coordinated", "impedance")
+        ),
+    ],
+)
 def test_laws_compensate_the_friction_of_the_file(rubbing: ffsms.SpaceManipulator, kind: str) -> None:
     """With friction in the file the error is that without; a law that expects none is off by far more."""
     laws: dict[str, Any] = {

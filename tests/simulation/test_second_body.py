@@ -70,7 +70,7 @@ def _run(wheels: bool = False, duration: float = 2.0, **options: Any) -> tuple[A
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("wheels", [False, True])
+@pytest.mark.parametrize("wheels", [pytest.param(False, marks=pytest.mark.long), True])
 @pytest.mark.parametrize("integrator", ["rk4", "variational", "adaptive"])
 def test_the_ledger_is_kept_by_integration_alone(wheels: bool, integrator: str) -> None:
     caught = [Close(0.0, GripLoad(GRASP)), Latch(0.2)]

@@ -60,6 +60,8 @@ def test_there_are_500_problems_for_six_robots(judge: Any) -> None:
     assert sum((PROBLEMS / f"{family}.jsonl").stat().st_size for family in COUNTS) < 1_000_000
 
 
+@pytest.mark.long
+@pytest.mark.slow
 def test_the_same_files_come_out_again(judge: Any, drawn: dict[str, tuple[Plan, Plan]]) -> None:
     for family, (problem, _) in drawn.items():
         assert judge.load(family)[SAMPLE[family]] == problem
