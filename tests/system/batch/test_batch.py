@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import time
-
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -131,26 +129,3 @@ def test_a_batch_cannot_be_changed() -> None:
 def test_wrong_joints_are_named(joints: object) -> None:
     with pytest.raises(InvalidValue, match="joints"):
         ffsms.load("planar_3r").batch(joints)  # type: ignore[arg-type]
-
-
-def test_a_batch_is_much_faster_than_single_states(rng: np.random.Generator) -> None:
-    """The page says ten times and more; half of that here, for machines with other work on them."""
-    sms = ffsms.load("satellite_panda")
-    joints = rng.uniform(-2.0, 2.0, (16384, 7))
-    configurations = [sms.configuration(row) for row in joints[:200]]
-
-    def batch_time() -> float:
-        begin = time.process_time()
-        batch = sms.batch(joints)
-        assert batch.entropy.shape == batch.C_bm.shape[:1]
-        return (time.process_time() - begin) / len(joints)
-
-    def state_time() -> float:
-        begin = time.process_time()
-        for q in configurations:
-            assert sms.at(q).coupling.entropy > 0.0
-        return (time.process_time() - begin) / len(configurations)
-
-    batch_time(), state_time()
-    ratios = [state_time() / batch_time() for _ in range(5)]
-    assert max(ratios) > 5.0
