@@ -43,7 +43,7 @@ PARTS: dict[str, tuple[Any, tuple[str, ...]]] = {
     "rows of the joint limits": (JointLimits, ("rows",)),
     "rows of the clearances": (Clearance, ("rows",)),
     "rows of the box": (AlphaBox, ("rows",)),
-    "direction, objective, all rows in alpha": (stepper, ("ideal_cosine", "programme_of")),
+    "direction, objective, all rows in alpha": (stepper, ("ideal_cosine", "step_qp")),
     "ProxQP, its active rows solved exactly": (StepSolver, ("solve",)),
 }
 REST = "remainder: rates, cosine, cost, reading the clock"
@@ -51,7 +51,7 @@ CALLS = ("crba with Jacobians", "frame Jacobian", "6 x 6 solve", "SVD", "ProxQP,
 
 
 class Task(NamedTuple):
-    """A rollout: its states, and its quadratic programmes."""
+    """A rollout: its states, and its QPs."""
 
     sms: ffsms.SpaceManipulator
     target: FloatArray
