@@ -79,7 +79,7 @@ def _lock(robot: Element, path: Path, locked: Mapping[str, float]) -> list[str]:
     places: dict[str, float] = {}
     for name, position in locked.items():
         if name not in moving:
-            raise InvalidValue("locked", name, f"names no moving joint of the arm ({', '.join(moving)})")
+            raise InvalidValue("locked", name, f"must name moving joints of the arm ({', '.join(moving)})")
         places[name] = number(f"locked['{name}']", position)
     sentences = []
     for name in moving:
@@ -403,7 +403,8 @@ class UrdfFile:
         if joint.type not in (*urdf.MOVING, "fixed"):
             known = "fixed, revolute, continuous and prismatic joints are supported"
             ours = "(remove a floating joint, because the library adds the free-flyer root)"
-            message = f"joint '{name}' is of type '{item.get('type')}'; {known} {ours}"
+            kind = f"is of type '{item.get('type')}'" if item.get("type") else "has no type"
+            message = f"joint '{name}' {kind}; {known} {ours}"
             raise UnsupportedJoint(self.path, message)
         for end, link in (("parent", joint.parent), ("child", joint.child)):
             if not link:
@@ -429,7 +430,10 @@ class UrdfFile:
             children.add(joint.child)
         roots = [name for name in self.links if name not in children]
         if len(roots) != 1:
-            message = f"the links must form one tree, but {len(roots)} have no parent: {', '.join(roots)}"
+            lacking = (
+                f"{len(roots)} have no parent: {', '.join(roots)}" if roots else "each has a parent link"
+            )
+            message = f"the links must form one tree, but {lacking}"
             raise InvalidUrdf(self.path, message)
         if lost := sorted(set(self.links) - urdf.reached(roots[0], self.joints)):
             raise InvalidUrdf(self.path, f"links form a closed loop apart from the tree: {', '.join(lost)}")
@@ -452,7 +456,9 @@ def _check_axis_and_limits(item: Element, kind: str) -> None:
         raise urdf.Unreadable("has a zero axis")
     if dynamics is not None:
         if dynamics.get("damping") is None and dynamics.get("friction") is None:
-            raise urdf.Unreadable("has a <dynamics> with neither damping nor friction")
+            raise urdf.Unreadable(
+                "has a <dynamics> with neither damping nor friction: write one, or remove it"
+            )
         for key in ("damping", "friction"):
             urdf.number_of(dynamics, key, default=0.0)
     if limit is None:

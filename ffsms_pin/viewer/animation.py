@@ -179,7 +179,7 @@ def _shown_path(path: Path | None, planned: Trajectory | None, client: Any) -> P
 def _grasp_place(grasp: Any, client: DrawnClient | None) -> FloatArray:
     """Return the grasp point (3,) in the client's axes [m]."""
     if client is None:
-        raise InvalidValue("grasp", grasp, "requires client=, on which the grasp is drawn")
+        raise InvalidValue("grasp", grasp, "requires client=..., the body on which the grasp is drawn")
     return vector("grasp", grasp.translation if isinstance(grasp, pin.SE3) else grasp, 3, "m")
 
 

@@ -52,7 +52,7 @@ def robot_layer(stage: Stage, sms: SpaceManipulator, name: str, ghost: str | Non
                 larger = hull((shape.vertices[:, None] + line).reshape(-1, 3))
                 stage.outline(node, shape, larger, ghost)
         except (OSError, ElementTree.ParseError, AttributeError) as problem:
-            raise GeometryError(f"'{item.name}' of the robot cannot be drawn ({problem})") from None
+            raise GeometryError(f"the robot's shape '{item.name}' cannot be drawn ({problem})") from None
 
     def show(frames: Frames, k: int) -> None:
         pin.updateGeometryPlacements(sms.model, data, shapes, places, frames.q[k])

@@ -10,7 +10,7 @@ import pinocchio as pin
 
 from ffsms_pin import checks
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.errors import InvalidValue
+from ffsms_pin.errors import InvalidValue, length_text
 from ffsms_pin.system.batch.stacks import dot, log3
 
 POINT = "a position (3,) [m], a pinocchio.SE3 or a homogeneous matrix (4, 4)"
@@ -158,7 +158,8 @@ class EvenCurve:
         parameters = np.linspace(first, last, _TABLE)
         along = lengths(curve(parameters))
         if along[-1] <= 0.0:
-            raise InvalidValue("curve", curve, "must have a length, but all of its points coincide")
+            point = curve(parameters[:1]).positions[:, 0]
+            raise InvalidValue("curve", point, "must have a length, but all of its points coincide")
         moves = np.append(True, np.diff(along) > 1e-12 * along[-1])
         self._parameters = PchipInterpolator(along[moves] / along[-1], parameters[moves], extrapolate=False)
         self._last = along[moves][-1] / along[-1]
@@ -226,9 +227,11 @@ def check_jumps(curve: Curve, parameters: FloatArray, unit: str) -> None:
         low, high = (low, middle) if first >= second else (middle, high)
     jump = float(lengths(curve(np.array([low, high])))[-1])
     if jump > 0.5 * steps[k]:
-        raise InvalidValue(
-            "curve",
-            round(jump, 6),
-            f"must be continuous, but it jumps near {low:.6g} {unit} (jump in m); "
-            "plan its parts as separate motions",
+        size = length_text(jump)
+        if points.rotations is not None:
+            size += f" (1 rad counts as {length_text(_LEVER)})"
+        remedy = (
+            f"must be continuous, but it jumps near {low:.6g} {unit} by {size}; "
+            "plan its parts as separate motions"
         )
+        raise InvalidValue("curve", round(jump, 6), remedy)

@@ -61,7 +61,7 @@ def _facing(along: FloatArray) -> FloatArray:
     """Return an attitude (3, 3) with its third axis along `along` (3,) and its second perpendicular to z."""
     length = float(np.linalg.norm(along))
     if length < 1e-9:
-        text = "requires a curve that does not meet the axis or centre, where the direction is undefined"
+        text = "needs a curve that never meets the axis or centre, where the direction is undefined"
         raise InvalidValue("faces", along, text)
     ahead = along / length
     across = np.array([ahead[1], -ahead[0], 0.0])

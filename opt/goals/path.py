@@ -113,10 +113,12 @@ class Path(Goal):
             remedy = 'must be "inertial", "base", a Client or a capture.ClientEstimate'
             raise InvalidValue("frame", self.frame, remedy)
         if self.timing == "fastest" and not self.geometric:
-            remedy = "is for a geometric curve; leave the times out, or give the function's parameter=(a, b)"
+            remedy = (
+                'can be "fastest" only for a geometric curve: leave out `times`, or give parameter=(a, b)'
+            )
             raise InvalidValue("timing", self.timing, remedy)
         if self.timing == "fastest" and not isinstance(self.frame, str):
-            remedy = 'is for paths that are fixed in space or on the base; on a client give timing="given"'
+            remedy = 'can be "fastest" only in inertial axes or on the base; on a client set timing="given"'
             raise InvalidValue("timing", self.timing, remedy)
         if self.free_axis is not None:
             checks.set_frozen(self, free_axis=checks.direction("free_axis", self.free_axis))
@@ -147,7 +149,7 @@ class Path(Goal):
                 return EvenCurve(SampledCurve(along, points), 0.0, float(along[-1]))
             return SampledCurve(sample_times(self.times, points.positions.shape[1]), points)
         if self.times is not None:
-            remedy = "must be left out if the curve is a function, because its argument is the time"
+            remedy = "must be left out unless the curve is samples"
             raise InvalidValue("times", self.times, remedy)
         if self.parameter is None:
             return FunctionCurve(self.curve, 0.0)
@@ -192,9 +194,10 @@ class Path(Goal):
         checks.set_frozen(path, duration=duration, begin=pose, _recent={})
         last = duration - self.approach_time
         if not callable(self.curve) and self.times is not None and last > float(self.times[-1]) + 1e-9:
+            after = " after the approach" if self.approach_time else ""
             remedy = (
-                f"must reach the end of the motion, {last:g} s after the approach; shorten the duration to "
-                f"{float(self.times[-1]) + self.approach_time:g} s"
+                f"must reach the end of the motion at {last:g} s{after}; add samples, or shorten the "
+                f"duration to {float(self.times[-1]) + self.approach_time:g} s"
             )
             raise InvalidValue("times", float(self.times[-1]), remedy)
         if duration != self.duration:  # otherwise the curve has been checked

@@ -44,17 +44,17 @@ def path_samples(path: str | os.PathLike[str]) -> PathSamples:
     turned = len(names.intersection(_ATTITUDE))
     if names - {"t", *_POSITION, *_ATTITUDE} or set(_POSITION) - names or turned in (1, 2, 3):
         remedy = "must have columns x, y, z, and may have t and qx, qy, qz, qw, named in its first line"
-        raise ResultError(path, remedy)
+        raise ResultError(path, f"{remedy}; it has {', '.join(table.dtype.names or ()) or 'no columns'}")
     columns = {name: np.asarray(table[name], dtype=np.float64) for name in table.dtype.names or ()}
     for name, numbers in columns.items():
         if not (finite := np.isfinite(numbers)).all():
             row = int(np.argmin(finite)) + 1
-            raise ResultError(path, f"has a wrong row: {name} of row {row} is not a finite number")
+            raise ResultError(path, f"{name} of row {row} below the column names is not a finite number")
     positions, attitudes = np.column_stack([columns[name] for name in _POSITION]), None
     if turned:
         quaternions = np.stack([columns[name] for name in _ATTITUDE])
         if (zero := ~quaternions.any(axis=0)).any():
             row = int(np.argmax(zero)) + 1
-            raise ResultError(path, f"has a wrong row: the quaternion of row {row} is zero")
+            raise ResultError(path, f"the quaternion of row {row} below the column names is zero")
         attitudes = np.moveaxis(rotations(quaternions / np.linalg.norm(quaternions, axis=0)), -1, 0)
     return PathSamples(positions, attitudes, columns.get("t"))

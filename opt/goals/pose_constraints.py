@@ -226,7 +226,8 @@ class Waypoint(PoseTolerance):
         `InvalidValue` is raised if the waypoint is a pose.
         """
         if np.isfinite(self.place.attitude).all():
-            raise InvalidValue("place", self.place, "must be a position if the waypoint has no `time`")
+            remedy = f"of '{self.name}' must be a position for re-planning, unless it has a time"
+            raise InvalidValue("place", self.place, remedy)
         distances = np.linalg.norm(plan.end_effector - self.place.position, axis=1)
         return replace(self, time=float(plan.t[int(np.argmin(distances))]))
 

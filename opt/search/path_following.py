@@ -275,9 +275,11 @@ def _check_options(options: SearchOptions) -> None:
     """Raise `InvalidValue` for options of searches that paths do not support."""
     for name in options.without:
         if name != "descent":
-            raise InvalidValue("without", name, 'must be "descent" for an opt.Path, or left out')
+            raise InvalidValue("without", name, 'may contain only "descent" for an opt.Path')
     if options.cost_tolerance != type(options).cost_tolerance:
-        remedy = "is not used along an opt.Path, where no search compares the costs of plans; leave it out"
+        remedy = (
+            "is not used for an opt.Path, along which no search compares the costs of plans; leave it out"
+        )
         raise InvalidValue("cost_tolerance", options.cost_tolerance, remedy)
 
 

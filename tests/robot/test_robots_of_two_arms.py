@@ -194,7 +194,12 @@ def test_the_tools_of_two_arms_have_goals(mixed: ffsms.SpaceManipulator) -> None
         (["panda", "nope"], {}, ModelNotFound, "no robot 'nope'"),
         (["panda", "ur5"], {"placement": pin.SE3.Identity()}, InvalidValue, "for each of the 2 arms"),
         (["panda", "ur5"], {"placement": [np.eye(3), np.eye(4)]}, InvalidValue, "placement[0] must be"),
-        (["panda", "ur5"], {"locked": {"elbow": 0.0}}, InvalidValue, "locked names no moving joint"),
+        (
+            ["panda", "ur5"],
+            {"locked": {"elbow": 0.0}},
+            InvalidValue,
+            "locked must name moving joints of the arm",
+        ),
         (["panda", "ur5"], {"visual": pin.GeometryModel()}, InvalidValue, "visual is allowed only"),
     ],
 )

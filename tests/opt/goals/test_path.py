@@ -322,7 +322,10 @@ HERE = np.array([0.5, 0.0, 0.0])
         ({"curve": [HERE, HERE, HERE + 1.0]}, r"curve must not repeat a sample; remove curve\[1\]"),
         ({"curve": lambda t: [1.0, 2.0]}, r"curve\(0\) must be a position \(3,\)"),
         ({"curve": lambda t: [np.nan, 2.0, 0.0]}, r"curve\(0\) must be finite"),
-        ({"curve": lambda t: HERE, "times": [0.0, 1.0]}, "times must be left out if the curve is a function"),
+        (
+            {"curve": lambda t: HERE, "times": [0.0, 1.0]},
+            "times must be left out unless the curve is samples",
+        ),
         ({"curve": lambda t: HERE, "parameter": (1.0, 1.0)}, "parameter must be two different values"),
         ({"curve": lambda t: HERE, "parameter": (0.0, 1.0)}, "curve must have a length"),
         (
