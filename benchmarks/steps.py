@@ -44,7 +44,7 @@ def main() -> None:
                 reached += plan.reached
             numbers = f"{1e3 * np.median(spent):.0f}", f"{np.median(costs):.5f}", f"{reached} of {count}"
             rows.append([f"{enough:g}", str(steps), *numbers])
-    head = ["threshold of the cost [s]", "steps", "CPU [ms], median", "cost [s], median", "reached"]
+    head = ["cost at which the search ends [s]", "steps", "CPU [ms], median", "cost [s], median", "reached"]
     print(markdown(head, rows))
 
 
