@@ -65,7 +65,8 @@ class Campaign:
         try:
             return cls(**{**read_json(file), "allow_import": allow_import})
         except TypeError:
-            raise ResultError(folder, "is no results folder of a campaign") from None
+            message = "is no results folder of a campaign of this version (campaign.json has other keys)"
+            raise ResultError(folder, message) from None
 
     @property
     def seeds(self) -> range:

@@ -144,8 +144,9 @@ def _on_dask(of: Campaign, folder: Path, missing: list[range], jobs: int, addres
             client = stack.enter_context(Client(address))
             client.wait_for_workers(1, 60.0)
         except (OSError, RuntimeError, ValueError) as problem:
-            why = "reached" if address else "started: a script needs `if __name__ == '__main__':`"
-            raise ClusterError(f"the workers of {address or 'Dask'} cannot be {why} ({problem})") from None
+            message = f"the workers of {address or 'Dask'} cannot be {'reached' if address else 'started'}"
+            remedy = "" if address else "; in a script, start them under `if __name__ == '__main__':`"
+            raise ClusterError(f"{message} ({problem}){remedy}") from None
         try:
             running = {client.submit(_run, of, folder, seeds, pure=False): seeds for seeds in missing}
             suspects: list[range] = []

@@ -32,7 +32,7 @@ def run(arguments: argparse.Namespace) -> int:
         if arguments.repair is None and (value := getattr(arguments, name)) is not None:
             raise InvalidValue(f"--{name}", value, "needs --repair OUT, because it is for the repaired file")
     if robot in satellite_names() and arguments.repair is not None:
-        raise InvalidValue("--repair", arguments.repair, f"needs a URDF file, which '{robot}' is not")
+        raise InvalidValue("MODEL", robot, "must be a URDF file if --repair is given")
     if report is not None and report.faults:
         console.print(_faults(report))
     if arguments.repair is not None:

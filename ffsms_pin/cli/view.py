@@ -28,7 +28,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Write the scene, and open it unless --html is given."""
     folder, robot = Path(arguments.results), arguments.robot
     if arguments.end_effector is not None and (robot is None or _is_scenario(robot)):
-        remedy = "is for a robot in --robot; in a scenario set [robot] end_effector in its file"
+        remedy = "requires a robot in --robot; a scenario sets [robot] end_effector in its file"
         raise InvalidValue("--end-effector", arguments.end_effector, remedy)
     show = None if arguments.show is None else [name.strip() for name in arguments.show.split(",")]
     how = named(arguments, "robot", "end_effector", "speed", "camera", "background")
@@ -126,5 +126,5 @@ def _check(sms: SpaceManipulator, plan: Trajectory, folder: Path) -> None:
     raise ResultError(
         folder,
         f"is not a motion of '{sms.model.name}' with the end effector '{sms.end_effector}': "
-        "add --robot with the robot, or with the scenario file of the run",
+        "choose the run's robot with --robot and --end-effector, or its scenario file with --robot",
     )

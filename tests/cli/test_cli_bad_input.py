@@ -132,7 +132,7 @@ def test_info_arguments_that_do_not_fit_the_robot(fails: Callable[..., str]) -> 
     [
         (("compare", "case-1", "--methods", "horizn"), "--methods must be one of"),
         (("campaign", "case-1", "--runs", "0"), "--runs must be a whole number"),
-        (("view", ".", "--end-effector", "tip"), "--end-effector is for a robot in --robot"),
+        (("view", ".", "--end-effector", "tip"), "--end-effector requires a robot in --robot"),
         (("scenario", "--shema"), "unknown argument '--shema'; did you mean '--schema'?"),
     ],
 )

@@ -138,7 +138,7 @@ def test_info_lists_the_faults_and_repairs_them(tmp_path: Path, capsys: pytest.C
         (["BROKEN", "--rate", "0.2"], "--rate needs --repair OUT, because it is for the repaired file"),
         (
             ["satellite_ur5", "--repair", "OUT"],
-            "--repair needs a URDF file, which 'satellite_ur5' is not",
+            "MODEL must be a URDF file if --repair is given, got 'satellite_ur5'",
         ),
         (["none.urdf", "--repair", "OUT"], "no robot 'none.urdf'"),
     ],
