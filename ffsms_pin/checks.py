@@ -114,7 +114,8 @@ def inertia(name: str, value: Any) -> FloatArray:
         message = f"must be positive definite, {SMALLEST_POSITIVE:g} kg m^2 or more about every axis"
         raise InvalidValue(name, value, message)
     if a + b < c * (1.0 - 1e-9):
-        raise InvalidValue(name, value, "violates the triangle inequality of principal inertias")
+        message = "violates the triangle inequality: no principal inertia may exceed the sum of the other two"
+        raise InvalidValue(name, value, message)
     return tensor
 
 
@@ -315,7 +316,7 @@ def one_each(
     dimensions(name, value)
     array, of = np.asarray(value), unit and f" [{unit}]"
     if array.dtype.kind not in "fiu" or array.shape not in ((), (count,)):
-        raise InvalidValue(name, value, f"must be one number or ({count},){of}")
+        raise InvalidValue(name, value, f"must be one number, or have shape ({count},){of}")
     numbers = np.full(count, array, dtype=np.float64)
     if not ((numbers >= least) & (numbers <= largest)).all():  # also refuses NaN
         small = bool(((numbers > 0.0) & (numbers < least)).any())
@@ -331,7 +332,7 @@ def rotation(name: str, value: Any) -> FloatArray:
     """Check a rotation matrix (3, 3) and return a copy; a reflection or a scaled matrix is rejected."""
     turn = matrix(name, value, 3, 3)
     if np.abs(turn.T @ turn - np.eye(3)).max() > 1e-6 or np.linalg.det(turn) < 0.0:
-        raise InvalidValue(name, value, "must have a rotation matrix, without scaling or reflection")
+        raise InvalidValue(name, value, "needs a rotation matrix, without scaling or reflection")
     return turn
 
 

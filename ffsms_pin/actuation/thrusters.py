@@ -54,12 +54,10 @@ class Thrusters:
         period, default = self.period, _PULSES * self.least_on_time
         period = default if period is None else positive("thrusters.period", period, "s")
         if not self.proportional and period <= self.least_on_time:
-            raise InvalidValue(
-                "thrusters.period",
-                self.period,
-                "must exceed least_on_time; give a larger period, or least_on_time > 0 without a period, or"
-                " proportional=True",
-            )
+            message = f"must exceed least_on_time, {self.least_on_time:g} s"
+            if self.period is None:  # then least_on_time is zero
+                message = "must be given, or least_on_time above zero, unless proportional is true"
+            raise InvalidValue("thrusters.period", self.period, message)
         set_frozen(self, period=period if self.proportional else positive("thrusters.period", period, "s"))
 
     def __len__(self) -> int:

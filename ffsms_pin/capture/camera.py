@@ -59,10 +59,10 @@ class Camera:
         for name in ("outliers", "dropouts"):
             checks.share(f"client sensor {name}", getattr(self, name))
         checks.instance("client sensor hidden", self.hidden, (list, tuple))
-        for pair in self.hidden:
-            begin, end = checks.vector("client sensor hidden", pair, 2, "s")
+        for i, pair in enumerate(self.hidden):
+            begin, end = checks.vector(name := f"client sensor hidden[{i}]", pair, 2, "s")
             if end <= begin:
-                raise InvalidValue("client sensor hidden", pair, "must be a begin [s] and a later end [s]")
+                raise InvalidValue(name, pair, "must be a begin [s] and a later end [s]")
 
     @property
     def deviations(self) -> FloatArray:

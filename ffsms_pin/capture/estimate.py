@@ -259,12 +259,14 @@ class ClientEstimate:
         if t < self._since:
             raise InvalidValue("t", t, f"must not be before the last update, at {self._since:g} s")
         assumed = self._assumed
-        if not (np.isclose(seen.mass, assumed.mass) and np.allclose(seen.inertia, assumed.inertia)):
-            message = (
-                f"must have the mass {assumed.mass:g} kg and the inertia of the first measurement: pass the "
-                "assumed client as `believed` to capture.measured"
-            )
-            raise InvalidValue("seen", seen.mass, message)
+        for name, close in (("mass", np.isclose), ("inertia", np.allclose)):
+            if not close(getattr(seen, name), getattr(assumed, name)):
+                first = " ".join(str(getattr(assumed, name)).split())
+                message = (
+                    f"must be the {name} of the first measurement, {first}: pass the same client as"
+                    " `believed` to capture.measured"
+                )
+                raise InvalidValue(f"seen.{name}", getattr(seen, name), message)
         self._predict(t)
         innovation, H = self._innovation(seen)
         noise = np.diag(self._sensor.deviations**2)

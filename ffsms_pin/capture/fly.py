@@ -35,6 +35,7 @@ from ffsms_pin.references import Rest
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.simulation import Close, Conditions, End, Latch, Open
 from ffsms_pin.simulation.setup import check_robots, checked_events, set_up, warn_of_base
+from ffsms_pin.system.dynamics import MODES
 
 
 @numerical_errors("the capture")
@@ -142,7 +143,7 @@ def fly(
     }
     _check_conditions(meeting, laws, options)
     handling = _handling(meeting, envelope or Envelope(), procedure or Procedure())
-    _check_start(handling, plant, start, meeting.client)
+    _check_start(handling, plant, "q0" if plant_q0 is None else "plant_q0", start, meeting.client)
     if plan is None:
         plan = meeting.plan()
     else:
@@ -199,7 +200,11 @@ def _check_conditions(meeting: Rendezvous, laws: Control, options: dict[str, Any
     _, options["base_controller"] = laws.laws(meeting.sms)
     mode = meeting.planning.mode
     if mode != "floating" and options["base_controller"] is None:
-        message = "requires a base law, such as control=capture.Control(base=control.QuaternionFeedback)"
+        checks.one_of("planning.mode", mode, MODES)
+        law = {"flying": "control.StationKeeping"}.get(mode, "control.QuaternionFeedback")
+        if mode == "translation-flying":
+            law = "lambda robot: control.StationKeeping(robot, holds='place')"
+        message = f"requires a base law, such as control=capture.Control(base={law})"
         raise InvalidValue("planning.mode", mode, message)
     rest = Rest(meeting.duration, np.zeros(3), meeting.sms.joint_positions(meeting.q0))
     set_up(meeting.sms, rest, **options)
@@ -237,11 +242,14 @@ def _handling(meeting: Rendezvous, envelope: Envelope, procedure: Procedure) -> 
     )
 
 
-def _check_start(handling: CaptureOptions, plant: SpaceManipulator, q0: FloatArray, client: Client) -> None:
+def _check_start(
+    handling: CaptureOptions, plant: SpaceManipulator, name: str, q0: FloatArray, client: Client
+) -> None:
     """Raise `InvalidValue` if servicer and client overlap at the start, by more than a tolerance."""
     if (touching := handling.touching(plant)) is None:
         return
     distance, pair = touching.at(q0, client.pose(0.0))
     if distance < -TOUCH:
-        message = f"{pair} overlap by {-1e3 * distance:.3g} mm at the start; change q0 or the client's pose"
-        raise InvalidValue("q0", q0, message)
+        overlap = f"{pair} overlap by {-1e3 * distance:.3g} mm at the start"
+        message = f"must keep servicer and client apart: {overlap}; change {name} or the client's pose"
+        raise InvalidValue(name, q0, message)

@@ -101,14 +101,13 @@ def probe_in_nozzle(
         throat_radius=throat_radius, cone_length=cone_length, throat_length=throat_length,
     )  # fmt: skip
     if not probe_radius < throat_radius < entry_radius:
-        message = f"must lie between the radii of probe and entry, {probe_radius:g} and {entry_radius:g} m"
+        message = f"must lie between probe_radius, {probe_radius:g} m, and entry_radius, {entry_radius:g} m"
         raise InvalidValue("throat_radius", throat_radius, message)
     if not 2.0 * probe_radius < probe_length:
-        raise InvalidValue(
-            "probe_length", probe_length, f"must be more than twice the probe's radius, {probe_radius:g} m"
-        )
+        message = f"must be more than twice the probe_radius of {probe_radius:g} m"
+        raise InvalidValue("probe_length", probe_length, message)
     if not 0.0 <= checks.number("depth", depth) <= throat_length:
-        raise InvalidValue("depth", depth, f"must lie between 0 and the throat's length, {throat_length:g} m")
+        raise InvalidValue("depth", depth, f"must lie between 0 and throat_length, {throat_length:g} m")
     rod = coal.Capsule(probe_radius, probe_length - 2.0 * probe_radius)
     probe = (rod, pin.SE3(np.eye(3), np.array([0.0, 0.0, -0.5 * probe_length])))
     end, wall = cone_length + throat_length, 0.5 * throat_radius
@@ -181,7 +180,7 @@ def gripper_on_ring(
         pad_radius=pad_radius,
     )  # fmt: skip
     if not thickness < ring_radius:
-        raise InvalidValue("thickness", thickness, f"must be below the ring's radius, {ring_radius:g} m")
+        raise InvalidValue("thickness", thickness, f"must be below ring_radius, {ring_radius:g} m")
     ball, half, away = coal.Sphere(pad_radius), 0.5 * pad, 0.5 * opening + pad_radius
     corners = [(x, y, z) for x in (-half, half) for y in (-away, away) for z in (-half, half)]
     palm = [(x, 0.0, -reach - pad_radius) for x in (-half, half)]

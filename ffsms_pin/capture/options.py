@@ -288,5 +288,5 @@ class Control:
     def laws(self, robot: SpaceManipulator) -> tuple[JointLaw, BaseLaw | None]:
         """Return the laws of a robot's joints and of its base."""
         law, base = self.law(robot), None if self.base is None else self.base(robot)
-        checks.instance("control law", law, JointLaw)
+        checks.instance("the return value of control law", law, JointLaw)
         return law, base

@@ -78,10 +78,8 @@ class Rendezvous:
             raise InvalidValue("belief", self.belief, message)
         for obstacle in self.given_obstacles:
             if obstacle.moves and obstacle.on is not self.goal.client:
-                message = (
-                    f"must be 'inertial', 'base', or the client of the goal ({obstacle.name or 'obstacle'})"
-                )
-                raise InvalidValue("obstacle.on", obstacle.on, message)
+                name = f"obstacle '{obstacle.name}': on" if obstacle.name else "obstacle.on"
+                raise InvalidValue(name, obstacle.on, "must be 'inertial', 'base', or the client of the goal")
 
     @cached_property
     def scene(self) -> Scene | None:

@@ -142,7 +142,8 @@ class MomentumDump:
     def __post_init__(self) -> None:
         self.time_constant = positive("dump.time_constant", self.time_constant, "s")
         if not 0.0 <= number("dump.below", self.below) < number("dump.above", self.above) <= 1.0:
-            raise InvalidValue("dump", (self.below, self.above), "must have 0 <= below < above <= 1")
+            values = {"below": self.below, "above": self.above}
+            raise InvalidValue("dump", values, "must have 0 <= below < above <= 1")
         self._on = False
 
     def reset(self) -> None:

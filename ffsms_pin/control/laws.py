@@ -138,9 +138,8 @@ def gain_matrix(name: str, value: ArrayLike, n: int) -> FloatArray:
     """Return a symmetric positive definite gain matrix (n, n) from one number, a diagonal or a matrix."""
     array = np.array(value, dtype=np.float64)
     if array.shape not in ((), (n,), (n, n)) or not np.isfinite(array).all():
-        raise InvalidValue(
-            name, value, f"must be one finite number, {n} finite numbers, or a matrix ({n}, {n})"
-        )
+        message = f"must be one finite number, {n} finite numbers, or a finite matrix ({n}, {n})"
+        raise InvalidValue(name, value, message)
     gain = array if array.ndim == 2 else np.diag(np.broadcast_to(array, n))
     if np.abs(gain - gain.T).max() > 1e-12 * np.abs(gain).max() or np.linalg.eigvalsh(gain)[0] <= 0.0:
         kind = "above zero" if array.ndim < 2 else "symmetric positive definite"

@@ -356,7 +356,7 @@ OTHER = replace(_Door.goal, client=ffsms.Client(1.0, [1.0, 1.0, 1.0])).client
         ({"planning": capture.Planning(locked=["elbow"])}, ["locked[0]", "panda_joint1", "got 'elbow'"]),
         (
             {"planning": capture.Planning(obstacles=[opt.Obstacle.box(BOX, on=OTHER)])},
-            ["obstacle.on must be 'inertial', 'base', or the client of the goal"],
+            ["obstacle 'box 1': on must be 'inertial', 'base', or the client of the goal, got Client("],
         ),
     ],
 )

@@ -113,7 +113,7 @@ def test_bad_nozzles_are_refused(values: dict[str, Any], said: str) -> None:
 @pytest.mark.parametrize(
     ("values", "said"),
     [
-        ({"thickness": 1.0}, "thickness must be below the ring's radius"),
+        ({"thickness": 1.0}, "thickness must be below ring_radius"),
         ({"segments": 10**9}, "segments must be at most 360"),
     ],
 )

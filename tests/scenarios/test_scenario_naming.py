@@ -47,7 +47,10 @@ def build(path: Path) -> None:
         (QUICK.replace('"planar_3r"', '"planar_4r"'), "[robot] model: no robot"),
         (QUICK + "[limits]\nlower = 2.0\n", "[limits] limits of joint 1"),
         (WHEELS.replace("[1, 0, 0]", "[0, 0, 0]"), "[wheels] axes must not contain a vector of length zero"),
-        (PUSHED + "force = 1.0\n[attitude]\n", "[thrusters] period must exceed least_on_time"),
+        (
+            PUSHED + "force = 1.0\n[attitude]\n",
+            "[thrusters] period must be given, or least_on_time",
+        ),
         (DUMPED + "above = 0.1\nbelow = 0.5\n", "[attitude.dump] must have 0 <= below < above"),
         (PLACED.replace("[1, 1, 1]", "[1, 1, 9]") + "[meet]\n", "[client] inertia violates the triangle"),
         (PLACED + "[meet]\naxis = [0, 0, 0]\n", "[meet] axis must not be zero, got (0.0, 0.0, 0.0)"),
