@@ -147,8 +147,10 @@ def _check_law(sms: SpaceManipulator, plant: SpaceManipulator, law: Any) -> None
     if not any(sizes):
         message = "requires a plant with wheels or thrusters: sms.with_actuators(wheels=...)"
         raise InvalidValue("base_controller", law, message)
-    if sizes != (len(sms.wheels or ()), len(sms.thrusters or ())):
-        raise InvalidValue("plant", plant, "must have as many wheels and thrusters as the model")
+    expected = len(sms.wheels or ()), len(sms.thrusters or ())
+    if sizes != expected:
+        message = f"must have as many wheels and thrusters as the model, {expected[0]} and {expected[1]}"
+        raise InvalidValue("plant", plant, f"{message}, but has {sizes[0]} and {sizes[1]}")
 
 
 def _numbers(name: str, value: Any, size: int) -> FloatArray:

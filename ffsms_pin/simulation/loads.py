@@ -41,7 +41,9 @@ class Load(Protocol):
 
 def checked_load(name: str, load: Any) -> Load:
     """Check that an object is a load and return it."""
-    if not isinstance(load, Load) or isinstance(load, type):
+    if isinstance(load, type):
+        raise InvalidValue(name, load, "is a class; pass an instance")
+    if not isinstance(load, Load):
         raise InvalidValue(name, load, "must have a method wrench(tool, tool_twist, client, client_twist)")
     return load
 

@@ -284,8 +284,13 @@ def check_robots(sms: Any, plant: Any) -> None:
     """Raise `InvalidValue` unless model and plant are robots with the same joints."""
     instance("sms", sms, SpaceManipulator)
     instance("plant", plant, SpaceManipulator)
-    if plant.joint_names != sms.joint_names or plant.nq != sms.nq:
-        message = f"must have the model's joints ({', '.join(sms.joint_names)})"
+    if plant.joint_names != sms.joint_names:
+        message = f"must have the model's joints in the same order ({', '.join(sms.joint_names)})"
+        raise InvalidValue("plant", plant.joint_names, message)
+    if plant.nq != sms.nq:
+        differ = plant.layout.continuous != sms.layout.continuous
+        names = ", ".join(name for name, other in zip(sms.joint_names, differ, strict=True) if other)
+        message = f"must have the same continuous joints as the model; they differ in {names}"
         raise InvalidValue("plant", plant.joint_names, message)
 
 
@@ -398,9 +403,8 @@ def first_sample(reference: Reference, n: int) -> Sample:
     try:
         positions, rates, accelerations = sample
     except (TypeError, ValueError):
-        raise InvalidValue(
-            "reference", reference, "must return joint positions, rates and accelerations by sample(0)"
-        ) from None
+        message = "must return three arrays: joint positions, rates and accelerations"
+        raise InvalidValue("reference.sample(0)", sample, message) from None
     return (
         vector("joint positions of reference.sample(0)", positions, n),
         vector("joint rates of reference.sample(0)", rates, n, "rad/s"),

@@ -229,7 +229,8 @@ class Tracking:
         start, end = number("start", start), number("end", end)
         first, last = np.searchsorted(self.t, [start - 1e-9, end + 1e-9]).tolist()
         if last - first < 2:
-            message = f"must be such that the recording has two or more rows from start = {start:g} s to end"
+            rows_in = f"rows of the recording ({self.t[0]:g} to {self.t[-1]:g} s)"
+            message = f"must be such that two or more {rows_in} lie between start = {start:g} s and end"
             raise InvalidValue("end", end, message)
         values: dict[str, Any] = {name: getattr(self, name) for name in ("arrived", *_TEXTS, *_JSON)}
         for name in (*SHAPES, *OPTIONAL):

@@ -319,8 +319,9 @@ class World:
             return v
         if isinstance(event, (Close, Open, Latch)):
             if self._free is None:
-                message = "requires a free client: simulate(client=...)"
-                raise InvalidValue("events", str(event), message)
+                kind = f"contains {type(event).__name__} at {event.time:g} s, which requires a free client"
+                remedy = "add the argument client" if self.client is None else "it is latched already"
+                raise InvalidValue("events", str(event), f"{kind}; {remedy}")
             if isinstance(event, Latch):
                 client, joined = self._free, self._free.latch(self.plant, q, v, self._locked)
                 self._take(joined.robot)
