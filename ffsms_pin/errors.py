@@ -130,7 +130,7 @@ class InvalidUrdf(FfsmsError, ValueError):
     """
 
     def __init__(self, source: str | Path, problem: str) -> None:
-        super().__init__(f"{source}: {problem}")
+        super().__init__(f"{source}: {problem}" if str(source) else problem)  # a model may have no name
         self.source, self.problem = str(source), problem
 
 

@@ -148,8 +148,9 @@ class SpaceManipulator(ShapedMechanism):
         model = self.model.copy()
         if isinstance(inertias, pin.Model):
             if list(inertias.names) != list(model.names):
-                message = f"must be a model with the same joints as the robot: {', '.join(self.joint_names)}"
-                raise InvalidValue("inertias", list(inertias.names), message)
+                expected = ", ".join(list(model.names)[1:])
+                message = f"must be a model with the same joints as the robot, in its order ({expected})"
+                raise InvalidValue("inertias", list(inertias.names)[1:], message)
             inertias = list(inertias.inertias)[1:]
         elif isinstance(inertias, InertialEstimate):
             inertias = inertias.inertias

@@ -164,14 +164,17 @@ class _Source:
         low, high = compiler.inertiagrouprange
         for geom in [geom for geom in self._spec.geoms if geom.meshname == mesh.name]:
             body = geom.parent
-            from_geoms = compiler.inertiafromgeom == _FROM_GEOM
-            from_geoms |= compiler.inertiafromgeom == _AUTO and not body.explicitinertial
+            ignored = compiler.inertiafromgeom == _FROM_GEOM  # the <inertial> of a body
+            from_geoms = ignored or (compiler.inertiafromgeom == _AUTO and not body.explicitinertial)
             massless = geom.mass == 0.0 or (np.isnan(geom.mass) and geom.density == 0.0)
             if from_geoms and not massless and low <= geom.group <= high and body.name != "world":
                 message = (
                     f"the mesh '{mesh.file}' is missing, and the mass of body '{body.name}' depends on it"
                 )
-                raise InvalidUrdf(self.path, f"{message}; add the file, or an <inertial> to the body")
+                remedy = "add the file, or an <inertial> to the body"
+                if ignored:
+                    remedy += " and inertiafromgeom='auto' to <compiler>"
+                raise InvalidUrdf(self.path, f"{message}; {remedy}")
             self._spec.delete(geom)
         self._spec.delete(mesh)
 

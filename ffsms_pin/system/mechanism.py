@@ -73,7 +73,9 @@ class JointLayout:
 
     def __init__(self, model: Any) -> None:
         if model.njoints < 2 or (model.joints[1].nq, model.joints[1].nv) != (7, 6):
-            raise UnsupportedJoint(model.name, "the model's first joint is not a free-flyer")
+            message = "the model's first joint is not a free-flyer; build the model with"
+            remedy = "pinocchio.JointModelFreeFlyer() as its root joint, or put the arm on a satellite"
+            raise UnsupportedJoint(model.name, f"{message} {remedy}: ffsms_pin.mount")
         if not model.jointPlacements[1].isIdentity():
             message = (
                 "the free-flyer is not placed at the inertial origin; its placement must be the identity"
@@ -205,7 +207,7 @@ class RobotLimits:
                 raise InvalidValue(name, array, f"must be above zero, and at least {SMALLEST_POSITIVE:g}")
             object.__setattr__(self, field.name, frozen(array))
         for i in np.flatnonzero(self.lower >= self.upper):
-            message = "are in the wrong order: lower must be below upper"
+            message = "are equal or in the wrong order: lower must be below upper"
             raise InvalidValue(f"limits of joint {i + 1}", (self.lower.item(i), self.upper.item(i)), message)
 
     def __reduce__(self) -> tuple[Any, ...]:

@@ -80,7 +80,7 @@ def read_robot(path: Path) -> Element:
     except OSError as error:
         raise InvalidUrdf(path, f"cannot be read ({error.strerror})") from None
     except (ElementTree.ParseError, ValueError, LookupError) as error:
-        raise InvalidUrdf(path, f"is not an XML file ({error})") from None
+        raise InvalidUrdf(path, f"cannot be read as XML ({error})") from None
     if robot.tag != "robot":
         raise InvalidUrdf(path, f"is not a URDF: its root element is <{robot.tag}>, not <robot>")
     return robot
