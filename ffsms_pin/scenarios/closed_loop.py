@@ -475,12 +475,13 @@ def _recording_path(scenario: Scenario, folder: Path | None, allow_outside: bool
     name = scenario.guards.get("path")
     if name is None:
         return None
+    title = "the scenario's folder" if folder is None else "the results folder"
     folder = scenario.source.parent if folder is None else path_like("folder", folder)
     path: Path = folder / name
     if not allow_outside and not Path(os.path.realpath(path)).is_relative_to(os.path.realpath(folder)):
         raise InvalidScenario(
             scenario.source,
-            f"[guards] path = '{name}' lies outside the results folder {folder}: name a file below it, or "
+            f"[guards] path = '{name}' lies outside {title} {folder}: name a file below it, or "
             "allow it with allow_outside=True",
         )
     check_writable(path)

@@ -58,7 +58,7 @@ def compare(
         problem = scenario.problem(sms)
         left_out = {name: why for name in methods or METHODS if (why := lacking(problem, name))}
     for name in left_out if methods else ():  # reject a named method before any planning
-        raise InvalidValue("methods", name, f"{left_out[name]}; use 'horizon'")
+        raise InvalidValue("methods", name, f"contains '{name}', which {left_out[name]}; use 'horizon'")
     plans, times = {}, {}
     for method in (name for name in methods or METHODS if name not in left_out):
         started = time.perf_counter()

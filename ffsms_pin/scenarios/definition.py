@@ -72,7 +72,7 @@ class Scenario:
     def __getattr__(self, name: str) -> Any:
         tables = vars(self).get("tables", {})  # no tables while `copy.copy` makes the object
         if name not in tables:
-            raise AttributeError(f"'Scenario' has no table '{name}'", name=name, obj=self)
+            raise AttributeError(f"'Scenario' has no attribute or table '{name}'", name=name, obj=self)
         return tables[name]
 
     def __dir__(self) -> list[str]:
@@ -241,7 +241,7 @@ class Scenario:
             raise InvalidScenario(
                 self.source,
                 f"[{table}] {used} is in degrees, but the robot has prismatic joints ({', '.join(sliding)}): "
-                f"write {key} in radians and metres",
+                f"use the key '{key}', in radians and metres",
             )
         return np.full(sms.n, array if used == key else np.deg2rad(array))
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import re
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
@@ -53,10 +54,11 @@ def _called(title: str, part: Any, arguments: Mapping[str, Any]) -> Any:
         signature.bind(**arguments)
     except TypeError as error:
         known = ", ".join(name for name in signature.parameters if not name.startswith("_"))
-        raise FfsmsError(f"{title} rejects these keys: {error} (its keys: {known or 'none'})") from None
+        problem = re.sub(r"(keyword-only |keyword )?argument", "key", str(error))
+        raise FfsmsError(f"{title}: {problem} (its keys: {known or 'none'})") from None
     try:
         return part(**arguments)
     except FfsmsError as error:
         raise FfsmsError(f"{title}: {error}") from None
     except Exception as error:  # user code may raise any exception
-        raise FfsmsError(f"{title} rejects these values ({in_one_line(error)})") from error
+        raise FfsmsError(f"{title} rejects the values of its keys ({in_one_line(error)})") from error

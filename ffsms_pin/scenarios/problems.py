@@ -201,7 +201,8 @@ def _samples(scenario: Scenario, values: Mapping[str, Any]) -> PathSamples:
         raise InvalidScenario(scenario.source, f"{file} {error.problem}") from None
     for name in ("attitude", "faces"):
         if samples.attitudes is not None and name in values:
-            raise InvalidScenario(scenario.source, f"{file} has attitudes, and {name} too; keep one")
+            message = f"has columns of attitudes, and [path] has the key '{name}', too; leave the key out"
+            raise InvalidScenario(scenario.source, f"{file} {message}")
     return samples
 
 

@@ -207,7 +207,7 @@ def test_bad_files_of_points(tmp_path: Path, text: str, problem: str) -> None:
 
 def test_attitudes_of_a_file_and_of_the_table_exclude_each_other(tmp_path: Path) -> None:
     (tmp_path / "a.csv").write_text("x,y,z,qx,qy,qz,qw\n1,0,0,0,0,0,1\n1,1,1,0,0,0,1\n", encoding="utf-8")
-    with pytest.raises(InvalidScenario, match="has attitudes, and faces too; keep one"):
+    with pytest.raises(InvalidScenario, match="has columns of attitudes, and \\[path\\] has the key 'faces'"):
         goal_of(tmp_path, 'curve = "points"\nfile = "a.csv"\nfaces = "axis"\n')
 
 
