@@ -261,8 +261,9 @@ def _flow_error(limit: Inequality, problem: Problem, state: StepState, tolerance
         change = slope(partial(_ending, problem, state, unit), _STEP * state.dt)
         errors.append(float(np.abs(change - at.jump[:, j])[jumps].max()) / scale)
     if max(errors) > tolerance:
-        text = "are wrong: the slack's rate of change from its slopes differs from that of a short step by"
-        raise PartError(limit, "rows", f"{text} {max(errors):.3g} of the largest rate")
+        text = "are wrong: the rate of the slack from its slopes differs from its change in a short step by"
+        remedy = "of the largest rate; check the slopes of slack(m)"
+        raise PartError(limit, "rows", f"{text} {max(errors):.3g} {remedy}")
     return max(errors)
 
 

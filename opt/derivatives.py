@@ -209,7 +209,9 @@ class Variable(NDArrayOperatorsMixin):
         if isinstance(index, tuple) or index is None or index is Ellipsis:
             return np.asarray(self)[index]
         if self.value.ndim < 3:
-            raise InvalidValue("index", index, "must belong to a vector; this variable is a number")
+            raise InvalidValue(
+                "index", index, "must be left out, because this variable is a number, not a vector"
+            )
         return self._linear(lambda x: x[index])
 
     def _linear(self, mapping: Callable[[FloatArray], FloatArray]) -> Variable:
@@ -228,7 +230,10 @@ class Variable(NDArrayOperatorsMixin):
 
     def sum(self, axis: SupportsIndex | None = 0, **_: Any) -> Variable:
         """Return the sum of a vector's components, a number."""
-        if axis != 0 or self.value.ndim < 3:
+        if self.value.ndim < 3:
+            remedy = "has no components to sum, because this variable is a number; leave out sum()"
+            raise InvalidValue("axis", axis, remedy)
+        if axis != 0:
             raise InvalidValue("axis", axis, "must be 0, because only the components of a vector are summed")
         return self._linear(lambda x: x.sum(axis=0))
 

@@ -103,7 +103,7 @@ def checked_parts(name: str, parts: Any, kind: type[Any]) -> tuple[Any, ...]:
     names = [part.name for part in parts]
     if repeated := [name for name in names if names.count(name) > 1]:
         raise InvalidValue(
-            name, repeated[0], "must have one part of each name; set another `name` for your part"
+            name, repeated[0], "must have different names; set another `name` for one of the parts"
         )
     return tuple(parts)
 
@@ -147,8 +147,9 @@ def objective_of(term: Any, step: StepState) -> tuple[FloatArray, FloatArray] | 
     """Return the objective that a term adds to a step; raise `PartError` for wrong shapes."""
     objective: tuple[FloatArray, FloatArray] | None = evaluate(term, "step_objective", step)
     n = len(step.rates)
-    if objective is not None and [np.shape(array) for array in objective] != [(n, n), (n,)]:
-        raise PartError(term, "step_objective", f"must return arrays ({n}, {n}) and ({n},), or None")
+    if objective is not None and (shapes := [np.shape(array) for array in objective]) != [(n, n), (n,)]:
+        required = f"must return arrays of shapes ({n}, {n}) and ({n},), or None"
+        raise PartError(term, "step_objective", f"{required}; got {', '.join(map(str, shapes))}")
     return objective
 
 

@@ -204,15 +204,18 @@ class Problem:
         momentum = self.required_momentum if self.momentum is None else vector("momentum", self.momentum, 6)
         momentum = None if momentum is None or not momentum.any() else momentum
         if momentum is not None and (momentum != free_momentum(momentum, self.mode)).any():
-            zero = "have no angular part" if 0 in MODES[self.mode] else "be zero"
-            remedy = f"must {zero} in mode '{self.mode}', which holds the base"
+            free = MODES[self.mode]
+            part = "attitude" if 0 in free else "position" if free else "position and attitude"
+            zero = "have no angular part" if 0 in free else "be zero"
+            remedy = f"must {zero} in mode '{self.mode}', which holds the base's {part}"
             raise InvalidValue("momentum", momentum, remedy)
         set_field("momentum", None if momentum is None else frozen(momentum))
         wheels, spin_momenta = len(self.wheels or ()), self.wheel_momentum
         if spin_momenta is None or np.size(spin_momenta) == 0:
             spin_momenta = np.zeros(wheels)
         elif not wheels:
-            remedy = "must be left out: in this mode no wheels hold the attitude"
+            why = "the robot has none" if self.mode == "rotation-floating" else f"mode '{self.mode}'"
+            remedy = f"must be left out: no wheels hold the attitude ({why})"
             raise InvalidValue("wheel_momentum", spin_momenta, remedy)
         set_field("wheel_momentum", frozen(vector("wheel_momentum", spin_momenta, wheels, "N m s")))
         if self.base_start is not None:

@@ -71,7 +71,9 @@ class Clearance(Limit):
         set_frozen(self, obstacles=named("obstacles", self.obstacles))
         if self.payload is not None:
             if not isinstance(self.payload, tuple) or len(self.payload) != 2:
-                raise InvalidValue("payload", self.payload, "must be a coal shape and its pinocchio.SE3")
+                raise InvalidValue(
+                    "payload", self.payload, "must be a tuple of a coal shape and its pinocchio.SE3"
+                )
             shape, placed = self.payload
             set_frozen(self, payload=(convex_shape("payload[0]", shape), pose("payload[1]", placed)))
 

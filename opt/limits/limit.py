@@ -137,7 +137,7 @@ def prepared(limit: Limit, sms: SpaceManipulator) -> Limit:
         raise
     except Exception as error:
         raise PartError(limit, "for_robot", f"failed with {type(error).__name__}: {error}") from error
-    instance("limit.for_robot", made, Limit)
+    instance(f"{type(limit).__name__}.for_robot(sms)", made, Limit)
     return made
 
 

@@ -52,7 +52,7 @@ class PathTracker:
         assert isinstance(problem.goal, Path)
         if problem.goal.timing == "fastest" and problem.goal.law is None:
             remedy = (
-                "has no times yet; plan the motion first: plan = opt.solve(problem), and then "
+                "must be planned before re-planning: plan = opt.solve(problem), and then "
                 "opt.Replanning(plan.problem, plan=plan)"
             )
             raise InvalidValue("timing", problem.goal.timing, remedy)

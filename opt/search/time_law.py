@@ -115,7 +115,9 @@ def check_timing(problem: Problem) -> None:
     """Raise `InvalidValue` if the joint motion along a path depends on the speed."""
     path = problem.goal
     if problem.momentum is not None or problem.joint_rates.any():
-        remedy = 'is for robots without momentum that start at rest; give timing="given" for other robots'
+        remedy = (
+            'can be "fastest" only if the robot starts at rest, without momentum; else set timing="given"'
+        )
         raise InvalidValue("timing", path.timing, remedy)
 
 

@@ -351,7 +351,7 @@ OTHER = replace(_Door.goal, client=ffsms.Client(1.0, [1.0, 1.0, 1.0])).client
         ),
         (
             {"planning": capture.Planning(wheel_momentum=[1.0, 0.0, 0.0])},
-            ["wheel_momentum must be left out: in this mode no wheels hold the attitude"],
+            ["wheel_momentum must be left out: no wheels hold the attitude (mode 'floating')"],
         ),
         ({"planning": capture.Planning(locked=["elbow"])}, ["locked[0]", "panda_joint1", "got 'elbow'"]),
         (

@@ -89,7 +89,10 @@ def test_distances_count_as_exactly_as_they_are_measured() -> None:
         (lambda m: np.sqrt(m.tip[0] - 100.0), "returns NaN; it must be defined"),
         (lambda m: m.tip[0] / 0.0, "failed with ZeroDivisionError"),
         (lambda m: m.frame("nowhere"), "failed with FrameNotFound: no frame 'nowhere'"),
-        (lambda m: m.entropy[0], "failed with InvalidValue: index must belong to a vector"),
+        (
+            lambda m: m.entropy[0],
+            "failed with InvalidValue: index must be left out, because this variable is a number",
+        ),
     ],
 )
 def test_mistakes_are_named(

@@ -193,7 +193,7 @@ def test_a_part_without_slopes_is_refused_by_the_problem(
         (lambda m: opt.Variable(np.zeros((2, 5))), r"must return shape \(S, K\) = \(1, 17\) .* got \(2, 5\)"),
         (lambda m: np.zeros((2, 5)) + m.tip, "failed with ValueError: operands could not be broadcast"),
         (lambda m: m.nothing, "failed with AttributeError"),
-        (lambda m: m.entropy[0], "index must belong to a vector"),
+        (lambda m: m.entropy[0], "index must be left out, because this variable is a number"),
     ],
 )
 def test_mistakes_name_the_part(

@@ -93,8 +93,11 @@ MIRROR = pin.SE3(np.diag([1.0, 1.0, -1.0]), np.zeros(3))
         ({"terms": [opt.JointLimits()]}, ("terms", "opt.Term")),
         ({"terms": [opt.Coupling]}, ("terms", "opt.Term")),
         ({"limits": [opt.Coupling()]}, ("limits", "opt.Limit")),
-        ({"limits": [opt.JointLimits(), opt.JointLimits()]}, ("limits", "joints", "one part of each name")),
-        ({"terms": [opt.Effort(1.0), opt.Effort(2.0)]}, ("terms", "effort", "one part of each name")),
+        (
+            {"limits": [opt.JointLimits(), opt.JointLimits()]},
+            ("limits", "joints", "must have different names"),
+        ),
+        ({"terms": [opt.Effort(1.0), opt.Effort(2.0)]}, ("terms", "effort", "must have different names")),
         ({"joint_rates": [0.1, 0.2]}, ("joint_rates",)),
         ({"joint_rates": [0.1, 0.2, np.nan]}, ("joint_rates",)),
         ({"momentum": [1.0, 2.0]}, ("momentum",)),

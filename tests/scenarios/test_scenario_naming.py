@@ -42,7 +42,10 @@ def build(path: Path) -> None:
     ("text", "words"),
     [
         (MOUNT + "inertia = [1, 1, 9]\n", "[robot.mount] inertia violates the triangle inequality"),
-        (QUICK.replace("[start]", "locked = {elbow = 0.5}\n[start]"), "[robot] locked names no moving joint"),
+        (
+            QUICK.replace("[start]", "locked = {elbow = 0.5}\n[start]"),
+            "[robot] locked must name moving joints of the arm",
+        ),
         (QUICK.replace("[start]", "end_effector = 'tol'\n[start]"), "[robot] end_effector: no frame 'tol'"),
         (QUICK.replace('"planar_3r"', '"planar_4r"'), "[robot] model: no robot"),
         (QUICK + "[limits]\nlower = 2.0\n", "[limits] limits of joint 1"),

@@ -330,7 +330,7 @@ def test_a_corridor_that_is_handed_in_is_kept(planar: ffsms.SpaceManipulator) ->
     for one in (problem, problem.lasting(20.0), replace(replace(problem))):
         assert [limit.name for limit in one.limits].count("corridor") == 1
         assert [limit.name for limit in one.goal_limits] == ["corridor"]
-    with pytest.raises(InvalidValue, match="one part of each name"):
+    with pytest.raises(InvalidValue, match="must have different names"):
         opt.Problem(planar, q0, goal, DURATION, limits=limits)
 
 

@@ -106,5 +106,5 @@ def test_what_cannot_be_a_waypoint(planar: ffsms.SpaceManipulator, q0: Any) -> N
     for arguments in ways:
         with pytest.raises(InvalidValue):
             opt.Waypoint(*arguments)
-    with pytest.raises(InvalidValue, match="one part of each name"):
+    with pytest.raises(InvalidValue, match="must have different names"):
         problem_with(planar, q0, opt.Waypoint(GOAL), opt.Waypoint(GOAL))

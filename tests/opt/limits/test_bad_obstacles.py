@@ -63,7 +63,7 @@ def test_bad_lists_and_payloads() -> None:
         opt.Clearance(obstacles=[ball, ball])
     with pytest.raises(InvalidValue, match=r"sequence of opt\.Obstacle"):
         opt.Clearance(obstacles=ball)  # type: ignore[arg-type]
-    with pytest.raises(InvalidValue, match="payload must be a coal shape and its"):
+    with pytest.raises(InvalidValue, match="payload must be a tuple of a coal shape and its"):
         opt.Clearance(payload=coal.Sphere(0.1))
 
 

@@ -123,7 +123,7 @@ def test_fastest_path_needs_its_plan(planar: Any, q0: Any) -> None:
     begin = planar.at(q0).end_effector_pose.translation
     line = opt.Path([begin, begin + np.array([-0.05, 0.0, 0.0])], timing="fastest")
     problem = opt.Problem(planar, q0, line, DURATION)
-    with pytest.raises(InvalidValue, match="timing has no times yet"):
+    with pytest.raises(InvalidValue, match="timing must be planned before re-planning"):
         opt.Replanning(problem)
     plan = opt.solve(problem)
     assert plan.problem is not None
