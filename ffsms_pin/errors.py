@@ -262,7 +262,8 @@ class SimulationDiverged(FfsmsError, ArithmeticError):
         saved: str = "",
         what: str = "the simulated state is not finite after",
     ) -> None:
-        super().__init__(f"{what} t = {time:.6g} s; use a smaller dt or softer gains{saved and '; '}{saved}")
+        remedy = "use a smaller dt or softer gains, or correct a controller of your own"
+        super().__init__(f"{what} t = {time:.6g} s; {remedy}{saved and '; '}{saved}")
         self.time, self.tracking = time, tracking
 
 
