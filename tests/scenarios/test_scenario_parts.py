@@ -232,7 +232,10 @@ def test_nothing_is_imported_unless_allowed(folder: Path, capsys: pytest.Capture
         ),
         ('[[term]]\nuse = "my_parts:Loud"\n', ["module 'my_parts' has no Loud"]),
         ('[[term]]\nuse = "my_parts:answer"\n', ["is no subclass of opt.Term"]),
-        ('[[term]]\nuse = "my_parts:Quiet"\n', ["missing a required key: 'joint' (its keys: joint, weight)"]),
+        (
+            '[[term]]\nuse = "my_parts:Quiet"\n',
+            ["missing a required key: 'joint' (its keys: joint, weight, "],
+        ),
         (
             '[[term]]\nuse = "my_parts:Quiet"\njoint = 0\nweight = -1\n',
             ["a weight below zero"],
