@@ -224,7 +224,7 @@ def test_nothing_is_imported_unless_allowed(folder: Path, capsys: pytest.Capture
         ),
         ('[[term]]\nuse = "effort"\nwieght = 1\n', ["'wieght' in [[term]] 1", "did you mean 'weight'?"]),
         ('[[term]]\nuse = "effort"\nweight = -1\n', ["[[term]] 1 weight must be a finite number from 0 to"]),
-        ('[[term]]\nuse = "smooth"\n[[term]]\nuse = "smooth"\n', ["terms", "one part of each name"]),
+        ('[[term]]\nuse = "smooth"\n[[term]]\nuse = "smooth"\n', ["terms", "must have different names"]),
         ('[[term]]\nuse = "my_parts:"\n', ["must be written package.module:Class"]),
         (
             '[[term]]\nuse = "broken_parts:Quiet"\n',
