@@ -332,7 +332,7 @@ def rotation(name: str, value: Any) -> FloatArray:
     """Check a rotation matrix (3, 3) and return a copy; a reflection or a scaled matrix is rejected."""
     turn = matrix(name, value, 3, 3)
     if np.abs(turn.T @ turn - np.eye(3)).max() > 1e-6 or np.linalg.det(turn) < 0.0:
-        raise InvalidValue(name, value, "needs a rotation matrix, without scaling or reflection")
+        raise InvalidValue(name, value, "must have a rotation matrix, without scaling or reflection")
     return turn
 
 

@@ -85,7 +85,7 @@ def test_matrices_are_goals_of_many_plans(planar: ffsms.SpaceManipulator) -> Non
 
 @pytest.mark.parametrize(
     ("changed", "words"),
-    [((3, 3, 2.0), r"last row must be \[0, 0, 0, 1\]"), ((0, 0, 5.0), "needs a rotation matrix")],
+    [((3, 3, 2.0), r"last row must be \[0, 0, 0, 1\]"), ((0, 0, 5.0), "must have a rotation matrix")],
 )
 def test_a_matrix_that_is_no_pose_is_refused(
     planar: ffsms.SpaceManipulator, changed: tuple[int, int, float], words: str
