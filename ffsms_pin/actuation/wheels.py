@@ -35,7 +35,7 @@ def rows(name: str, value: ArrayLike, count: int | None = None) -> FloatArray:
         raise InvalidValue(name, value, "must be a list of rows of three numbers")
     array = matrix(name, table, length, 3)
     if count is not None and length != count:
-        raise InvalidValue(name, value, f"must have one row per thruster, {count}, but has {length}")
+        raise InvalidValue(name, value, f"must have {count} rows, one per thruster, but has {length}")
     return frozen(array)
 
 
