@@ -33,6 +33,8 @@ def path_samples(path: str | os.PathLike[str]) -> PathSamples:
     """
     try:
         text = read_content(path).decode("utf-8-sig")
+        if not text.strip():
+            raise ResultError(path, "is empty")
         table = np.atleast_1d(np.genfromtxt(io.StringIO(text), delimiter=",", names=True))
     except FileNotFoundError:
         raise ResultError(path, "does not exist") from None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pickle
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
@@ -11,8 +12,9 @@ import pytest
 
 import ffsms_pin as ffsms
 from ffsms_pin import opt
-from ffsms_pin.errors import FfsmsError, InvalidValue
+from ffsms_pin.errors import FfsmsError, InvalidValue, ResultError
 from ffsms_pin.opt.goals.curves import TimeLaw
+from ffsms_pin.opt.goals.path_files import path_samples
 
 AXES = pin.SE3(pin.utils.rotate("x", 0.4), np.array([0.1, 0.2, 0.3]))
 
@@ -71,3 +73,9 @@ def test_a_slower_law_covers_the_same_shares_later() -> None:
     law = TimeLaw(np.array([0.0, 1.0, 3.0]), np.array([0.0, 0.4, 1.0]), np.array([0.0, 0.5, 0.1]))
     t = np.linspace(0.0, 3.0, 13)
     np.testing.assert_allclose(law.slower(2.0)(2.0 * t), law(t), atol=1e-14)
+
+
+def test_an_empty_file_of_samples_is_reported(tmp_path: Path) -> None:
+    (tmp_path / "empty.csv").write_text(" \n")
+    with pytest.raises(ResultError, match=r"empty\.csv: is empty"):
+        path_samples(tmp_path / "empty.csv")
