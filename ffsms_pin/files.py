@@ -58,7 +58,8 @@ def path_like(name: str, value: Any) -> Path:
         if any(len(part) > _LONGEST_NAME for part in os.fsencode(path).split(b"/")):
             raise TypeError
     except (TypeError, UnicodeEncodeError):
-        raise InvalidValue(name, value, "must be a path") from None
+        expected = "must be a path: not empty, without null characters, and with names of at most 255 bytes"
+        raise InvalidValue(name, value, expected) from None
     return Path(path)
 
 
@@ -71,7 +72,9 @@ def wrap_os_error(path: str | os.PathLike[str], action: str = "written") -> Iter
         raise
     except OSError as error:
         missing = action == "read" and isinstance(error, FileNotFoundError)
-        problem = "there is no such file" if missing else f"cannot be {action} ({error.strerror or error})"
+        folderless = isinstance(error, FileNotFoundError) and not os.path.isdir(Path(path).parent)
+        reason = "its folder does not exist" if folderless else error.strerror or error
+        problem = "there is no such file" if missing else f"cannot be {action} ({reason})"
         raise ResultError(path, problem) from None
 
 
@@ -105,7 +108,7 @@ def read_json(path: str | os.PathLike[str]) -> dict[str, Any]:
         with wrap_os_error(path, "read"):
             content = json.loads(read_content(path))
     except (ValueError, RecursionError) as error:
-        raise ResultError(path, f"cannot be read ({error})") from None
+        raise ResultError(path, f"is not a JSON file ({error})") from None
     if not isinstance(content, dict):
         raise ResultError(path, "does not hold a JSON object")
     return content
@@ -147,7 +150,7 @@ def load_arrays(path: str | os.PathLike[str], kind: str, names: Sequence[str]) -
         raise ResultError(path, "is too large for this machine's memory") from None
     except Exception:  # zipfile, zlib and NumPy raise any type for a damaged archive
         table = path.suffix.lower() == ".csv"
-        remedy = "; ffsms_pin.export.read_csv(sms, path) reads a table" if table else ""
+        remedy = "; ffsms_pin.export.read_csv(sms, path) reads a table" if table else ", or is damaged"
         raise ResultError(path, f"is not an npz file of results{remedy}") from None
 
 
@@ -166,7 +169,8 @@ def _named_arrays(
     if _FORMAT_KEY not in sizes or str(arrays[_FORMAT_KEY]) != kind:
         raise ResultError(path, f"is not a {kind} file")
     if missing := [name for name in names if name not in sizes]:
-        raise ResultError(path, f"lacks {', '.join(missing)}; it was written by another version")
+        remedy = "it is from another version of ffsms-pin, so make it again with this version"
+        raise ResultError(path, f"lacks {', '.join(missing)}; {remedy}")
     return {name: arrays[name] for name in names}
 
 
@@ -215,7 +219,7 @@ def check_times(path: str | os.PathLike[str], t: NDArray[np.float64], least: int
     if len(t) < least:
         raise ResultError(path, f"holds {len(t)} instants in t where at least {least} are needed")
     if not (np.isfinite(t).all() and (np.diff(t) > 0.0).all()):
-        raise ResultError(path, "holds instants in t that do not increase")
+        raise ResultError(path, "holds instants in t that are not finite or do not increase")
 
 
 def numbers_by_name(path: str | os.PathLike[str], name: str, text: str, rows: bool = False) -> dict[str, Any]:

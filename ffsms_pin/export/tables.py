@@ -94,7 +94,8 @@ def to_dataframe(sms: SpaceManipulator, motion: Trajectory | Tracking) -> Any:
 def _columns(sms: SpaceManipulator, motion: Trajectory | Tracking) -> dict[str, Any]:
     """Return the columns (N + 1,) of a motion by name, with units in the names."""
     if motion.q.shape[1] != sms.nq:
-        raise InvalidValue("motion", motion.q.shape, f"must be of this robot, whose q has {sms.nq} entries")
+        expected = f"must be a motion of this robot, with q of shape (N, {sms.nq})"
+        raise InvalidValue("motion", motion.q.shape, expected)
     joints = np.stack([sms.joint_positions(q) for q in motion.q])
     columns: dict[str, FloatArray] = {TIME: motion.t}
     columns |= dict(zip(BASE, motion.q[:, :7].T, strict=True))
@@ -161,22 +162,25 @@ def _trajectory(
     for names in (MOMENTUM, wheels):
         if (present := [name for name in names if name in columns]) and len(present) < len(names):
             missing = next(name for name in names if name not in columns)
-            raise InvalidValue(source, present, f"must have a column '{missing}', too, or leave these out")
+            text = f"must have all columns '{names[0]}' to '{names[-1]}' or none, but lacks '{missing}'"
+            raise InvalidValue(source, present, text)
         required += present
     table = dict[str, FloatArray]()
     for name in required:
         try:
             table[name] = column = np.array(columns[name], dtype=np.float64)
         except ValueError as error:
-            raise InvalidValue(
-                f"{source}: column '{name}'", "a cell", f"must have numbers only ({error})"
-            ) from None
+            expected = f"must have numbers only ({error})"
+            raise InvalidValue(f"{source}: column '{name}'", columns[name], expected) from None
         if len(column) < 3 or not np.isfinite(column).all():
             raise InvalidValue(f"{source}: column '{name}'", column, "must be three or more finite numbers")
     t = table[TIME]
     steps = np.diff(t)
     if abs(t[0]) > 1e-9 or steps.min() <= 0.0 or np.ptp(steps) > 1e-6 * steps.mean():
-        raise InvalidValue(f"{source}: column '{TIME}'", t[:3], "must be equally spaced and start at 0")
+        k, usual = (0, 0.0) if abs(t[0]) > 1e-9 else _odd_step(steps)
+        step = f", but this row follows {t[k - 1]:.6g} s and the median step is {usual:.6g} s" if k else ""
+        text = f"must be equally spaced and start at 0{step}"
+        raise InvalidValue(f"{source}: line {k + 2}: column '{TIME}'", float(t[k]), text)
     q0 = sms.configuration([table[name][0] for name in positions])
     q0[:7] = [table[name][0] for name in BASE]
     rates = np.stack([table[name] for name in rate_names], axis=-1)
@@ -192,6 +196,12 @@ def _trajectory(
     motion = measure(problem, rates)
     _check_base(sms, motion, np.stack([table[name] for name in BASE], axis=-1), drift, source)
     return measure(replace(problem, goal=Position(motion.end_effector[-1])), rates)
+
+
+def _odd_step(steps: FloatArray) -> tuple[int, float]:
+    """Return the row after the step that differs most from the median, and the median [s]."""
+    usual = float(np.median(steps))
+    return int(np.argmax(np.abs(steps - usual))) + 1, usual
 
 
 def _checked_joints(

@@ -14,7 +14,7 @@ import pinocchio as pin
 
 from ffsms_pin.errors import FfsmsWarning, ResultError
 from ffsms_pin.export.links import NO_LIMIT, Links, joint_axes, triangles
-from ffsms_pin.files import LARGEST_DATA, path_like, read_content, write_content
+from ffsms_pin.files import LARGEST_DATA, path_like, read_content, wrap_os_error, write_content
 from ffsms_pin.geometry.shapes import ShapeKind
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.system.urdf_elements import add_inertial, add_origin, spelt
@@ -117,11 +117,16 @@ class _Meshes:
     def write(self) -> None:
         """Write all meshes."""
         for name, content in self._files.items():
-            try:
+            if self._folder.is_file():
+                problem = "is a file, but the meshes need a folder of this name; rename or delete the file"
+                raise ResultError(self._folder, problem)
+            with wrap_os_error(self._folder):
                 self._folder.mkdir(exist_ok=True)
+            try:
                 raw = content if isinstance(content, bytes) else read_content(content, LARGEST_DATA)
             except OSError as error:
-                raise ResultError(self._folder, f"cannot be written: {name} ({error.strerror})") from None
+                problem = f"cannot be written, because the mesh {content} cannot be read ({error.strerror})"
+                raise ResultError(self._folder / name, problem) from None
             write_content(self._folder / name, raw)
 
 
