@@ -121,7 +121,8 @@ def _unknown(known: Known, name: str, spread: float) -> UnknownBody:
         body = known.payload if added else sms.model.inertias[index + 1]
         believed = np.array(body.toDynamicParameters())
         if not believed[0] > 0.0:
-            raise InvalidValue("unknown", name, "must have mass, but its mass in the model is zero")
+            text = "names a body without mass in the model; give its prior mass and inertia with known="
+            raise InvalidValue("unknown", name, text)
         about_origin = float(believed[4] + believed[6] + believed[9])
         deviation = spread * _scales(believed[0], math.sqrt(about_origin / 2.0 / believed[0]))
     free = np.ones(PER_BODY, dtype=bool)

@@ -75,8 +75,9 @@ def recording_of(
     """Return a checked recording, from a `Tracking` or from arrays (t, q, v[, tau])."""
     one_of("base_velocity", base_velocity, BASE_VELOCITIES)
     if (tracking is None) == (recording is None):
-        expected = "must be left out with a Tracking and given without one (one of the two, not both)"
-        raise InvalidValue("recording", recording, expected)
+        neither = "must be given as (t, q, v) or (t, q, v, tau), because no tracking is given"
+        both = "must be left out, because a tracking is given (one of the two, not both)"
+        raise InvalidValue("recording", recording, neither if tracking is None else both)
     if tracking is None:
         made = _of_arrays(sms, recording, wheel_momentum)
     else:
@@ -148,10 +149,11 @@ def _of_arrays(sms: SpaceManipulator, recording: Any, wheel_momentum: Any) -> Re
     names = ("t", "q", "v", "tau")
     arrays = [reals(f"recording {name}", value) for name, value in zip(names, recording, strict=False)]
     t, q, v, *torque = arrays
+    if t.ndim != 1:
+        raise InvalidValue("recording t", t, f"must have shape (N,) but has {t.shape}")
     shapes: list[tuple[str, FloatArray, tuple[int, ...]]] = [
-        ("t", t, (len(t) if t.ndim else 0,)),
-        ("q", q, (len(t) if t.ndim else 0, sms.nq)),
-        ("v", v, (len(t) if t.ndim else 0, sms.nv)),
+        ("q", q, (len(t), sms.nq)),
+        ("v", v, (len(t), sms.nv)),
     ]
     if wheel_momentum is not None:
         if sms.wheels is None:
@@ -185,7 +187,8 @@ def _check_times(t: FloatArray) -> None:
     steps = np.diff(t)
     if not (steps > 0.0).all():
         k = int(np.argmin(steps))
-        raise InvalidValue("recording t", float(t[k + 1]), f"must increase, but follows {t[k]:.6g} s")
+        text = f"must increase, but row {k + 1} follows {t[k]:.6g} s"
+        raise InvalidValue("recording t", float(t[k + 1]), text)
     usual = float(np.percentile(steps, _USUAL))
     if (longest := float(steps.max())) > _GAP * usual:
         k = int(np.argmax(steps))
@@ -234,7 +237,8 @@ def _check_axes(sms: SpaceManipulator, recording: Recording, base_velocity: str)
         return
     if best != base_velocity:
         remedies.append(f'set base_velocity="{best}", {BASE_VELOCITIES[best]}')
-    text = f"does not agree with the base's positions in these axes and order; {' and '.join(remedies)}"
+    stated = f'base_velocity="{base_velocity}" and quaternions (x, y, z, w)'
+    text = f"does not agree with the base's poses in q for {stated}; {' and '.join(remedies)}"
     raise InvalidValue("recording v", base_velocity, text)
 
 
@@ -248,6 +252,7 @@ def _disagreement(sms: SpaceManipulator, recording: Recording) -> float:
 def _check_agreement(sms: SpaceManipulator, recording: Recording) -> None:
     """Check that positions and integrated velocities agree, channel by channel."""
     t, names = recording.t, _channels(sms)
+    turns = [*[False] * 3, *[True] * 3, *sms.layout.turns]
     moved, integrated, noise = _windows(sms, recording)
     for c, name in enumerate(names):
         D, size = moved[:, c], float(np.sqrt(np.mean(moved[:, c] ** 2)))
@@ -266,9 +271,9 @@ def _check_agreement(sms: SpaceManipulator, recording: Recording) -> None:
             )
         scale = float(expected @ D) / max(float(expected @ expected), 1e-300)
         for factor, text in ((_DEGREES, "positions"), (1.0 / _DEGREES, "velocities")):
-            if 0.8 < scale / factor < 1.25:
-                problem = f"has {text} of {name} in degrees, judging by their ratio; np.radians"
-                raise InvalidValue("recording", scale, f"{problem} converts them")
+            if turns[c] and 0.8 < scale / factor < 1.25:
+                problem = f"has {text} of {name} in degrees, judging by the ratio of changes in q to"
+                raise InvalidValue("recording", scale, f"{problem} integrals of v; np.radians converts them")
         off = float(np.sqrt(np.mean((D - expected) ** 2)))
         if off > _AGREES * max(size, other) + _NOISE * noise[c]:
             problem = f"has positions and integrated velocities of {name} that differ by"
@@ -300,8 +305,8 @@ def _check_size(sms: SpaceManipulator, recording: Recording) -> None:
         raise InvalidValue("recording v", 0.0, f"{text} v[:, :3] = np.nan")
     ratio = float(np.sum(measured * expected)) / max(size, 1e-300)
     if 1e3 / _MILLI < ratio < 1e3 * _MILLI:
-        text = "has positions and velocities of the base in millimetres, judging by the momentum;"
-        raise InvalidValue("recording v", ratio, f"{text} multiply them by 1e-3")
+        text = "has velocities of the base in mm/s, judging by the momentum; multiply them by 1e-3, and also"
+        raise InvalidValue("recording v", ratio, f"{text} positions in millimetres")
 
 
 def _frozen(D: FloatArray, expected: FloatArray, noise: float) -> int | None:
