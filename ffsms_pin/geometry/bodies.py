@@ -108,9 +108,9 @@ class BodyStack(ClearanceStack):
             by_carrier = {body.carrier: body for body in own}
             self._take([(by_carrier[a], by_carrier[b]) for a, b in body_pairs(sms, list(by_carrier))])
             if not self.names:
-                count = sum(len(body.whole) for body in own)
-                message = "must have at least one pair of bodies that a joint does not connect"
-                raise InvalidValue("the collision shapes", count, message)
+                message = "must belong to at least two bodies that no joint connects, or set collision="
+                message += '"points" or "off"'
+                raise InvalidValue("the collision shapes", [body.name for body in own], message)
             self.largest = self._judged(clearance)
         self.reaches = self._parts.reaches
 

@@ -172,7 +172,7 @@ def convex_shape(name: str, shape: Any) -> Any:
     shape.computeLocalAABB()
     size = float(np.linalg.norm(np.array(shape.aabb_local.max_) - np.array(shape.aabb_local.min_)))
     if not 0.0 < size < LARGEST:
-        raise InvalidValue(name, size, "must have a size [m] that is finite and above zero")
+        raise InvalidValue(name, size, f"must have a size above zero and below {LARGEST:g} m")
     return shape
 
 

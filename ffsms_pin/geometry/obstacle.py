@@ -221,7 +221,7 @@ class Obstacle:
         positions, rotations = (np.asarray(array, dtype=np.float64) for array in self.on.poses(times))
         if positions.shape != (count, 3) or rotations.shape != (count, 3, 3):
             message = f"must return arrays of shapes ({count}, 3) and ({count}, 3, 3) for {count} times"
-            raise InvalidValue("obstacle.on", (positions.shape, rotations.shape), message)
+            raise InvalidValue("obstacle.on.poses(times)", (positions.shape, rotations.shape), message)
         return positions + rotations @ own.translation, rotations @ own.rotation
 
     def at(self, time: float, base: Any = None) -> Any:

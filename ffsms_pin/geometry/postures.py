@@ -28,9 +28,11 @@ def clear_postures(sms: ShapedMechanism, count: int, seed: int, clearance: float
     low, high = np.maximum(sms.limits.lower, -turn), np.minimum(sms.limits.upper, turn)
     wrong = ~(np.isfinite(low) & np.isfinite(high) & (low < high))
     if wrong.any():
-        name = sms.joint_names[int(np.argmax(wrong))]
-        message = "must be finite, or for a revolute joint include positions within half a turn of zero"
-        raise InvalidValue("limits", name, message)
+        i = int(np.argmax(wrong))
+        revolute = "must allow a range of positions within [-pi, pi] rad"
+        message = revolute if sms.layout.turns[i] else "must be finite, the lower limit below the upper limit"
+        given = float(sms.limits.lower[i]), float(sms.limits.upper[i])
+        raise InvalidValue(f"the position limits of joint '{sms.joint_names[i]}'", given, message)
     middle, half = 0.5 * (low + high), 0.5 * share * (high - low)
     rng, stack = np.random.default_rng(seed), clearance_stack(sms, "auto", clearance)
     clear: list[FloatArray] = []

@@ -140,7 +140,8 @@ class Description(ShapeSource):
         try:
             check_readable(path, LARGEST_DATA)
         except OSError as error:
-            raise GeometryError(f"{self.path}: the mesh '{name}': {error.strerror}") from None
+            problem = f"the mesh '{name}' cannot be read ({error.strerror})"
+            raise GeometryError(f"{self.path}: {problem}") from None
         mesh.set("filename", str(path))
         return True
 
