@@ -246,7 +246,7 @@ def values_per_joint(kind: Kind) -> Either:
 
 
 _POSITIVE, _THREE = Real(SMALLEST_POSITIVE), List(Real(), 3)
-_SPAN = Only(List(Real(), 2), lambda span: span[1] > span[0], "must be pairs of a start and a later end")
+_SPAN = Only(List(Real(), 2), lambda span: span[1] > span[0], "must be a pair of a start and a later end")
 _SQUARE = Only(
     List(List(Real()), what="rows"),
     lambda rows: all(len(row) == len(rows) for row in rows),

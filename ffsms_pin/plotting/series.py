@@ -218,9 +218,10 @@ def plot_error_bands(
 
 
 def _common_time(runs: Sequence[Tracking]) -> FloatArray:
-    for run in runs:
+    for k, run in enumerate(runs):
         if run.t.shape != runs[0].t.shape or not np.allclose(run.t, runs[0].t):
-            raise InvalidValue("runs", len(run.t), "must all have the same instants")
+            text = f"must all have the same instants t, but runs[{k}] differs from runs[0]"
+            raise InvalidValue("runs", run.t, text)
     return runs[0].t
 
 
@@ -414,7 +415,7 @@ def plot_torques(
     By default no limits are drawn, because distant limits would flatten the curves.
     """
     if limits is not None and not (isinstance(limits, np.ndarray) and limits.shape == (sms.n,)):
-        raise InvalidValue("limits", limits, f"must be an array of shape ({sms.n},) [N m or N]")
+        raise InvalidValue("limits", limits, f"must be a NumPy array of shape ({sms.n},) [N m or N]")
     label, drawn = "joint torque [{}]", () if limits is None else (-limits, limits)
     made = [Series(tracking.t[: len(tracking.tau)], tracking.tau)]
     return _plot_joints(sms, ax, made, label, drawn, ("N m", "N"), steps=True)
