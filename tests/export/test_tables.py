@@ -169,7 +169,12 @@ def _changed(path: Path, column: str, line: int, value: str | None) -> None:
         ("joint_2.rate [rad/s]", 9, "0.1", r"line 9 .*'joint_2.position"),
         ("base.x [m]", 40, "0.5", r"line 40 \(t = 0.38 s\): base contradicts.*momentum"),
         ("momentum.x [kg m/s]", 2, "0.0", r"base contradicts .* rad \(t = 6 s\)"),
-        ("momentum.y [kg m/s]", 0, None, r"must have all columns .* or none, but lacks 'momentum.y \[kg m/s\]'"),
+        (
+            "momentum.y [kg m/s]",
+            0,
+            None,
+            r"must have all columns .* or none, but lacks 'momentum.y \[kg m/s\]'",
+        ),
     ],
 )
 def test_a_table_that_contradicts_itself_is_refused_with_its_line(
