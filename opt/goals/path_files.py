@@ -33,15 +33,17 @@ def path_samples(path: str | os.PathLike[str]) -> PathSamples:
     """
     try:
         text = read_content(path).decode("utf-8-sig")
-        if not text.strip():
-            raise ResultError(path, "is empty")
-        table = np.atleast_1d(np.genfromtxt(io.StringIO(text), delimiter=",", names=True))
+        table = None
+        if text.strip():
+            table = np.atleast_1d(np.genfromtxt(io.StringIO(text), delimiter=",", names=True))
     except FileNotFoundError:
         raise ResultError(path, "does not exist") from None
     except OSError as error:
         raise ResultError(path, f"cannot be read ({error.strerror})") from None
     except ValueError as error:
         raise ResultError(path, f"cannot be read ({' '.join(str(error).split())})") from None
+    if table is None:
+        raise ResultError(path, "is empty")
     names = set(table.dtype.names or ())
     turned = len(names.intersection(_ATTITUDE))
     if names - {"t", *_POSITION, *_ATTITUDE} or set(_POSITION) - names or turned in (1, 2, 3):
