@@ -79,7 +79,7 @@ class Verdict:
     frame_errors : dict of str to ndarray, shape (K, 2)
         Distance [m] and angle [rad] from each `opt.FrameGoal`, by the name of the frame.
     clearance : LeastClearance or None
-        The least distance within the robot and to obstacles; None if no clearance is required.
+        The distance that is least compared with the required clearance; None if no clearance is required.
     """
 
     misses: tuple[str, ...] = ()

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure, FigureBase
 from matplotlib.textpath import TextPath
 from matplotlib.ticker import ScalarFormatter
 
-# The colours of Okabe and Ito, ordered so that neighbours also differ in lightness.
+# The colours of Okabe and Ito, ordered by lightness, black last.
 _COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#000000")
 _DASHES: tuple[Any, ...] = ("-", (0, (6, 2)), (0, (5, 1.5, 1, 1.5)), (0, (2, 1)), (0, (8, 1.5, 2, 1.5)))
 ACCENT, NEUTRAL = "#0072B2", "#555555"
