@@ -36,7 +36,7 @@ class Controller(Protocol):
 
 @runtime_checkable
 class CompensatesFriction(Protocol):
-    """A controller with the attribute `friction_torque`, the part of its last torque against friction [N m]."""
+    """A controller with the attribute `friction_torque`, the part of its last torque for friction [N m]."""
 
     friction_torque: FloatArray
 
