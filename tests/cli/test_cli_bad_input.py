@@ -50,7 +50,7 @@ def fails(
         ("[23.0, 40.0, -29.0]", "[23.0, 40.0]", ["[start] joints_deg", "3 joints", "got 2"]),
         ("[23.0, 40.0, -29.0]", "[99.0, 40.0, -29.0]", ["joint_1", "99 deg", "[-81, 81] deg"]),
         ("planar_3r", "planar_4r", ["planar_4r", "packaged: "]),
-        ("planar_3r", "quick.toml", ["quick.toml", "not an XML file"]),
+        ("planar_3r", "quick.toml", ["quick.toml", "cannot be read as XML"]),
         ('"planar_3r"', '"planar_3r"\nend_effector = "hand"', ["no frame 'hand'", "end_effector"]),
         ("[control]", "[control]\nK_s = [1, 2]", ["quick.toml", "K_s", "(3, 3)"]),
         ("[control]", "[limits]\nupper_deg = -99\n[control]", ["joint 1", "wrong order"]),

@@ -156,7 +156,7 @@ BAD = {
     'curve = "points"\npoints = [[0, 0, 0], [0.1, 0, 0]]\ntimes = [0.0]\n': "[path] times must have shape",
     'curve = "circle"\nradius = 0.1\nframe = "client"\n': '[path] frame = "client" needs a table [client]',
     'curve = "circle"\nradius = 0.1\nfaces = "axis"\nattitude = [0, 0, 0]\n': "keep one",
-    'curve = "line"\nend = [0.1, 0, 0]\nfaces = "axis"\n': "[path] faces requires a curve",
+    'curve = "line"\nend = [0.1, 0, 0]\nfaces = "axis"\n': "[path] faces needs a curve that never meets",
     'curve = "circle"\nradius = 0.1\nfree_axis = [0, 0, 1]\n': "[path] free_axis must be left out of a path",
     'curve = "circle"\nradius = 0.1\nfaces = "axis"\nfree_axis = [0, 0, 0]\n': "free_axis must not be zero",
     'curve = "circle"\nradius = 0.1\norientation_reach_deg = 1.0\n': "orientation_reach needs attitude",
@@ -192,10 +192,13 @@ def test_terms_are_for_whole_motions(tmp_path: Path) -> None:
     [
         ("x,y\n0,0\n1,1\n", "must have columns x, y, z"),
         ("x,y,z,qx\n0,0,0,1\n1,1,1,1\n", "and may have t and qx, qy, qz, qw"),
-        ("x,y,z\n0,0,0\n1,one,1\n", "y of row 2 is not a finite number"),
+        ("x,y,z\n0,0,0\n1,one,1\n", "y of row 2 below the column names is not a finite number"),
         ("x,y,z\n0,0,0\n1,1\n", r"cannot be read \(.*Line #3 \(got 2 columns instead of 3\)"),
         ("x,y,z\n0,0,0\n", "must have at least two samples"),
-        ("x,y,z,qx,qy,qz,qw\n0,0,0,0,0,0,1\n1,1,1,0,0,0,0\n", "the quaternion of row 2 is zero"),
+        (
+            "x,y,z,qx,qy,qz,qw\n0,0,0,0,0,0,1\n1,1,1,0,0,0,0\n",
+            "the quaternion of row 2 below the column names is zero",
+        ),
     ],
 )
 def test_bad_files_of_points(tmp_path: Path, text: str, problem: str) -> None:

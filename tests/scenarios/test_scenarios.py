@@ -162,7 +162,9 @@ def test_degrees_are_refused_for_a_joint_that_slides(tmp_path: Path) -> None:
     write(tmp_path, SLIDER, "slider.urdf")
     text = QUICK.replace("planar_3r", "slider.urdf").replace("[23.0, 40.0, -29.0]", "[23.0, 0.5]")
     case = scenario(write(tmp_path, text))
-    with pytest.raises(InvalidScenario, match=r"in degrees, but .* prismatic joints \(slide\): write joints"):
+    with pytest.raises(
+        InvalidScenario, match=r"in degrees, but .* prismatic joints \(slide\): use the key 'joints'"
+    ):
         case.start_configuration(case.load())
 
 

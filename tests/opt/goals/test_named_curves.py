@@ -62,7 +62,10 @@ def test_a_path_along_a_curve_needs_no_parameter(planar: ffsms.SpaceManipulator)
             'faces must be "axis" or "centre"',
         ),
         (lambda: opt.Circle(0.1, faces="axis", attitude=np.eye(3)), "faces and attitude both"),
-        (lambda: opt.Line([0.1, 0.0, 0.0], faces="axis")(0.0), "faces requires a curve"),
+        (
+            lambda: opt.Line([0.1, 0.0, 0.0], faces="axis")(0.0),
+            "faces needs a curve that never meets the axis",
+        ),
     ],
 )
 def test_refusals(make: Callable[[], object], words: str, refused: Callable[..., FfsmsError]) -> None:
