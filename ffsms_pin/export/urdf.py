@@ -125,7 +125,7 @@ class _Meshes:
             try:
                 raw = content if isinstance(content, bytes) else read_content(content, LARGEST_DATA)
             except OSError as error:
-                problem = f"cannot be written, because the mesh {content} cannot be read ({error.strerror})"
+                problem = f"cannot be written, because the mesh {content!s} cannot be read ({error.strerror})"
                 raise ResultError(self._folder / name, problem) from None
             write_content(self._folder / name, raw)
 
