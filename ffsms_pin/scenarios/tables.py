@@ -87,7 +87,7 @@ class PlaceTable(FileKeys):
     """desired attitude of the frame: roll, pitch and yaw about the axes of `relative_to`"""
     relative_to: Annotated[Literal["inertial", "base", "start"], Unit()] = "inertial"
     """axes of `position` and `rpy`: "inertial"; "base" (the base link's frame at the start of the motion); or
-    "start" (the goal's own frame at the start). The desired pose does not move with the base"""
+    "start" (the pose of the goal's frame at the start). The desired pose does not move with the base"""
 
 
 class TargetTable(PlaceTable):

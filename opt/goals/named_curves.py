@@ -27,8 +27,8 @@ class CurvePlacement:
     """The constant rotation (3, 3) of the end effector in the curve's axes. Default: the curve has positions
     only, unless `faces` is set."""
     faces: Annotated[Literal["axis", "centre"] | None, Unit("", "nothing")] = None
-    """The point to which `tool_axis` is directed along the curve: "axis", the nearest point of the curve's z
-    axis; "centre", the origin of the curve's axes."""
+    """The point to which the tool's axis is directed along the curve: "axis", the nearest point of the
+    curve's z axis; "centre", the origin of the curve's axes."""
     tool_axis: Any = (0.0, 0.0, 1.0)
     """The direction (3,) in the axes of the end-effector frame for `faces`."""
 

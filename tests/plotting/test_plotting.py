@@ -231,4 +231,6 @@ def test_runs_of_different_length_are_drawn_side_by_side(outcome: Outcome) -> No
     early = whole.between(0.0, 0.5 * float(whole.t[-1]))
     for first, second in ((whole, early), (early, whole)):
         ax = plotting.plot_tracked_position_error(first, open_loop=second)
-        assert max(np.asarray(curve.get_xdata()).max() for curve in ax.get_lines()) == pytest.approx(whole.t[-1])
+        assert max(np.asarray(curve.get_xdata()).max() for curve in ax.get_lines()) == pytest.approx(
+            whole.t[-1]
+        )
