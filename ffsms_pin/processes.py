@@ -93,6 +93,7 @@ def _in_pool(
             for future in [pool.submit(attempt, chunk) for chunk in chunks]:
                 yield future.result()
         except BrokenProcessPool:
+            _stop_sending(pool)
             raise TaskError(
                 "a worker process died, because memory ran out, or because the script calls this function "
                 "without `if __name__ == '__main__':` (not needed with jobs=1)"
@@ -102,7 +103,16 @@ def _in_pool(
         except BaseException:  # such as Ctrl-C, which must not wait for running tasks
             for process in pool._processes.values():
                 process.kill()
+            _stop_sending(pool)
             raise
+
+
+def _stop_sending(pool: Any) -> None:
+    """Close the queue of tasks: until Python 3.12 a thread waits forever to send tasks that no process reads.
+
+    Source: CPython, issue gh-94777.
+    """
+    pool._call_queue._reader.close()
 
 
 def _begin() -> None:

@@ -281,3 +281,20 @@ def test_a_script_that_ends_early_leaves_no_process(tmp_path: Path, sent: str) -
         return False
 
     assert waited(gone, 5.0), "workers outlived their parent"
+
+
+@pytest.mark.slow
+def test_a_worker_that_dies_with_many_tasks_left_ends_in_an_error(tmp_path: Path) -> None:
+    """The tasks that no process reads any more must not block the end of the script."""
+    script = tmp_path / "script.py"
+    script.write_text(
+        "import os\n"
+        "from ffsms_pin.errors import TaskError\n"
+        "from ffsms_pin.processes import map_in_processes\n"
+        "def die(task):\n    os._exit(1)\n"
+        'if __name__ == "__main__":\n'
+        "    try:\n        map_in_processes(die, ['x' * 10_000] * 1000, jobs=2)\n"
+        "    except TaskError as error:\n        print('died' in str(error))\n"
+    )
+    done = subprocess.run([sys.executable, script], capture_output=True, text=True, timeout=60, check=False)
+    assert done.stdout == "True\n", done.stderr
