@@ -293,7 +293,7 @@ def test_a_worker_that_dies_with_many_tasks_left_ends_in_an_error(tmp_path: Path
         "from ffsms_pin.processes import map_in_processes\n"
         "def die(task):\n    os._exit(1)\n"
         'if __name__ == "__main__":\n'
-        "    try:\n        map_in_processes(die, ['x' * 10_000] * 1000, jobs=2)\n"
+        "    try:\n        map_in_processes(die, [bytes(50_000 + i) for i in range(300)], jobs=2)\n"
         "    except TaskError as error:\n        print('died' in str(error))\n"
     )
     done = subprocess.run([sys.executable, script], capture_output=True, text=True, timeout=60, check=False)
