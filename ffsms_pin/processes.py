@@ -12,7 +12,7 @@ from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from copy import deepcopy
 from functools import partial
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
 from ffsms_pin.checks import optional_callable, whole
 from ffsms_pin.errors import TaskError, TasksFailed
@@ -89,11 +89,14 @@ def _in_pool(
     context = multiprocessing.get_context("forkserver")
     context.set_forkserver_preload(["ffsms_pin.opt", "ffsms_pin.simulation"])
     with ProcessPoolExecutor(jobs, context, _begin) as pool:
+        # If workers die while tasks wait, old versions of Python 3.11 would wait forever for the thread that
+        # sends tasks (CPython, issue gh-94777).
+        queues = cast(Any, pool)
+        queues._call_queue.cancel_join_thread()
         try:
             for future in [pool.submit(attempt, chunk) for chunk in chunks]:
                 yield future.result()
         except BrokenProcessPool:
-            _stop_sending(pool)
             raise TaskError(
                 "a worker process died, because memory ran out, or because the script calls this function "
                 "without `if __name__ == '__main__':` (not needed with jobs=1)"
@@ -103,16 +106,9 @@ def _in_pool(
         except BaseException:  # such as Ctrl-C, which must not wait for running tasks
             for process in pool._processes.values():
                 process.kill()
-            _stop_sending(pool)
+            # Otherwise the pool waits forever for the rest of a result that a killed process has sent in part.
+            queues._result_queue._writer.close()
             raise
-
-
-def _stop_sending(pool: Any) -> None:
-    """Close the queue of tasks: until Python 3.12 a thread waits forever to send tasks that no process reads.
-
-    Source: CPython, issue gh-94777.
-    """
-    pool._call_queue._reader.close()
 
 
 def _begin() -> None:
