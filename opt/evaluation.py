@@ -154,8 +154,10 @@ def objective_of(term: Any, step: StepState) -> tuple[FloatArray, FloatArray] | 
 
 
 def violation_of(limit: Any, motion: Rollouts, method: str = "violation") -> Violation:
-    """Return the violation of a limit; the method for recordings is "violation_in_flight"."""
+    """Return the violation of a limit, with a note; the method for recordings is "violation_in_flight"."""
     violation: Violation = evaluate(limit, method, motion)
+    if violation.amount > 0.0 and not violation.note:
+        return violation._replace(note=f"the limit '{limit.name}' is violated by {violation.amount:.3g}")
     return violation
 
 

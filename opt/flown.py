@@ -235,7 +235,7 @@ def limit_misses(problem: Problem, limits: Sequence[Limit], motion: RecordedRoll
         limit = limit if robot is problem.sms else prepared(limit, robot)
         violation = violation_of(limit, motion, "violation_in_flight")
         if violation.amount > 0.0:
-            misses.append(violation.note or f"the limit '{limit.name}' is violated by {violation.amount:.3g}")
+            misses.append(violation.note)
     return misses
 
 

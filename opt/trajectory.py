@@ -328,10 +328,7 @@ def measure(problem: Problem, rates: FloatArray, note: str = "") -> Trajectory:
     if path is not None and path.excess > 0.0 and "path" not in broken:
         broken["path"] = path.excess
         note = f"{note}; {path.note}" if note else path.note
-    notes = [note, at_goal.misses or at_goal.late]
-    for name, violation in violations:
-        plain = f"the limit '{name}' is violated by {violation.amount:.3g}" if violation.amount > 0.0 else ""
-        notes.append(violation.note or plain)
+    notes = [note, at_goal.misses or at_goal.late, *(violation.note for _, violation in violations)]
     notes += [
         f"the cost of the term '{name}' is not a number" for name, share in shares.items() if share != share
     ]
