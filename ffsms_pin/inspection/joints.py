@@ -24,7 +24,13 @@ from ffsms_pin.system.urdf_elements import (
     tensor_of,
     triple_of,
 )
-from ffsms_pin.system.urdf_file import chain_text, light_base, unused_declarations, virtual_base
+from ffsms_pin.system.urdf_file import (
+    chain_text,
+    followed_joint,
+    light_base,
+    unused_declarations,
+    virtual_base,
+)
 
 
 def name_faults(robot: ElementTree.Element, settings: Settings) -> Iterator[Fault]:
@@ -176,16 +182,11 @@ def _turn_freely(joint: ElementTree.Element, limit: ElementTree.Element) -> None
 def _mimic_fault(
     robot: ElementTree.Element, joint: ElementTree.Element, mimic: ElementTree.Element, where: str
 ) -> Fault:
-    # `load` locks a joint that mimics an existing joint, unless the joints mimic each other in a loop.
-    leaders = {
-        other.get("name", ""): None if (own := other.find("mimic")) is None else own.get("joint", "")
-        for other in robot.findall("joint")
-    }
-    seen, leader = set[str](), joint.get("name", "")
-    while (follows := leaders.get(leader)) is not None and leader not in seen:
-        seen.add(leader)
-        leader = follows
-    blocks = leader in seen or leader not in leaders
+    joints = {other.get("name", ""): other for other in robot.findall("joint")}
+    moving = {name: other for name, other in joints.items() if other.get("type") in MOVING}
+    name = joint.get("name", "")
+    leader = followed_joint(moving, name)[0]  # `load` locks a joint that follows another joint
+    blocks = leader == name or leader not in joints
     problem = f"it mimics '{mimic.get('joint', '')}', which is not supported"
     if _axis_length(joint) <= 1e-9:
         return Fault(where, problem, True)

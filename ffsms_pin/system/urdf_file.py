@@ -83,7 +83,7 @@ def _lock(robot: Element, path: Path, locked: Mapping[str, float]) -> list[str]:
         places[name] = number(f"locked['{name}']", position)
     sentences = []
     for name in moving:
-        leader, factor, offset = _leader(moving, name, locked)
+        leader, factor, offset = followed_joint(moving, name, locked)
         if leader == name or leader not in joints:
             continue
         if leader in locked:
@@ -103,8 +103,8 @@ def _lock(robot: Element, path: Path, locked: Mapping[str, float]) -> list[str]:
     return [f"{message} {', '.join(sentences)}"] if sentences else []
 
 
-def _leader(
-    moving: Mapping[str, Element], name: str, locked: Mapping[str, float]
+def followed_joint(
+    moving: Mapping[str, Element], name: str, locked: Collection[str] = ()
 ) -> tuple[str, float, float]:
     """Return the joint that the joint `name` follows by <mimic>, and the total multiplier and offset.
 
