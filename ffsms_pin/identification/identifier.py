@@ -199,7 +199,7 @@ class Identifier(Learner):
             if self.samples >= self._reweighted:
                 self._reweighted *= 2.0
                 self._weighting = self._parameters()
-            self._weigh(q, A, unseen)
+            self._weight, self._bias_now = self._weighed(q, A, self._pose_noise, unseen)
         self._bias += self._bias_now
         self._filter.add(Z, self._weight)
 
@@ -221,11 +221,14 @@ class Identifier(Learner):
         change = np.concatenate([estimate[body.name].parameters - body.believed for body in self.bodies])
         self._filter.linearise_about(self.robot, change[self._free] / self._scales)
 
-    def _weigh(self, q: FloatArray, A: FloatArray, unseen: bool = False) -> None:
-        """Compute the weight of a sample, and the expected contribution of its noise to the information.
+    def _weighed(
+        self, q: FloatArray, A: FloatArray, pose_noise: FloatArray, unseen: bool = False
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return the weight of a sample, and the expected contribution of its noise to the information.
 
         Velocities multiply the unknown parameters, so their noise adds to the squares of the regression and
-        would bias estimates towards the prior. `A` (6, 6 + n) maps velocities to the momentum of `robot`.
+        would bias estimates towards the prior. `A` (6, 6 + n) maps velocities to the momentum of `robot`, and
+        `pose_noise` (6, 6) is the covariance of the momentum due to the noise of poses.
         """
         rows = self._filter.slopes(q, A)
         if unseen:
@@ -237,15 +240,13 @@ class Identifier(Learner):
         size = len(x)
         spread = (covariance @ noisy[:-7].reshape(size, -1)).reshape(size, 6, -1)
         S = momentum @ momentum.T + np.tensordot(spread, noisy[:-7], ((0, 2), (0, 2)))
-        assert self._pose_noise is not None
-        S = S + self._pose_noise
-        self._weight = np.zeros((6, 6))
-        used = slice(3 if unseen else 0, 6)
-        self._weight[used, used] = np.linalg.inv(S[used, used])
+        S = S + pose_noise
+        weight, used = np.zeros((6, 6)), slice(3 if unseen else 0, 6)
+        weight[used, used] = np.linalg.inv(S[used, used])
         biasing = rows * np.sqrt(self.noise.biasing)
         flat = biasing.swapaxes(1, 2).reshape(len(rows), -1)
-        weighted = np.tensordot(biasing, self._weight, (1, 0)).reshape(len(rows), -1)
-        self._bias_now = np.asarray(flat @ weighted.T)
+        weighted = np.tensordot(biasing, weight, (1, 0)).reshape(len(rows), -1)
+        return weight, np.asarray(flat @ weighted.T)
 
     def expected_information(self, q: FloatArray, v: FloatArray) -> FloatArray:
         """Return the expected information (k, k) from measuring the motion q (N, nq) and v (N, 6 + n).
@@ -268,11 +269,7 @@ class Identifier(Learner):
         first = q[0].copy()
         first[:3] = 0.0
         A, _ = self._filter.momentum_map(first)
-        kept = self._pose_noise, self._weight, self._bias_now  # those of the last sample
-        self._pose_noise = self.noise.of_pose(A @ v[0])
-        self._weigh(first, A)
-        weight = self._weight
-        self._pose_noise, self._weight, self._bias_now = kept
+        weight, _ = self._weighed(first, A, self.noise.of_pose(A @ v[0]))
         Y = momentum_regressors(self.robot, q, v, about, self._filter.bodies) @ self._filter.basis
         return np.asarray(np.linalg.cholesky(weight).T), Y
 
