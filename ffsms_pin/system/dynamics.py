@@ -264,10 +264,10 @@ def root_drift(
     linear, angular = to_root @ momentum[:3], to_root @ momentum[3:]
     if mode == "floating":
         return over_base(M, np.concatenate([linear, angular + pin.skew(whole.lever) @ linear]))
-    if mode == "translation-flying":
-        turn = _from_base_com(base_com)[:, 3:]
-        return np.asarray(turn @ np.linalg.solve(turn.T @ M[:6, :6] @ turn, angular))
-    return np.concatenate([linear / whole.mass * (0 in MODES[mode]), np.zeros(3)])
+    # The rows of the momentum that the mode's free twist of the base's centre of mass produces.
+    free = _from_base_com(base_com)[:, list(MODES[mode])]
+    momentum = np.concatenate([linear, angular])[list(MODES[mode])]
+    return np.asarray(free @ np.linalg.solve(free.T @ M[:6, :6] @ free, momentum))
 
 
 def whole_body(M: FloatArray) -> Any:
