@@ -105,6 +105,8 @@ def _meshes(folder: Path, robot: Mapping[str, Any]) -> list[Path]:
     if not path.is_file():
         return []
     places = tuple(folder / name for name in robot.get("package_dirs", []))
-    names = re.findall(rb'\b(?:filename|file)\s*=\s*"([^"]+)"', read_content(path))
-    meshes = [find_mesh(name.decode(errors="replace"), path, places) for name in dict.fromkeys(names)]
+    text = read_content(path).decode(errors="replace")
+    names = dict.fromkeys(re.findall(r'\b(?:filename|file)\s*=\s*"([^"]+)"', text))
+    folders = ["", *(f"{name}/" for name in re.findall(r'\bmeshdir\s*=\s*"([^"]+)"', text))]  # of MJCF
+    meshes = [find_mesh(folder + name, path, places) for name in names for folder in folders]
     return [mesh for mesh in meshes if mesh is not None]
