@@ -231,7 +231,7 @@ class Variable(NDArrayOperatorsMixin):
     def sum(self, axis: SupportsIndex | None = 0, **_: Any) -> Variable:
         """Return the sum of a vector's components, a number."""
         if self.value.ndim < 3:
-            remedy = "has no components to sum, because this variable is a number; leave out sum()"
+            remedy = "must be left out, together with sum(), because this variable is a number, not a vector"
             raise InvalidValue("axis", axis, remedy)
         if axis != 0:
             raise InvalidValue("axis", axis, "must be 0, because only the components of a vector are summed")

@@ -110,7 +110,7 @@ def _hull(corners: FloatArray, body: int, placed: Any) -> Part:
 
 
 def hull_of(corners: FloatArray) -> Any:
-    """Return the convex hull of points (k, 3); raise ValueError if they are coplanar to a millionth."""
+    """Return the convex hull of points (k, 3); raise ValueError if they are nearly coplanar."""
     spread = np.linalg.svd(corners - corners.mean(axis=0), compute_uv=False)
     if len(corners) < 4 or spread[2] <= 1e-6 * spread[0]:  # coal crashes for coplanar points
         raise ValueError("the points are coplanar")

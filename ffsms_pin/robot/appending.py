@@ -93,14 +93,13 @@ def whole(
     JointLayout(robot)  # checks the free-flyer, and that other joints have one degree of freedom
     model = pin.Model()
     join = _Join(model, 0, pin.SE3.Identity(), robot, options.locked or {})
-    model.name, description, given = robot.name, None, box
-    box = (options.base_size, None) if given is None else given
+    model.name, description, box = robot.name, None, box or (options.base_size, None)
     if shapes is not None:
         own = [pin.GeometryModel(), pin.GeometryModel()]
         for known, added in zip(own, shapes, strict=True):
             join.add_shapes(known, added)
         description = GivenShapes(*own)
-        if options.base_size is None and given is None:
+        if box[0] is None:
             box = _base_box(model, own)
     return _made(model, options, box, description)
 

@@ -36,7 +36,7 @@ class Controller(Protocol):
 
 @runtime_checkable
 class CompensatesFriction(Protocol):
-    """A controller with the attribute `friction_torque`, the part of its last torque for friction [N m]."""
+    """A controller whose attribute `friction_torque` (n,) is the friction compensation in its last torque."""
 
     friction_torque: FloatArray
 

@@ -116,13 +116,10 @@ class JointLayout:
 
         The units are "deg" for revolute joints and "m" for prismatic joints, if the robot has such joints.
         """
-        chosen = {"deg": self.turns, "m": ~self.turns}
-        scales = {"deg": math.degrees(1.0), "m": 1.0}
-        return {
-            unit: float(np.abs(values[joints]).max() * scales[unit])
-            for unit, joints in chosen.items()
-            if joints.any()
-        }
+        largest = dict[str, float]()
+        for value, (unit, factor) in zip(np.abs(values).tolist(), self.units, strict=True):
+            largest[unit] = max(largest.get(unit, 0.0), factor * value)
+        return largest
 
     def positions(self, q: FloatArray) -> FloatArray:
         """Return the joint positions (n,) of a configuration (nq,)."""
