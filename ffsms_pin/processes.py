@@ -106,7 +106,7 @@ def _in_pool(
         except BaseException:  # such as Ctrl-C, which must not wait for running tasks
             for process in pool._processes.values():
                 process.kill()
-            # Otherwise the pool waits forever for the rest of a result that a killed process has sent in part.
+            # Otherwise the pool waits forever for the rest of a result that a killed process sent in part.
             queues._result_queue._writer.close()
             raise
 

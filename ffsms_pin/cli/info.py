@@ -6,6 +6,7 @@ import argparse
 import os
 import warnings
 from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
 from rich.markup import escape
@@ -18,6 +19,7 @@ from ffsms_pin.client import Client
 from ffsms_pin.errors import FfsmsWarning, InvalidValue
 from ffsms_pin.inspection import Report, inspect, repair
 from ffsms_pin.robot import SpaceManipulator, load, satellite_names
+from ffsms_pin.robot.building import is_mjcf
 from ffsms_pin.system.urdf_elements import is_number
 from ffsms_pin.urdf import model_names
 
@@ -26,8 +28,9 @@ def run(arguments: argparse.Namespace) -> int:
     """Print the faults of a robot file and the robot's tables; write the repaired file on request."""
     console = output_console()
     robot = arguments.model
-    is_file = robot in model_names() or os.path.isfile(os.path.expanduser(robot))
-    report = inspect(robot) if is_file else None
+    path = Path(os.path.expanduser(robot))
+    is_urdf = robot in model_names() or (path.is_file() and not is_mjcf(path))
+    report = inspect(robot) if is_urdf else None
     for name in ("rate", "effort"):
         if arguments.repair is None and (value := getattr(arguments, name)) is not None:
             raise InvalidValue(f"--{name}", value, "needs --repair OUT, because it is for the repaired file")

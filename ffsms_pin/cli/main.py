@@ -37,7 +37,7 @@ ffsms-pin COMMAND --help has examples of each command.
 _PACKAGED = "case-1, case-2, paper-case-1, paper-case-2, wrong-model, inspect, capture, nozzle"
 _SCENARIO = "a packaged scenario such as case-2, or a scenario file (TOML)"
 _ROBOT = (
-    "a URDF file, or a robot by name: planar_3r, servicer, space_arm_7, two_arms, satellite_kinova, "
+    "a URDF or MJCF file, or a robot by name: planar_3r, servicer, space_arm_7, two_arms, satellite_kinova, "
     "satellite_panda, satellite_ur5, satellite_ur10, satellite_xarm7, satellite_z1"
 )
 

@@ -129,6 +129,10 @@ class _Source:
             replaced[b] = float(body.mass), better
             body.fullinertia = np.array([np.nan, *np.zeros(5)])
             body.inertia = np.full(3, np.abs(tensor).max())
+        if replaced and self._spec.compiler.fusestatic:
+            names = ", ".join(f"'{self._spec.bodies[b].name or f'body {b}'}'" for b in replaced)
+            message = f"the inertia of {names} is not physical, and MuJoCo would merge it with others"
+            raise InvalidUrdf(self.path, f"{message}; set fusestatic='false' in <compiler>")
         if changes:
             self.sentences.append(settled(changes, inertias))
         return replaced

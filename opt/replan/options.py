@@ -7,7 +7,7 @@ from typing import Annotated, Any, ClassVar
 
 import numpy as np
 
-from ffsms_pin.checks import FloatArray, at_least_zero, positive, share
+from ffsms_pin.checks import FloatArray, at_least_zero, one_each, positive, share
 from ffsms_pin.opt.costs import Term
 from ffsms_pin.opt.derivatives import Variables
 from ffsms_pin.opt.search.spline import Grid
@@ -21,7 +21,7 @@ class ReplanOptions:
     Raises
     ------
     InvalidValue
-        If a value is out of range, except `jerk`, which `opt.Replanning` checks.
+        If a value is out of range. `opt.Replanning` checks the number of values of `jerk`.
     """
 
     period: Annotated[Positive, Unit("s")] = 0.1
@@ -58,6 +58,8 @@ class ReplanOptions:
         for name in ("arrived_miss", "search_again", "settle"):
             at_least_zero(name, getattr(self, name))
         at_least_zero("dead_band", self.band(None), "m")
+        if self.jerk is not None:
+            one_each("jerk", self.jerk, np.size(self.jerk), "rad/s^3 or m/s^3")
         if self.rate_reserve is not None:
             share("rate_reserve", self.rate_reserve)
 

@@ -55,6 +55,15 @@ def test_info_refuses_options_of_a_robot_for_a_client(
         assert f"{option} needs a robot, but no joint of '{client}' moves" in capsys.readouterr().err
 
 
+def test_info_shows_the_robot_of_an_mjcf_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = str(tmp_path / "robot.xml")
+    assert main(["export", "planar_3r", "--mjcf", file]) == 0
+    assert main(["info", file, "--joints-deg", "1", "1", "1"]) == 0
+    assert "32.72" in capsys.readouterr().out
+    assert main(["info", file, "--repair", str(tmp_path / "out.urdf")]) == 2
+    assert "is not a URDF" in capsys.readouterr().err
+
+
 def test_help_and_version(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["--help"]) == 0
     out = capsys.readouterr().out

@@ -177,9 +177,13 @@ def test_inertias_go_through_the_same_checks(refused: Refused, tmp_path: Path) -
         repaired = ffsms.mount(path, inertias="repair")
     a, b, c = np.linalg.eigvalsh(repaired.model.inertias[2].inertia)
     assert a + b >= c - 1e-6
+    bad = ARM.replace('"0.01 0.03 0.03"', '"0.01 0.03 0.09"')
+    path = written(tmp_path, bad, compiler='angle="radian" fusestatic="true" settotalmass="5"')
+    for choice in ("keep", "repair"):
+        refused(lambda c=choice: ffsms.mount(path, inertias=c), InvalidUrdf, "'l1'", "fusestatic='false'")
     arm = pin.buildSampleModelManipulator()
-    bad = arm.inertias[2]
-    arm.inertias[2] = pin.Inertia(bad.mass, bad.lever, np.diag([0.01, 0.03, 0.09]))
+    second = arm.inertias[2]
+    arm.inertias[2] = pin.Inertia(second.mass, second.lever, np.diag([0.01, 0.03, 0.09]))
     refused(lambda: ffsms.mount(arm, end_effector="effector_body"), InvalidInertia, "triangle")
     with pytest.warns(FfsmsWarning, match="kept as published"):
         ffsms.mount(arm, end_effector="effector_body", inertias="keep")

@@ -53,3 +53,9 @@ def test_the_default_leaves_a_reserve_for_a_client(
 def test_a_reserve_that_is_no_share(value: Any) -> None:
     with pytest.raises(InvalidValue, match="rate_reserve"):
         opt.ReplanOptions(rate_reserve=value)
+
+
+@pytest.mark.parametrize("value", [-1.0, 0.0, np.nan, [1.0, -2.0, 3.0], "fast"])
+def test_a_jerk_limit_must_be_positive(value: Any) -> None:
+    with pytest.raises(InvalidValue, match="jerk"):
+        opt.ReplanOptions(jerk=value)
