@@ -89,7 +89,7 @@ def flown(seed: int, mujoco: bool) -> dict[str, Any]:
     for k in np.flatnonzero((sizes > 0.0) & (whole.t[: len(forces)] < found.contact_at - 1e-6)):
         rod = outcome.sms.at(whole.q[k]).end_effector_pose.rotation[:, 2]
         across[k] = np.linalg.norm(forces[k] - (forces[k] @ rod) * rod)
-    shares = np.abs(whole.tau) / found.limits
+    shares = np.abs(whole.tau) / found.sms.limits.torque
     return {
         "caught": found.caught,
         "why": found.missed,
