@@ -441,12 +441,17 @@ def tighten(motion: Candidates, iterations: int = 4) -> Candidates:
 
 def prefer_limits(motion: Candidates) -> Candidates:
     """Reduce the weight of the goal, up to four times, until the motion satisfies the limits."""
-    for softer in (1e-1, 1e-2, 1e-3, 1e-4):
+    for softness in (1e-1, 1e-2, 1e-3, 1e-4):
         if motion.limit_share[0] <= _SATISFIED:
             break
-        weights = LAST_WEIGHTS._replace(end=softer * LAST_WEIGHTS.end, limits=10.0 * LAST_WEIGHTS.limits)
-        motion = descend(linearise(motion.model, motion.p, weights), weights, 15)
+        motion = with_soft_goal(motion, softness)
     return motion
+
+
+def with_soft_goal(motion: Candidates, softness: float) -> Candidates:
+    """Descend with a goal whose weight is multiplied by `softness`, and with stiffer limits."""
+    weights = LAST_WEIGHTS._replace(end=softness * LAST_WEIGHTS.end, limits=10.0 * LAST_WEIGHTS.limits)
+    return descend(linearise(motion.model, motion.p, weights), weights, 15)
 
 
 def arrival_error(goal: Goal, plan: Trajectory) -> float:

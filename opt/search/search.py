@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Annotated, ClassVar, NamedTuple
@@ -45,6 +45,7 @@ from ffsms_pin.opt.search.gauss_newton import (
     prefer_limits,
     refine,
     tighten,
+    with_soft_goal,
 )
 from ffsms_pin.opt.search.inverse_kinematics import (
     JointGoals,
@@ -203,12 +204,7 @@ class Search:
             goal, broken = corrected_goal(problem, model.goal, finished.plan), finished.plan.broken
             if (goal is None and not broken) or motion.end_share[0] > 1.0 or motion.late_share[0] > 1.0:
                 break
-            stricter = model.problem
-            if broken:
-                spare, margins = 1e-4 * problem.stack.length, stricter.extra_margins
-                more = {name: margins.get(name, 0.0) + (by + spare) for name, by in broken.items()}
-                stricter = replace(stricter, extra_margins={**margins, **more})
-            model = replace(model, problem=stricter, goal=goal or model.goal)
+            model = replace(model, problem=_stricter(model.problem, broken), goal=goal or model.goal)
             motion = linearise(model, motion.p, LAST_WEIGHTS, motion.damping)
         self.fresh.append(finished)
 
@@ -258,6 +254,13 @@ class Search:
                 self._judged = self.problem
                 self.polish(linearise(best.model, best.p, LAST_WEIGHTS, 0.03))
         return best
+
+
+def _stricter(problem: Problem, broken: Mapping[str, float]) -> Problem:
+    """Return a problem with larger margins of the limits that a plan violates by `broken`."""
+    spare, margins = 1e-4 * problem.stack.length, problem.extra_margins
+    more = {name: margins.get(name, 0.0) + (by + spare) for name, by in broken.items()}
+    return replace(problem, extra_margins={**margins, **more}) if more else problem
 
 
 def _measured(problem: Problem, motion: Candidates) -> Candidates:
@@ -346,13 +349,27 @@ def descend_from_starts(search: Search, keep: tuple[int, int, int], repeats: int
 
 
 def within_limits(search: Search) -> None:
-    """Correct the best fresh motion by a weaker goal, if it violates a limit and no motion arrives."""
+    """Correct the best fresh motion by a weaker goal, if it violates a limit and no motion arrives.
+
+    If the result violates a limit, too, start from parts of the motion and from rest.
+    """
     if not search.fresh or search.arrived():
         return
-    nearest = search.best(search.fresh)
-    if nearest.plan.broken:
-        model = replace(nearest.model, problem=search.problem, goal=search.problem.goal)
-        search.keep(prefer_limits(linearise(model, nearest.p, LAST_WEIGHTS)))
+    nearest, problem = search.best(search.fresh), search.problem
+    if not nearest.plan.broken:
+        return
+    model = replace(nearest.model, problem=problem, goal=problem.goal)
+    if not search.keep(prefer_limits(linearise(model, nearest.p, LAST_WEIGHTS))).plan.broken:
+        return
+    for share in (0.7, 0.4, 0.2, 0.0):
+        motion = search.keep(linearise(model, share * nearest.p, LAST_WEIGHTS))
+        for softness in (1e-4, 1e-2):
+            motion = search.keep(with_soft_goal(motion, softness))
+            if motion.limit_share[0] > 1.0:
+                break
+            # The motion satisfies limits in the search's steps, but its plan may violate them between these.
+            stricter = replace(model, problem=_stricter(problem, motion.plan.broken))
+            motion = linearise(stricter, motion.p, LAST_WEIGHTS)
 
 
 def step_rollouts(search: Search) -> None:
