@@ -1,4 +1,4 @@
-"""Clients that are met, clients that cannot be, and the corridor with and without."""
+"""Plans to the grasp of a moving client, clients that cannot be met, and the approach corridor."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ AXIS = (1.0, 0.0, 0.0)  # along the planar arm's last link
 
 
 def planar_case(sms: ffsms.SpaceManipulator, spin: float = 0.02) -> tuple[FloatArray, opt.Meet]:
-    """A client whose grasp is where a straight move of the planar arm ends, turning in the plane."""
+    """Return a start and a turning client whose grasp is at the end of a straight joint move."""
     q0 = sms.configuration([0.4, 0.9, -0.5])
     s = np.linspace(0.0, 1.0, 121)[:, None]
     rates = np.array([0.8, 0.4, -0.6]) / DURATION * 30.0 * s**2 * (1.0 - s) ** 2
@@ -39,8 +39,8 @@ def planar_case(sms: ffsms.SpaceManipulator, spin: float = 0.02) -> tuple[FloatA
     return q0, opt.Meet(now, grasp, axis=AXIS)
 
 
-def strayed(plan: opt.Trajectory, goal: opt.Meet) -> float:
-    """Within the standoff: the largest distance outside the cone at the nodes, by plain geometry [m]."""
+def corridor_excess(plan: opt.Trajectory, goal: opt.Meet) -> float:
+    """Return the largest distance outside the cone within the standoff, by plain geometry [m]."""
     worst = -np.inf
     for t, tip in zip(plan.t, plan.end_effector, strict=True):
         x = (goal.client.pose(t) * goal.grasp).inverse().act(tip)
@@ -50,8 +50,8 @@ def strayed(plan: opt.Trajectory, goal: opt.Meet) -> float:
     return float(worst)
 
 
-def turned(plan: opt.Trajectory, goal: opt.Meet, sms: ffsms.SpaceManipulator) -> float:
-    """Within the standoff: the largest angle beyond that of 5 deg at the mouth and 0.25 deg at the grasp."""
+def alignment_excess(plan: opt.Trajectory, goal: opt.Meet, sms: ffsms.SpaceManipulator) -> float:
+    """Return the excess over the allowed angle, from 5 deg at the standoff to 0.25 deg at the grasp."""
     worst = -np.inf
     for t, q in zip(plan.t, plan.q, strict=True):
         off = (goal.client.pose(t) * goal.grasp).actInv(sms.at(q).end_effector_pose)
@@ -63,7 +63,7 @@ def turned(plan: opt.Trajectory, goal: opt.Meet, sms: ffsms.SpaceManipulator) ->
 
 
 def check_contact(sms: ffsms.SpaceManipulator, plan: opt.Trajectory, goal: opt.Meet) -> None:
-    """The end effector at the deadline beside the client, from Pinocchio and the client's own motion."""
+    """Check the end effector's pose and twist at the deadline by Pinocchio against the client's motion."""
     T = plan.duration
     state = sms.at(plan.q[-1], plan.v[-1])
     data, frame = sms.model.createData(), sms.model.getFrameId(sms.end_effector)
@@ -99,53 +99,54 @@ def test_a_turning_client_is_met_through_its_corridor(
     assert met.reached, met.note
     assert met.met
     check_contact(planar, met, goal)
-    assert strayed(met, goal) <= goal.tolerance + 1e-9
+    assert corridor_excess(met, goal) <= goal.tolerance + 1e-9
 
 
-def test_without_the_corridor_the_way_leaves_it(planar: ffsms.SpaceManipulator) -> None:
+def test_a_plan_without_the_corridor_leaves_it(planar: ffsms.SpaceManipulator) -> None:
     q0, goal = planar_case(planar)
     free = replace(goal, standoff=0.0)
     plan = opt.plan(planar, q0, free, DURATION, 0.02)
     assert plan.reached, plan.note
-    assert strayed(plan, goal) > 5e-3
-    held = measure(opt.Problem(planar, q0, goal, DURATION, 0.02), plan.joint_rates)
-    assert held.broken.keys() == {"corridor"}
-    assert not held.reached
-    # The residual sees what breaks the limit; the slopes are among those of tests/opt/test_part_slopes.py.
-    assert "outside its corridor" in held.note
+    assert corridor_excess(plan, goal) > 5e-3
+    judged = measure(opt.Problem(planar, q0, goal, DURATION, 0.02), plan.joint_rates)
+    assert judged.broken.keys() == {"corridor"}
+    assert not judged.reached
+    assert "outside its corridor" in judged.note
 
 
 def test_the_end_effector_is_aligned_in_the_corridor(
     planar: ffsms.SpaceManipulator, met: opt.Trajectory
 ) -> None:
-    """With and without the bound."""
+    """Compare a plan with the bound and a plan without it."""
     q0, goal = planar_case(planar)
     goal = replace(goal, misalignment=np.radians(5.0))
     plan = opt.plan(planar, q0, goal, DURATION, 0.02)
     assert plan.reached, plan.note
-    assert turned(plan, goal, planar) <= goal.tolerance + np.radians(0.5)  # 1 mm over the corridor's length
-    assert turned(met, goal, planar) > np.radians(1.0)
-    held = measure(opt.Problem(planar, q0, goal, DURATION, 0.02), met.joint_rates)
-    assert held.broken.keys() == {"alignment"}
-    assert "the end effector is turned by" in held.note
+    assert alignment_excess(plan, goal, planar) <= goal.tolerance + np.radians(
+        0.5
+    )  # 1 mm over the corridor's length
+    assert alignment_excess(met, goal, planar) > np.radians(1.0)
+    judged = measure(opt.Problem(planar, q0, goal, DURATION, 0.02), met.joint_rates)
+    assert judged.broken.keys() == {"alignment"}
+    assert "the end effector is turned by" in judged.note
 
 
-def test_no_motion_is_told_to_be_0_mm_outside(planar: ffsms.SpaceManipulator, met: opt.Trajectory) -> None:
+def test_no_violation_is_reported_as_0_mm(planar: ffsms.SpaceManipulator, met: opt.Trajectory) -> None:
     _, goal = planar_case(planar)
     problem = opt.Problem(planar, met.q[0], goal, DURATION, 0.02)
     motion = problem.motion(met.joint_rates)
     (corridor,) = (limit for limit in problem.limits if isinstance(limit, opt.Corridor))
     amounts = []
     for narrower in np.linspace(0.0, 2e-3, 401):
-        found = replace(corridor, tolerance=corridor.tolerance - narrower).violation(motion)
-        assert "0.0 mm" not in found.note
-        amounts.append(found.amount)
+        violation = replace(corridor, tolerance=corridor.tolerance - narrower).violation(motion)
+        assert "0.0 mm" not in violation.note
+        amounts.append(violation.amount)
     assert amounts[0] == 0.0
     assert 5e-5 < min(amount for amount in amounts if amount) < 7e-5
 
 
 def spatial_case() -> tuple[ffsms.SpaceManipulator, FloatArray, opt.Meet, FloatArray]:
-    """A client that a seven-joint arm can meet after 20 s, and the momentum of the servicer."""
+    """Return a robot, a start, a client that the robot can meet after 20 s, and the robot's momentum."""
     sms = ffsms.load("satellite_panda")
     momentum = np.array([1.0, -0.5, 0.3, 0.4, 0.2, -0.3])
     low, high = sms.limits.lower, sms.limits.upper
@@ -168,11 +169,11 @@ def test_a_spatial_arm_meets_a_tumbling_client_while_the_base_has_momentum() -> 
     plan = opt.plan(sms, q0, goal, 20.0, 0.04, momentum=momentum, time_limit=1e-9)
     assert plan.reached, plan.note
     check_contact(sms, plan, goal)
-    assert strayed(plan, goal) <= goal.tolerance + 1e-9
+    assert corridor_excess(plan, goal) <= goal.tolerance + 1e-9
 
 
-def test_joints_have_room_to_coast_and_brake_after_the_contact() -> None:
-    """A plan that ends 2 mrad before a stop and moves towards it, unless room is asked for."""
+def test_joints_can_coast_and_brake_after_the_contact() -> None:
+    """Without `coast` the plan ends 2 mrad before a stop and moves towards it."""
     sms, q0, goal, momentum = spatial_case()
     free = opt.plan(sms, q0, goal, 20.0, 0.04, momentum=momentum, time_limit=1e-9)
     rates, ends = free.joint_rates[-1], free.joint_positions[-1]
@@ -181,7 +182,7 @@ def test_joints_have_room_to_coast_and_brake_after_the_contact() -> None:
     (upper if rates[i] > 0.0 else lower)[i] = ends[i] + 0.002 * np.sign(rates[i])
     near = sms.with_limits(replace(sms.limits, lower=lower, upper=upper))
 
-    def beyond(plan: opt.Trajectory, coast: float) -> float:
+    def overshoot(plan: opt.Trajectory, coast: float) -> float:
         # The fastest braking without a jump of the acceleration takes 1.5 rate / limit, 0.5 s at least.
         rate = plan.joint_rates[-1]
         slowing = np.maximum(0.5, 1.5 * np.abs(rate) / near.limits.acceleration)
@@ -190,14 +191,16 @@ def test_joints_have_room_to_coast_and_brake_after_the_contact() -> None:
 
     assert free.reached, free.note
     assert not near.limits.violation(free.joint_positions[-1]).any()
-    assert beyond(free, 1.0) > 0.01
-    roomy = opt.plan(near, q0, replace(goal, coast=1.0), 20.0, 0.04, momentum=momentum)
-    assert roomy.reached, roomy.note
-    assert beyond(roomy, 1.0) < 1e-6
+    assert overshoot(free, 1.0) > 0.01
+    coasting = opt.plan(near, q0, replace(goal, coast=1.0), 20.0, 0.04, momentum=momentum)
+    assert coasting.reached, coasting.note
+    assert overshoot(coasting, 1.0) < 1e-6
 
 
-def test_a_client_out_of_reach_is_told_with_the_time_to_try(planar: ffsms.SpaceManipulator) -> None:
-    # It comes by: out of reach at 6 s, within reach later.
+def test_the_note_gives_the_time_when_a_passing_client_is_within_reach(
+    planar: ffsms.SpaceManipulator,
+) -> None:
+    # The client passes by: out of reach at 6 s, within reach later.
     q0 = planar.configuration([0.4, 0.9, -0.5])
     pose = pin.SE3(np.eye(3), np.array([6.0, 0.5, 0.0]))
     client = ffsms.Client(50.0, [4.0, 5.0, 6.0], pose, [-0.1, 0.0, 0.0, 0.0, 0.0, 0.0])
@@ -222,14 +225,14 @@ def test_a_start_beside_the_corridor_is_refused(planar: ffsms.SpaceManipulator) 
     assert plan.note.startswith("the start is outside the corridor")
 
 
-def test_a_client_that_spins_too_fast_is_told_so(planar: ffsms.SpaceManipulator) -> None:
+def test_a_client_that_spins_too_fast_is_reported(planar: ffsms.SpaceManipulator) -> None:
     q0, goal = planar_case(planar, spin=6.0)
     plan = opt.plan(planar, q0, replace(goal, standoff=0.0), DURATION, 0.1, time_limit=0.5)
     assert not plan.reached
     assert "too fast: moving with the goal at the deadline takes" in plan.note
 
 
-def test_a_client_behind_an_obstacle_is_told_with_the_pair(
+def test_the_note_names_the_pair_that_blocks_the_grasp(
     planar: ffsms.SpaceManipulator, met: opt.Trajectory
 ) -> None:
     q0, goal = planar_case(planar)
@@ -244,7 +247,7 @@ def test_a_client_behind_an_obstacle_is_told_with_the_pair(
     assert "link_3 - " in plan.note.split("blocked by ")[1].split(",")[0]
 
 
-def test_the_attitude_is_asked_for_at_the_deadline(
+def test_the_attitude_is_within_its_tolerance_at_the_deadline(
     planar: ffsms.SpaceManipulator, met: opt.Trajectory
 ) -> None:
     _, goal = planar_case(planar)
@@ -262,10 +265,12 @@ def test_the_attitude_is_asked_for_at_the_deadline(
 def test_slopes_of_the_corridor(
     planar: ffsms.SpaceManipulator, inside: float, name: str, rng: np.random.Generator
 ) -> None:
-    """By control points, against central differences; with a ball that holds most of the motion."""
+    """Check derivatives by control points, in a corridor that is long enough for most nodes."""
     q0, goal = planar_case(planar)
     problem = opt.Problem(planar, q0, replace(goal, misalignment=0.05), DURATION)
-    (corridor,) = (one for one in problem.limits if isinstance(one, opt.Corridor) and one.name == name)
+    (corridor,) = (
+        limit for limit in problem.limits if isinstance(limit, opt.Corridor) and limit.name == name
+    )
     corridor = replace(corridor, length=1.2, inside=inside)
     spline = spline_of(problem, COARSE, free_end=True)
     p = 0.02 * rng.normal(size=(1, spline.size, planar.n))
@@ -277,7 +282,9 @@ def test_slopes_of_the_corridor(
     np.testing.assert_allclose(slopes, differences, atol=1e-4 * size)
 
 
-def test_a_knock_is_no_contact(planar: ffsms.SpaceManipulator, met: opt.Trajectory) -> None:
+def test_a_plan_with_excessive_contact_velocity_is_not_reached(
+    planar: ffsms.SpaceManipulator, met: opt.Trajectory
+) -> None:
     q0, goal = planar_case(planar)
     rates = met.joint_rates.copy()
     rates[-1] += 0.02
@@ -288,14 +295,14 @@ def test_a_knock_is_no_contact(planar: ffsms.SpaceManipulator, met: opt.Trajecto
 
 
 def test_a_plan_keeps_its_rates_at_its_last_instant(met: opt.Trajectory) -> None:
-    """A sum of times may exceed the duration by its last bit, and a later time by more."""
+    """Rounding may take a sum of times past the duration by a last bit; later times have no rates."""
     assert np.abs(met.joint_rates[-1]).max() > 1e-3
     _, rates, _ = met.sample(np.nextafter(met.duration, np.inf))
     np.testing.assert_allclose(rates, met.joint_rates[-1], atol=1e-12)
     assert not met.sample(met.duration + 1e-3 * met.dt)[1].any()
 
 
-def test_a_plan_that_meets_is_kept_in_a_file(met: opt.Trajectory, tmp_path: Path) -> None:
+def test_a_plan_to_a_client_is_saved_and_loaded(met: opt.Trajectory, tmp_path: Path) -> None:
     met.save(tmp_path / "plan.npz")
     again = opt.Trajectory.load(tmp_path / "plan.npz")
     np.testing.assert_array_equal(again.contact_velocity, met.contact_velocity)
@@ -306,30 +313,28 @@ def test_a_plan_that_meets_is_kept_in_a_file(met: opt.Trajectory, tmp_path: Path
 def test_the_corridor_belongs_to_the_goal(planar: ffsms.SpaceManipulator) -> None:
     q0, goal = planar_case(planar)
     problem = opt.Problem(planar, q0, goal, DURATION)
-    (corridor,) = (one for one in problem.limits if isinstance(one, opt.Corridor))
+    (corridor,) = (limit for limit in problem.limits if isinstance(limit, opt.Corridor))
     assert corridor.deadline == DURATION
-    (corridor,) = (one for one in problem.lasting(20.0).limits if isinstance(one, opt.Corridor))
+    (corridor,) = (limit for limit in problem.lasting(20.0).limits if isinstance(limit, opt.Corridor))
     assert corridor.deadline == pytest.approx(20.0)
-    assert not any(isinstance(one, opt.Corridor) for one in replace(problem, goal=[1.0, 0.5, 0.0]).limits)
+    assert not any(isinstance(limit, opt.Corridor) for limit in replace(problem, goal=[1.0, 0.5, 0.0]).limits)
 
 
-def test_a_corridor_that_is_handed_in_is_kept(planar: ffsms.SpaceManipulator) -> None:
-    """Beside any goal, and when the problem is rebuilt; a goal's own corridor is made anew, not doubled."""
+def test_a_corridor_passed_as_a_limit_is_kept(planar: ffsms.SpaceManipulator) -> None:
+    """A rebuilt problem keeps a passed corridor and builds the goal's own corridor anew, once."""
     q0, goal = planar_case(planar)
     problem = opt.Problem(planar, q0, goal, DURATION)
-    (made,) = (one for one in problem.limits if isinstance(one, opt.Corridor))
-    handed = opt.Corridor(
-        goal, DURATION, made.length, made.half_angle, made.axis, made.tolerance, made.inside
-    )
-    limits = [opt.JointLimits(), handed]
-    still = opt.Problem(planar, q0, [0.9, 0.5, 0.0], DURATION, limits=limits)
-    rebuilt = (still, still.lasting(20.0), replace(still, goal=[1.0, 0.5, 0.0]), replace(replace(still)))
-    for one in rebuilt:
-        assert [limit.name for limit in one.limits] == ["joints", "corridor"]
-        assert one.goal_limits == ()
-    for one in (problem, problem.lasting(20.0), replace(replace(problem))):
-        assert [limit.name for limit in one.limits].count("corridor") == 1
-        assert [limit.name for limit in one.goal_limits] == ["corridor"]
+    (own,) = (limit for limit in problem.limits if isinstance(limit, opt.Corridor))
+    passed = opt.Corridor(goal, DURATION, own.length, own.half_angle, own.axis, own.tolerance, own.inside)
+    limits = [opt.JointLimits(), passed]
+    fixed = opt.Problem(planar, q0, [0.9, 0.5, 0.0], DURATION, limits=limits)
+    rebuilt = (fixed, fixed.lasting(20.0), replace(fixed, goal=[1.0, 0.5, 0.0]), replace(replace(fixed)))
+    for other in rebuilt:
+        assert [limit.name for limit in other.limits] == ["joints", "corridor"]
+        assert other.goal_limits == ()
+    for other in (problem, problem.lasting(20.0), replace(replace(problem))):
+        assert [limit.name for limit in other.limits].count("corridor") == 1
+        assert [limit.name for limit in other.goal_limits] == ["corridor"]
     with pytest.raises(InvalidValue, match="must have different names"):
         opt.Problem(planar, q0, goal, DURATION, limits=limits)
 
@@ -348,7 +353,7 @@ def test_a_corridor_that_is_handed_in_is_kept(planar: ffsms.SpaceManipulator) ->
         ({"coast": -1.0}, "coast must be at least zero"),
     ],
 )
-def test_what_no_goal_is(change: dict[str, Any], match: str) -> None:
+def test_wrong_arguments_of_meet_are_refused(change: dict[str, Any], match: str) -> None:
     values: dict[str, Any] = {"client": ffsms.Client(10.0, [1.0, 1.0, 1.0]), **change}
     with pytest.raises(InvalidValue, match=match):
         opt.Meet(**values)

@@ -38,7 +38,7 @@ def test_the_tool_axis_faces_the_axis_or_the_centre(faces: str, flat: list[float
 
 
 def test_a_path_along_a_curve_needs_no_parameter(planar: ffsms.SpaceManipulator) -> None:
-    """It is the path of the same function with its parameter, also in another process."""
+    """The parameter of a named curve runs from 0 to 1; a pickled curve gives the same points."""
     curve = opt.Circle(0.02)
     path = opt.Path(curve, timing="fastest")
     assert path.geometric
@@ -47,12 +47,12 @@ def test_a_path_along_a_curve_needs_no_parameter(planar: ffsms.SpaceManipulator)
     assert np.array_equal(again(0.3), curve(0.3))
     q0 = planar.configuration([0.4, 0.7, -0.5])
     start = planar.at(q0).end_effector_pose * pin.SE3(np.eye(3), np.array([-0.02, 0.0, 0.0]))
-    made = opt.Problem(planar, q0, opt.Path(opt.Circle(0.02, axes=start)), duration=4.0, dt=0.05)
-    assert np.allclose(made.goal.place(0.0).position, planar.at(q0).end_effector_pose.translation)
+    problem = opt.Problem(planar, q0, opt.Path(opt.Circle(0.02, axes=start)), duration=4.0, dt=0.05)
+    assert np.allclose(problem.goal.place(0.0).position, planar.at(q0).end_effector_pose.translation)
 
 
 @pytest.mark.parametrize(
-    ("make", "words"),
+    ("make", "message"),
     [
         (lambda: opt.RoundedSquare(0.2, 0.15), "corner must be at most half of the side"),
         (lambda: opt.Circle(-0.1), "radius must be above zero"),
@@ -68,8 +68,10 @@ def test_a_path_along_a_curve_needs_no_parameter(planar: ffsms.SpaceManipulator)
         ),
     ],
 )
-def test_refusals(make: Callable[[], object], words: str, refused: Callable[..., FfsmsError]) -> None:
-    refused(make, InvalidValue, words)
+def test_wrong_arguments_of_curves_are_refused(
+    make: Callable[[], object], message: str, refused: Callable[..., FfsmsError]
+) -> None:
+    refused(make, InvalidValue, message)
 
 
 def test_a_slower_law_covers_the_same_shares_later() -> None:

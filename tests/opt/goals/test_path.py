@@ -1,4 +1,4 @@
-"""Paths: followed within their tolerance at every instant, judged by a finer roll-out of Pinocchio's."""
+"""Paths: tracking within tolerance at every instant, checked by a finer rollout with Pinocchio."""
 
 from __future__ import annotations
 
@@ -38,20 +38,20 @@ def circle(pose: Any, radius: float = 0.05, x: Any = (1.0, 0.0, 0.0), y: Any = (
 def errors(sms: Any, plan: opt.Trajectory, curve: Any, approach: float) -> Any:
     """Return the largest distance and angle from a curve of positions or poses after the approach."""
     times, poses = rolled_out_by_pinocchio(sms, plan)
-    off = []
+    deviations = []
     for t, pose in zip(times, poses, strict=True):
         if t < approach:
             continue
-        wanted = curve(t - approach)
-        turned = isinstance(wanted, pin.SE3)
-        angle = np.linalg.norm(pin.log3(wanted.rotation.T @ pose.rotation)) if turned else 0.0
-        place = wanted.translation if turned else wanted
-        off.append((float(np.linalg.norm(pose.translation - place)), float(angle)))
-    return np.max(off, axis=0)
+        target = curve(t - approach)
+        has_attitude = isinstance(target, pin.SE3)
+        angle = np.linalg.norm(pin.log3(target.rotation.T @ pose.rotation)) if has_attitude else 0.0
+        place = target.translation if has_attitude else target
+        deviations.append((float(np.linalg.norm(pose.translation - place)), float(angle)))
+    return np.max(deviations, axis=0)
 
 
 def test_circle_of_positions(planar: Any, q0: Any) -> None:
-    """A function of time, by an independent judge at ten times the resolution."""
+    """Check the tracking error of a function of time by an independent, finer rollout."""
     curve = circle(planar.at(q0).end_effector_pose)
     plan = opt.plan(planar, q0, opt.Path(curve, approach_time=2.0), duration=2.0 + PERIOD)
     assert plan.reached, plan.note
@@ -64,7 +64,7 @@ def test_circle_of_positions(planar: Any, q0: Any) -> None:
 
 
 def test_poses_and_a_free_axis(panda: Any, bent: Any) -> None:
-    """With the attitude held, or with the tool's axis held only: redundancy that spares effort."""
+    """A path that leaves the turn about the tool's axis free costs less."""
     pose = panda.at(bent).end_effector_pose
     R = pose.rotation
     line = circle(pose, 0.08, R[:, 0], R[:, 1])
@@ -85,8 +85,8 @@ def test_poses_and_a_free_axis(panda: Any, bent: Any) -> None:
     assert sum(free.shares.values()) < 0.9 * sum(held.shares.values())
 
 
-def test_on_the_base(planar: Any, q0: Any) -> None:
-    """A path in base axes rides on the base, which the arm turns meanwhile."""
+def test_a_path_on_the_base(planar: Any, q0: Any) -> None:
+    """A path in base axes moves with the base, which the arm turns."""
     base = pin.XYZQUATToSE3(q0[:7])
     here = base.actInv(planar.at(q0).end_effector_pose)
     curve = circle(here)
@@ -98,7 +98,7 @@ def test_on_the_base(planar: Any, q0: Any) -> None:
         assert np.allclose(root.actInv(plan.end_effector[k]), curve(plan.t[k] - 2.0), atol=1e-5)
 
 
-def test_on_a_tumbling_client(panda: Any, bent: Any) -> None:
+def test_a_path_on_a_tumbling_client(panda: Any, bent: Any) -> None:
     """A path in a client's axes moves and turns with it."""
     pose = panda.at(bent).end_effector_pose
     twist = [0.002, 0.0, 0.0, 0.01, 0.02, -0.01]
@@ -151,7 +151,7 @@ def test_samples_with_times(planar: Any, q0: Any) -> None:
 
 @pytest.mark.parametrize("as_samples", [False, True])
 def test_geometric_curves_get_an_even_speed(planar: Any, q0: Any, as_samples: bool) -> None:
-    """The duration is the problem's; the speed is even but for its smooth ends."""
+    """The duration is the problem's; the speed is constant except at its smooth ends."""
     curve = circle(planar.at(q0).end_effector_pose)
     if as_samples:
         path = opt.Path([curve(t) for t in np.linspace(0.0, PERIOD, 61)])
@@ -167,7 +167,7 @@ def test_geometric_curves_get_an_even_speed(planar: Any, q0: Any, as_samples: bo
 
 
 def test_start_beside_the_path(planar: Any, q0: Any) -> None:
-    """Without an approach an error says how far; with one the arm comes to the path."""
+    """Without an approach the error gives the distance; with an approach the arm comes to the path."""
     pose = planar.at(q0).end_effector_pose
     away = circle(pin.SE3(np.eye(3), pose.translation - [0.1, 0.0, 0.0]))
     with pytest.raises(
@@ -189,8 +189,8 @@ def test_path_that_begins_with_a_velocity(planar: Any, q0: Any) -> None:
     assert "approach_time=" in plan.note
 
 
-def test_too_fast(planar: Any, q0: Any) -> None:
-    """The note names the limit, the place on the path, and a duration that does; the plan in it is made."""
+def test_a_path_too_fast_for_the_joints(planar: Any, q0: Any) -> None:
+    """The note names the limit, the time on the path and a sufficient duration, in which a plan succeeds."""
     curve = circle(planar.at(q0).end_effector_pose)
 
     def path(duration: float) -> opt.Path:
@@ -210,8 +210,8 @@ def test_too_fast(planar: Any, q0: Any) -> None:
     assert not quicker.reached
 
 
-def test_out_of_reach(planar: Any, q0: Any) -> None:
-    """The note says where on the path the workspace ends."""
+def test_a_path_out_of_reach(planar: Any, q0: Any) -> None:
+    """The note names the workspace as the limit."""
     begin = planar.at(q0).end_effector_pose.translation
     plan = opt.plan(planar, q0, opt.Path([begin, begin + np.array([0.6, 0.6, 0.0])]), duration=20.0)
     assert not plan.reached
@@ -219,22 +219,22 @@ def test_out_of_reach(planar: Any, q0: Any) -> None:
     assert plan.shortest_duration == 0.0
 
 
-def test_redundant_motion_suits_the_terms(panda: Any, bent: Any) -> None:
-    """Without the descent the same path costs more; the base turns less where that is asked for."""
+def test_the_descent_uses_redundancy_to_lower_the_terms(panda: Any, bent: Any) -> None:
+    """The descent lowers the base-turn cost of the same path by at least a fifth."""
     pose = panda.at(bent).end_effector_pose
     path = opt.Path(circle(pose, 0.1, pose.rotation[:, 0], pose.rotation[:, 1]), approach_time=2.0)
     terms = [opt.Smooth(), opt.Effort(), opt.BaseTurn(1.0)]
     problem = opt.Problem(panda, bent, path, 2.0 + PERIOD, terms=terms)
-    marched = opt.solve(problem, opt.SearchOptions(without=("descent",)))
+    rollout_only = opt.solve(problem, opt.SearchOptions(without=("descent",)))
     plan = opt.solve(problem)
-    assert marched.reached
+    assert rollout_only.reached
     assert plan.reached
-    assert plan.shares["base turn"] < 0.8 * marched.shares["base turn"]
+    assert plan.shares["base turn"] < 0.8 * rollout_only.shares["base turn"]
     assert plan.path_error.max() < 1e-5
 
 
-def test_single_steps(panda: Any, bent: Any) -> None:
-    """Methods that plan step by step follow the path; each prices redundant motion in its own way."""
+def test_single_step_methods_follow_a_path(panda: Any, bent: Any) -> None:
+    """Each method weights redundant motion differently."""
     pose = panda.at(bent).end_effector_pose
     path = opt.Path(circle(pose, 0.05, pose.rotation[:, 0], pose.rotation[:, 1]), approach_time=2.0)
     turns = {}
@@ -250,35 +250,35 @@ def test_single_steps(panda: Any, bent: Any) -> None:
 
 
 @pytest.mark.parametrize(
-    "words",
+    "options",
     [
         {"momentum": [0.2, 0.0, 0.1, 0.1, 0.3, -0.2]},
         {"mode": "rotation-flying"},
         {"locked": ["panda_joint3"]},
     ],
 )
-def test_momentum_held_bases_and_locked_joints(panda: Any, bent: Any, words: dict[str, Any]) -> None:
-    """Judged by Pinocchio's pose in each configuration of the plan."""
+def test_momentum_held_bases_and_locked_joints(panda: Any, bent: Any, options: dict[str, Any]) -> None:
+    """Check positions at every 20th node by Pinocchio."""
     pose = panda.at(bent).end_effector_pose
     curve = circle(pose, 0.05, pose.rotation[:, 0], pose.rotation[:, 1])
     path = opt.Path(curve, approach_time=2.0)
-    plan = opt.plan(panda, bent, path, duration=2.0 + PERIOD, dt=0.02, **words)
+    plan = opt.plan(panda, bent, path, duration=2.0 + PERIOD, dt=0.02, **options)
     assert plan.reached, plan.note
     for k in range(100, len(plan.t), 20):
         place = panda.at(plan.q[k]).end_effector_pose.translation
         assert np.linalg.norm(place - curve(plan.t[k] - 2.0)) < 1e-4
-    if "momentum" in words:
-        found = panda.at(plan.q[250], plan.v[250]).momentum
-        assert found == pytest.approx(np.array(words["momentum"]), abs=1e-10)
+    if "momentum" in options:
+        momentum = panda.at(plan.q[250], plan.v[250]).momentum
+        assert momentum == pytest.approx(np.array(options["momentum"]), abs=1e-10)
         assert plan.base_rotation.max() > 0.05
-    if "mode" in words:
+    if "mode" in options:
         assert plan.base_rotation.max() < 1e-9
-    if "locked" in words:
+    if "locked" in options:
         assert np.abs(plan.joint_rates[:, 2]).max() == 0.0
 
 
 def test_files_keep_the_errors(planar: Any, q0: Any, tmp_path: File) -> None:
-    """An npz file and a CSV file."""
+    """Check an npz file and a CSV file."""
     curve = circle(planar.at(q0).end_effector_pose)
     plan = opt.plan(planar, q0, opt.Path(curve, approach_time=2.0), duration=2.0 + PERIOD)
     plan.save(tmp_path / "plan.npz")
@@ -292,8 +292,8 @@ def test_files_keep_the_errors(planar: Any, q0: Any, tmp_path: File) -> None:
     assert np.isnan(still.path_error).all()
 
 
-def test_flown_path_is_judged(planar: Any, q0: Any) -> None:
-    """A flight that leaves its path has not arrived, even if it ends at the right place."""
+def test_a_flight_that_leaves_its_path_has_not_arrived(planar: Any, q0: Any) -> None:
+    """The judged motion ends at the path's last point."""
     curve = circle(planar.at(q0).end_effector_pose)
     plan = opt.plan(planar, q0, opt.Path(curve, approach_time=2.0), duration=2.0 + PERIOD)
     controller = ffsms.ComputedTorque(planar)
@@ -311,7 +311,7 @@ HERE = np.array([0.5, 0.0, 0.0])
 
 
 @pytest.mark.parametrize(
-    ("given", "words"),
+    ("arguments", "message"),
     [
         ({"curve": []}, "curve must have at least two samples"),
         ({"curve": 3.0}, "curve must be a function, or samples"),
@@ -343,14 +343,14 @@ HERE = np.array([0.5, 0.0, 0.0])
         ({"curve": lambda t: HERE, "frame": "client"}, "frame must be"),
     ],
 )
-def test_wrong_paths(given: dict[str, Any], words: str) -> None:
+def test_wrong_paths(arguments: dict[str, Any], message: str) -> None:
     """The message names the argument, the value and what is allowed."""
-    with pytest.raises(InvalidValue, match=words):
-        opt.Path(**given)
+    with pytest.raises(InvalidValue, match=message):
+        opt.Path(**arguments)
 
 
-def test_jumps_and_wrong_values_on_the_way(planar: Any, q0: Any) -> None:
-    """What a curve does after its start is checked when a problem is made of it."""
+def test_jumps_and_wrong_values_along_the_path(planar: Any, q0: Any) -> None:
+    """Making a problem checks the whole curve, not only its start."""
     begin = planar.at(q0).end_effector_pose.translation
     with pytest.raises(InvalidValue, match=r"must be continuous, but it jumps near 3.* s"):
         opt.plan(
@@ -367,7 +367,7 @@ def test_jumps_and_wrong_values_on_the_way(planar: Any, q0: Any) -> None:
 
 @pytest.mark.parametrize("option", [{"without": ["step rollouts"]}, {"cost_tolerance": 0.1}])
 def test_options_of_searches_are_refused(planar: Any, q0: Any, option: dict[str, Any]) -> None:
-    """A path is not searched for: what would be ignored is named."""
+    """A path needs no search; the error names the option that would be ignored."""
     curve = circle(planar.at(q0).end_effector_pose)
     problem = opt.Problem(planar, q0, opt.Path(curve, approach_time=2.0), 2.0 + PERIOD)
     with pytest.raises(InvalidValue, match=f"{next(iter(option))} .* for an opt.Path"):

@@ -1,4 +1,4 @@
-"""Places: poses with a free axis, goals that ride on the base; errors and ends judged by Pinocchio."""
+"""Pose goals with a free axis and goals fixed to the base, checked with poses by Pinocchio."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def q0(panda: ffsms.SpaceManipulator) -> Any:
 
 
 def on_base(sms: ffsms.SpaceManipulator, q: Any) -> Any:
-    """The end effector's pose relative to the base link's frame."""
+    """Return the end effector's pose relative to the base link's frame."""
     return pin.XYZQUATToSE3(q[:7]).actInv(sms.at(q).end_effector_pose)
 
 
@@ -46,26 +46,26 @@ def random_rotation(rng: np.random.Generator) -> Any:
 # -- errors ------------------------------------------------------------------------------------------------
 
 
-def test_an_error_has_as_many_rows_as_the_place_is_tied(rng: np.random.Generator) -> None:
+def test_a_pose_error_covers_position_axis_or_attitude(rng: np.random.Generator) -> None:
     position, rotation, now = rng.normal(size=3), random_rotation(rng), random_rotation(rng)
-    kinds = Place(position), Place(position, rotation, free_axis=AXIS), Place(position, rotation)
+    places = Place(position), Place(position, rotation, free_axis=AXIS), Place(position, rotation)
     frame = frame_at(pin.SE3(now, np.zeros(3)))
-    found = [place.pose_error(frame) for place in kinds]
-    assert [len(one.parts) for one in found] == [1, 2, 2]
-    assert [float(one.distance[0, 0]) for one in found] == pytest.approx([np.linalg.norm(position)] * 3)
+    errors = [place.pose_error(frame) for place in places]
+    assert [len(error.parts) for error in errors] == [1, 2, 2]
+    assert [float(error.distance[0, 0]) for error in errors] == pytest.approx([np.linalg.norm(position)] * 3)
     angles = [0.0, np.arccos((rotation @ AXIS) @ (now @ AXIS)), np.linalg.norm(pin.log3(rotation @ now.T))]
-    assert [float(one.angle[0, 0]) for one in found] == pytest.approx(angles)
-    # Turned by the vector, the frame has the attitude; with a free axis, all but its turn about that.
-    np.testing.assert_allclose(pin.exp3(found[2].vector[:, 0, 0]) @ now, rotation, atol=1e-12)
-    turned = pin.exp3(found[1].vector[:, 0, 0]) @ now
+    assert [float(error.angle[0, 0]) for error in errors] == pytest.approx(angles)
+    # The frame rotated by the error vector has the target attitude, up to the turn about a free axis.
+    np.testing.assert_allclose(pin.exp3(errors[2].vector[:, 0, 0]) @ now, rotation, atol=1e-12)
+    turned = pin.exp3(errors[1].vector[:, 0, 0]) @ now
     np.testing.assert_allclose(turned @ AXIS, rotation @ AXIS, atol=1e-12)
-    # Of what joints turn the frame by, what is about the free axis does not count.
+    # The rotation about the free axis is removed from the columns.
     columns = rng.normal(size=(3, 4))
-    counting = [place.without_free_axis(columns) for place in kinds]
-    assert [len(one) for one in counting] == [0, 3, 3]
-    np.testing.assert_allclose((rotation @ AXIS) @ counting[1], np.zeros(4), atol=1e-12)
-    np.testing.assert_allclose(np.cross(rotation @ AXIS, (columns - counting[1]).T), 0.0, atol=1e-12)
-    np.testing.assert_array_equal(counting[2], columns)
+    projected = [place.without_free_axis(columns) for place in places]
+    assert [len(part) for part in projected] == [0, 3, 3]
+    np.testing.assert_allclose((rotation @ AXIS) @ projected[1], np.zeros(4), atol=1e-12)
+    np.testing.assert_allclose(np.cross(rotation @ AXIS, (columns - projected[1]).T), 0.0, atol=1e-12)
+    np.testing.assert_array_equal(projected[2], columns)
 
 
 @pytest.mark.parametrize("free", [None, AXIS])
@@ -76,43 +76,45 @@ def test_slopes_of_the_turn(free: Any, angle: float, rng: np.random.Generator) -
     now = rotation @ pin.exp3(angle * across / np.linalg.norm(across))
     place = Place(np.zeros(3), rotation, free_axis=free)
     frame = FrameVariable(np.zeros((3, 1, 1)), now[..., None, None], {"by_tip": EYE}, {"by_turn": EYE})
-    found = place.pose_error(frame)
-    assert float(found.angle[0, 0]) == pytest.approx(angle)
-    assert found.rotation is not None
+    error = place.pose_error(frame)
+    assert float(error.angle[0, 0]) == pytest.approx(angle)
+    assert error.rotation is not None
     h = 1e-6
     sides = [
         [
-            place.pose_error(frame_at(pin.SE3(pin.exp3(sign * h * one) @ now, np.zeros(3)))).vector
-            for one in np.eye(3)
+            place.pose_error(frame_at(pin.SE3(pin.exp3(sign * h * axis) @ now, np.zeros(3)))).vector
+            for axis in np.eye(3)
         ]
         for sign in (1.0, -1.0)
     ]
     differences = (np.array(sides[0]) - np.array(sides[1]))[..., 0, 0].T / (2.0 * h)
-    np.testing.assert_allclose(found.rotation.slopes["by_turn"][..., 0, 0], differences, atol=1e-7)
+    np.testing.assert_allclose(error.rotation.slopes["by_turn"][..., 0, 0], differences, atol=1e-7)
 
 
-def test_an_axis_that_points_away_is_half_a_turn_off(rng: np.random.Generator) -> None:
+def test_an_opposite_axis_has_an_error_of_half_a_turn(rng: np.random.Generator) -> None:
     rotation = random_rotation(rng)
     across = np.cross(AXIS, [0.0, 0.0, 1.0])
     now = rotation @ pin.exp3(np.pi * across / np.linalg.norm(across))
-    found = Place(np.zeros(3), rotation, free_axis=AXIS).pose_error(frame_at(pin.SE3(now, np.zeros(3))))
-    assert float(found.angle[0, 0]) == pytest.approx(np.pi)
-    np.testing.assert_allclose(pin.exp3(found.vector[:, 0, 0]) @ now @ AXIS, rotation @ AXIS, atol=1e-9)
+    error = Place(np.zeros(3), rotation, free_axis=AXIS).pose_error(frame_at(pin.SE3(now, np.zeros(3))))
+    assert float(error.angle[0, 0]) == pytest.approx(np.pi)
+    np.testing.assert_allclose(pin.exp3(error.vector[:, 0, 0]) @ now @ AXIS, rotation @ AXIS, atol=1e-9)
 
 
-def test_stacks_are_places_one_by_one(rng: np.random.Generator) -> None:
+def test_stacked_errors_equal_single_errors(rng: np.random.Generator) -> None:
     base, attitude = rng.normal(size=(3, 2, 4)), np.empty((3, 3, 2, 4))
     position, rotation = rng.normal(size=(3, 2, 4)), np.empty((3, 3, 2, 4))
     for s, k in np.ndindex(2, 4):
         rotation[:, :, s, k], attitude[:, :, s, k] = random_rotation(rng), random_rotation(rng)
     place = Place(rng.normal(size=3), random_rotation(rng), free_axis=AXIS, on="base")
     on_base = np.einsum("yxsk,ysk->xsk", attitude, position - base)
-    seen = place.pose_error(FrameVariable(on_base, np.einsum("yxsk,yzsk->xzsk", attitude, rotation), {}, {}))
+    stacked_error = place.pose_error(
+        FrameVariable(on_base, np.einsum("yxsk,yzsk->xzsk", attitude, rotation), {}, {})
+    )
     for s, k in np.ndindex(2, 4):
         pose = pin.SE3(rotation[:, :, s, k], position[:, s, k])
         q = pin.SE3ToXYZQUAT(pin.SE3(attitude[:, :, s, k], base[:, s, k]))
         errors = place.error(pose, q)
-        assert (seen.distance[s, k], seen.angle[s, k]) == pytest.approx(errors)
+        assert (stacked_error.distance[s, k], stacked_error.angle[s, k]) == pytest.approx(errors)
         inertial = place.at(q)
         assert not inertial.moves_with_base
         assert inertial.error(pose, q) == pytest.approx(errors)
@@ -123,7 +125,7 @@ def test_stacks_are_places_one_by_one(rng: np.random.Generator) -> None:
         assert (stacked.distance[s, k], stacked.angle[s, k]) == pytest.approx(errors)
 
 
-def test_a_changed_goal_keeps_what_is_free() -> None:
+def test_a_changed_goal_keeps_its_free_axis() -> None:
     goal = opt.Pose(pin.SE3.Random(), free_axis=AXIS, on="base")
     moved = Changed(goal, lambda place: place.moved(np.ones(3), np.eye(3)), time_offset=1.0, reach=0.1)
     place, first = moved.place(0.0), goal.place(0.0)
@@ -135,15 +137,15 @@ def test_a_changed_goal_keeps_what_is_free() -> None:
 # -- whole motions -----------------------------------------------------------------------------------------
 
 
-def kinds(sms: ffsms.SpaceManipulator, q: Any) -> dict[str, opt.Goal]:
+def goals_by_name(sms: ffsms.SpaceManipulator, q: Any) -> dict[str, opt.Goal]:
     here = sms.at(q).end_effector_pose
     there = here * pin.SE3(pin.rpy.rpyToMatrix(0.3, 0.2, -0.2), np.array([0.1, 0.15, 0.2]))
-    seen = pin.XYZQUATToSE3(q[:7]).actInv(there)
+    pose_on_base = pin.XYZQUATToSE3(q[:7]).actInv(there)
     return {
         "free": opt.Pose(there, free_axis=AXIS),
-        "position on the base": opt.Position(seen.translation, on="base"),
-        "pose on the base": opt.Pose(seen, on="base"),
-        "free on the base": opt.Pose(seen, free_axis=AXIS, on="base"),
+        "position on the base": opt.Position(pose_on_base.translation, on="base"),
+        "pose on the base": opt.Pose(pose_on_base, on="base"),
+        "free on the base": opt.Pose(pose_on_base, free_axis=AXIS, on="base"),
     }
 
 
@@ -151,32 +153,32 @@ def kinds(sms: ffsms.SpaceManipulator, q: Any) -> dict[str, opt.Goal]:
 def test_slopes_by_control_points(
     panda: ffsms.SpaceManipulator, q0: Any, name: str, rng: np.random.Generator
 ) -> None:
-    goal = kinds(panda, q0)[name]
+    goal = goals_by_name(panda, q0)[name]
     problem = opt.Problem(panda, q0, goal, 8.0, joint_rates=0.1 * rng.normal(size=7), terms=[], limits=[])
     spline = spline_of(problem)
     p = 0.1 * rng.normal(size=(1, spline.size, 7))
-    # On the base it depends on the joints alone; otherwise the base's turn is a quadrature of its own.
+    # The error of a goal on the base depends on the joints alone; otherwise the attitude is integrated.
     check_arrival(problem, spline, p, exact="base" in name)
 
 
-def test_the_cost_sees_a_goal_that_rides_on_the_base(
+def test_derivatives_of_the_cost_include_the_motion_of_a_goal_on_the_base(
     panda: ffsms.SpaceManipulator, q0: Any, rng: np.random.Generator
 ) -> None:
-    """Its slopes take in that the joints move the goal."""
-    goal = kinds(panda, q0)["position on the base"]
+    goal = goals_by_name(panda, q0)["position on the base"]
     problem = opt.Problem(panda, q0, goal, 8.0, joint_rates=0.1 * rng.normal(size=7), limits=[])
     spline = spline_of(problem)
     p = 0.1 * rng.normal(size=(1, spline.size, 7))
     term = problem.terms[0]
     slopes = by_slopes(problem, spline, p, residuals_of(term, motions(problem, spline, p)))
-    differences = by_differences(problem, spline, p, lambda one: residuals_of(term, one))
+    differences = by_differences(problem, spline, p, lambda rollouts: residuals_of(term, rollouts))
     np.testing.assert_allclose(slopes, differences, atol=1e-3 * np.abs(differences).max())
 
 
-def test_measures_by_pinocchio(panda: ffsms.SpaceManipulator, q0: Any, rng: np.random.Generator) -> None:
-    """Errors and target of a finished motion whose base moves."""
+def test_errors_and_target_of_a_motion_whose_base_moves(
+    panda: ffsms.SpaceManipulator, q0: Any, rng: np.random.Generator
+) -> None:
     rates = 0.1 * np.cumsum(rng.normal(size=(21, 7)), axis=0) / 20.0
-    for goal in kinds(panda, q0).values():
+    for goal in goals_by_name(panda, q0).values():
         problem = opt.Problem(panda, q0, goal, duration=2.0, dt=0.1, limits=[], terms=[], momentum=np.ones(6))
         plan = measure(problem, rates)
         place = goal.place(2.0)
@@ -194,59 +196,59 @@ def test_measures_by_pinocchio(panda: ffsms.SpaceManipulator, q0: Any, rng: np.r
 @pytest.mark.parametrize("turned", [False, True])
 def test_a_plan_ends_at_a_goal_on_the_base(planar: ffsms.SpaceManipulator, turned: bool) -> None:
     q0 = planar.configuration(np.radians([23.0, 40.0, -29.0]), pin.SE3(np.eye(3), np.array([1.0, 0.5, 0.0])))
-    wanted = on_base(planar, planar.configuration([0.9, -0.4, 0.8]))
-    goal = opt.Pose(wanted, on="base") if turned else opt.Position(wanted.translation, on="base")
+    target = on_base(planar, planar.configuration([0.9, -0.4, 0.8]))
+    goal = opt.Pose(target, on="base") if turned else opt.Position(target.translation, on="base")
     plan = opt.plan(planar, q0, goal, 8.0, dt=0.02)
     assert plan.reached, plan.note
     end = on_base(planar, plan.q[-1])
-    assert np.linalg.norm(end.translation - wanted.translation) <= goal.tolerance
+    assert np.linalg.norm(end.translation - target.translation) <= goal.tolerance
     if turned:
-        assert np.linalg.norm(pin.log3(end.rotation.T @ wanted.rotation)) <= goal.tolerance
-    # The place itself has moved: a plan to where it was at the start ends beside it.
+        assert np.linalg.norm(pin.log3(end.rotation.T @ target.rotation)) <= goal.tolerance
+    # The goal has moved: a plan to its position at the start ends elsewhere.
     there = pin.XYZQUATToSE3(q0[:7])
-    moved = pin.XYZQUATToSE3(plan.q[-1, :7]).act(wanted.translation) - there.act(wanted.translation)
+    moved = pin.XYZQUATToSE3(plan.q[-1, :7]).act(target.translation) - there.act(target.translation)
     assert np.linalg.norm(moved) > 10.0 * goal.tolerance
-    stays = opt.plan(planar, q0, there * wanted if turned else there.act(wanted.translation), 8.0, dt=0.02)
+    stays = opt.plan(planar, q0, there * target if turned else there.act(target.translation), 8.0, dt=0.02)
     assert stays.reached
-    assert np.linalg.norm(on_base(planar, stays.q[-1]).translation - wanted.translation) > goal.tolerance
+    assert np.linalg.norm(on_base(planar, stays.q[-1]).translation - target.translation) > goal.tolerance
 
 
-def test_a_free_axis_reaches_what_a_pose_does_not(planar: ffsms.SpaceManipulator) -> None:
-    """A place at the arm's end: there is one way to be there, and the tool points along it."""
+def test_a_free_axis_makes_an_unreachable_pose_reachable(planar: ffsms.SpaceManipulator) -> None:
+    """At full extension the planar arm has a single attitude."""
     q0 = planar.configuration(np.radians([23.0, 40.0, -29.0]))
     far = planar.at(planar.configuration([0.5, 0.1, 0.1])).end_effector_pose
-    wanted = pin.SE3(far.rotation @ pin.exp3(np.array([0.0, 0.0, 1.0])), far.translation)
-    problem = opt.Problem(planar, q0, opt.Pose(wanted), 8.0, 0.02, terms=CHEAP)
+    target = pin.SE3(far.rotation @ pin.exp3(np.array([0.0, 0.0, 1.0])), far.translation)
+    problem = opt.Problem(planar, q0, opt.Pose(target), 8.0, 0.02, terms=CHEAP)
     tied = opt.solve(problem, HASTY)
     assert not tied.reached
-    free = opt.plan(planar, q0, opt.Pose(wanted, free_axis=[0.0, 0.0, 5.0]), 8.0, dt=0.02)
+    free = opt.plan(planar, q0, opt.Pose(target, free_axis=[0.0, 0.0, 5.0]), 8.0, dt=0.02)
     assert free.reached, free.note
     assert free.position_error[-1] <= 1e-3
     assert (
-        np.linalg.norm(pin.log3(planar.at(free.q[-1]).end_effector_pose.rotation.T @ wanted.rotation)) > 0.1
+        np.linalg.norm(pin.log3(planar.at(free.q[-1]).end_effector_pose.rotation.T @ target.rotation)) > 0.1
     )
 
 
 def test_a_free_axis_takes_less_travel(panda: ffsms.SpaceManipulator, q0: Any) -> None:
     """The last joint need not turn the tool."""
     tool = np.array([0.0, 0.0, 1.0])
-    wanted = panda.at(q0).end_effector_pose * pin.SE3(
+    target = panda.at(q0).end_effector_pose * pin.SE3(
         pin.rpy.rpyToMatrix(0.2, 0.0, 0.0) @ pin.exp3(1.2 * tool), np.array([0.05, 0.1, 0.1])
     )
     plans = [
-        opt.solve(opt.Problem(panda, q0, opt.Pose(wanted, free_axis=axis), 10.0, 0.05, terms=CHEAP), HASTY)
+        opt.solve(opt.Problem(panda, q0, opt.Pose(target, free_axis=axis), 10.0, 0.05, terms=CHEAP), HASTY)
         for axis in (None, tool)
     ]
     assert all(plan.reached for plan in plans), [plan.note for plan in plans]
     assert plans[1].joint_travel < 0.8 * plans[0].joint_travel
     end = panda.at(plans[1].q[-1]).end_effector_pose.rotation
-    assert np.arccos(min((end @ tool) @ (wanted.rotation @ tool), 1.0)) <= 1e-3
-    assert np.linalg.norm(pin.log3(end.T @ wanted.rotation)) > 0.3
+    assert np.arccos(min((end @ tool) @ (target.rotation @ tool), 1.0)) <= 1e-3
+    assert np.linalg.norm(pin.log3(end.T @ target.rotation)) > 0.3
 
 
 @pytest.mark.parametrize("name", ["free", "position on the base", "pose on the base", "free on the base"])
 def test_single_steps_arrive(panda: ffsms.SpaceManipulator, q0: Any, name: str) -> None:
-    goal, planner, dt = kinds(panda, q0)[name], opt.StepPlanner(panda, dt=0.05), 0.05
+    goal, planner, dt = goals_by_name(panda, q0)[name], opt.StepPlanner(panda, dt=0.05), 0.05
     q, rates = q0, np.zeros(7)
     for k in range(200):
         step = planner.step(q, rates, goal, 10.0 - k * dt)
@@ -261,21 +263,21 @@ def test_single_steps_arrive(panda: ffsms.SpaceManipulator, q0: Any, name: str) 
 
 @pytest.mark.parametrize("turned", [False, True])
 def test_a_replanned_flight_ends_at_a_goal_on_the_base(planar: ffsms.SpaceManipulator, turned: bool) -> None:
-    """With a heavier arm than was planned for, so that the base, and the place with it, moves otherwise."""
+    """The plant's arm is heavier than planned, so the base and the goal move differently."""
     q0 = planar.configuration(np.radians([23.0, 40.0, -29.0]), pin.SE3(np.eye(3), np.array([1.0, 0.5, 0.0])))
-    wanted = on_base(planar, planar.configuration([0.9, -0.4, 0.8]))
-    goal = opt.Pose(wanted, on="base") if turned else opt.Position(wanted.translation, on="base")
+    target = on_base(planar, planar.configuration([0.9, -0.4, 0.8]))
+    goal = opt.Pose(target, on="base") if turned else opt.Position(target.translation, on="base")
     reference = opt.Replanning(opt.Problem(planar, q0, goal, 8.0, 0.02), hold=0.5)
     plant = perturb(planar, arm_mass=1.2)
     controller = ffsms.SlidingModeController(planar)
     tracking = ffsms.simulate(planar, reference, controller, dt=5e-3, q0=q0, plant=plant)
     assert reference.note == ""
     end = on_base(planar, tracking.q[-1])
-    assert np.linalg.norm(end.translation - wanted.translation) <= goal.tolerance
+    assert np.linalg.norm(end.translation - target.translation) <= goal.tolerance
     assert tracking.position_error[-1] <= goal.tolerance
     if turned:
-        assert np.linalg.norm(pin.log3(end.rotation.T @ wanted.rotation)) <= goal.tolerance
-    first, last = (pin.XYZQUATToSE3(q[:7]).act(wanted.translation) for q in (q0, tracking.q[-1]))
+        assert np.linalg.norm(pin.log3(end.rotation.T @ target.rotation)) <= goal.tolerance
+    first, last = (pin.XYZQUATToSE3(q[:7]).act(target.translation) for q in (q0, tracking.q[-1]))
     assert np.linalg.norm(first - last) > 10.0 * goal.tolerance
 
 
@@ -283,22 +285,24 @@ def test_another_frame_at_a_goal_on_the_base() -> None:
     sms = ffsms.load("two_arms", end_effector="left_tool")
     q0 = sms.configuration(2 * [0.3, 0.5, 0.2, -1.0, 0.2, 0.6, 0.1])
 
-    def seen(q: Any, name: str) -> Any:
+    def pose_on_base(q: Any, name: str) -> Any:
         data = sms.model.createData()
         pin.framesForwardKinematics(sms.model, data, q)
         return pin.XYZQUATToSE3(q[:7]).actInv(data.oMf[sms.model.getFrameId(name)])
 
-    left = pin.XYZQUATToSE3(q0[:7]).act(seen(q0, "left_tool").translation + np.array([-0.15, -0.1, 0.15]))
-    right = seen(q0, "right_tool")
-    wanted = pin.SE3(right.rotation, right.translation + np.array([0.1, 0.1, -0.1]))
-    also = {"right_tool": opt.Pose(wanted, on="base", free_axis=AXIS)}
+    left = pin.XYZQUATToSE3(q0[:7]).act(
+        pose_on_base(q0, "left_tool").translation + np.array([-0.15, -0.1, 0.15])
+    )
+    right = pose_on_base(q0, "right_tool")
+    target = pin.SE3(right.rotation, right.translation + np.array([0.1, 0.1, -0.1]))
+    also = {"right_tool": opt.Pose(target, on="base", free_axis=AXIS)}
     plan = opt.plan(sms, q0, left, duration=10.0, also=also, time_limit=1e-9)
     assert plan.reached, plan.note
-    end = seen(plan.q[-1], "right_tool")
-    assert np.linalg.norm(end.translation - wanted.translation) <= 1e-3
-    assert np.arccos(min((end.rotation @ AXIS) @ (wanted.rotation @ AXIS), 1.0)) <= 1e-3
-    moved = pin.XYZQUATToSE3(plan.q[-1, :7]).act(wanted.translation)
-    assert np.linalg.norm(moved - pin.XYZQUATToSE3(q0[:7]).act(wanted.translation)) > 1e-3
+    end = pose_on_base(plan.q[-1], "right_tool")
+    assert np.linalg.norm(end.translation - target.translation) <= 1e-3
+    assert np.arccos(min((end.rotation @ AXIS) @ (target.rotation @ AXIS), 1.0)) <= 1e-3
+    moved = pin.XYZQUATToSE3(plan.q[-1, :7]).act(target.translation)
+    assert np.linalg.norm(moved - pin.XYZQUATToSE3(q0[:7]).act(target.translation)) > 1e-3
     problem = opt.Problem(
         sms, q0, left, duration=10.0, limits=[opt.FrameGoal("right_tool", also["right_tool"])]
     )
@@ -306,7 +310,7 @@ def test_another_frame_at_a_goal_on_the_base() -> None:
     assert any(end.place.moves_with_base for limit in rest.limits for end in limit.ends)
 
 
-def test_what_cannot_be_a_place(planar: ffsms.SpaceManipulator) -> None:
+def test_wrong_goals_are_refused(planar: ffsms.SpaceManipulator) -> None:
     pose, q0 = pin.SE3.Identity(), planar.configuration([0.4, 0.7, -0.5])
     wrong: dict[str, Callable[[], Any]] = {
         "free_axis": lambda: opt.Pose(pose, free_axis=[0.0, 0.0, 0.0]),
@@ -317,8 +321,8 @@ def test_what_cannot_be_a_place(planar: ffsms.SpaceManipulator) -> None:
             planar, q0, opt.Position([0.5, 0.2, 0.0], on="base"), method="step"
         ),
     }
-    for word, make in wrong.items():
-        with pytest.raises(InvalidValue, match=word):
+    for message, make in wrong.items():
+        with pytest.raises(InvalidValue, match=message):
             make()
     text = repr(opt.Problem(planar, q0, opt.Pose(pose, free_axis=AXIS, on="base")))
     assert "free to turn about an axis, on the base" in text

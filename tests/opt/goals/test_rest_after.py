@@ -1,4 +1,4 @@
-"""A client that is met with the momentum that leaves both at rest."""
+"""Meeting a client with the initial momentum that leaves both bodies at rest after capture."""
 
 from typing import Any
 
@@ -15,7 +15,7 @@ DURATION = 12.0
 
 
 @pytest.fixture(scope="module")
-def met() -> tuple[ffsms.SpaceManipulator, np.ndarray, ffsms.Client, pin.SE3]:
+def case() -> tuple[ffsms.SpaceManipulator, np.ndarray, ffsms.Client, pin.SE3]:
     """A robot, a start, and a client that flies by slowly and tumbles."""
     sms = ffsms.load("satellite_panda")
     q0 = sms.configuration([0.0, -0.5, 0.0, -2.0, 0.0, 1.5, 0.8])
@@ -28,8 +28,8 @@ def met() -> tuple[ffsms.SpaceManipulator, np.ndarray, ffsms.Client, pin.SE3]:
     return sms, q0, now, grasp
 
 
-def test_a_problem_takes_the_momentum_and_both_rest_after_it(met: Any) -> None:
-    sms, q0, client, grasp = met
+def test_rest_after_sets_the_momentum_that_leaves_both_at_rest(case: Any) -> None:
+    sms, q0, client, grasp = case
     plan = opt.plan(sms, q0, opt.Meet(client, grasp, rest_after=True), DURATION, 0.02, time_limit=1e-9)
     assert plan.reached
     assert plan.note == ""
@@ -40,25 +40,25 @@ def test_a_problem_takes_the_momentum_and_both_rest_after_it(met: Any) -> None:
     assert np.linalg.norm(after.momentum[:3]) < 1e-9
 
 
-def test_another_momentum_is_told(met: Any) -> None:
-    sms, q0, client, grasp = met
-    given = [0.1, 0.0, 0.0, 0.0, 0.0, 0.0]
+def test_another_momentum_is_reported(case: Any) -> None:
+    sms, q0, client, grasp = case
+    momentum = [0.1, 0.0, 0.0, 0.0, 0.0, 0.0]
     plan = opt.plan(
-        sms, q0, opt.Meet(client, grasp, rest_after=True), DURATION, 0.05, momentum=given, time_limit=1e-9
+        sms, q0, opt.Meet(client, grasp, rest_after=True), DURATION, 0.05, momentum=momentum, time_limit=1e-9
     )
     assert "leaves both at rest" in plan.note
-    np.testing.assert_array_equal(plan.momentum, given)
+    np.testing.assert_array_equal(plan.momentum, momentum)
     after = after_capture(sms, plan.q[-1], plan.v[-1], client, DURATION)
     assert np.linalg.norm(after.rest_rate()) > 1e-3
 
 
-def test_without_it_the_momentum_is_zero(met: Any) -> None:
-    sms, q0, client, grasp = met
+def test_without_rest_after_the_momentum_is_zero(case: Any) -> None:
+    sms, q0, client, grasp = case
     assert opt.Problem(sms, q0, opt.Meet(client, grasp), DURATION).momentum is None
 
 
-def test_a_goal_seen_from_later_is_the_same_goal(met: Any) -> None:
-    _, _, client, grasp = met
+def test_a_time_shifted_goal_keeps_its_approach(case: Any) -> None:
+    _, _, client, grasp = case
     goal = opt.Meet(client, grasp)
     later = Changed(goal, time_offset=4.0)
     assert later.exact
@@ -68,6 +68,6 @@ def test_a_goal_seen_from_later_is_the_same_goal(met: Any) -> None:
     for (t, place), (then, other) in zip(first, second, strict=True):
         assert then == pytest.approx(t - 4.0)
         np.testing.assert_allclose(other.position, place.position)
-    half = Changed(goal, time_offset=10.5).approach(DURATION - 10.5)  # a part of the approach lies behind
+    half = Changed(goal, time_offset=10.5).approach(DURATION - 10.5)  # a part of the approach is over
     assert 0 < len(half) < len(first)
     assert Changed(goal, time_offset=11.9).approach(0.1) == []

@@ -1,4 +1,4 @@
-"""Two arms: both tools at goals of their own, and one arm that keeps the base still while the other works."""
+"""Two arms: a goal for each tool, and an idle arm that keeps the base still."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def q0(sms: ffsms.SpaceManipulator) -> Any:
 
 
 def tool(sms: ffsms.SpaceManipulator, q: Any, name: str = "right_tool") -> Any:
-    """Pose of a frame by Pinocchio."""
+    """Return the pose of a frame by Pinocchio."""
     data = sms.model.createData()
     pin.framesForwardKinematics(sms.model, data, q)
     return data.oMf[sms.model.getFrameId(name)].copy()
@@ -44,8 +44,7 @@ def goals(sms: ffsms.SpaceManipulator, q0: Any) -> tuple[Any, Any]:
     return left, pin.SE3(right.rotation, right.translation + np.array([0.1, 0.1, -0.1]))
 
 
-def test_a_frame_by_pinocchio(sms: ffsms.SpaceManipulator, q0: Any) -> None:
-    """In a finished motion with momentum, by the configurations that the plan has."""
+def test_frame_poses_of_a_rollout_agree_with_pinocchio(sms: ffsms.SpaceManipulator, q0: Any) -> None:
     rng = np.random.default_rng(4)
     rates = 0.1 * np.cumsum(rng.normal(size=(21, 14)), axis=0) / 20.0
     problem = opt.Problem(
@@ -62,13 +61,13 @@ def test_a_frame_by_pinocchio(sms: ffsms.SpaceManipulator, q0: Any) -> None:
 
 
 @pytest.mark.parametrize("turned", [False, True])
-def test_both_tools_arrive_and_only_one_without(sms: ffsms.SpaceManipulator, q0: Any, turned: bool) -> None:
+def test_both_tools_arrive_at_their_goals(sms: ffsms.SpaceManipulator, q0: Any, turned: bool) -> None:
     left, right = goals(sms, q0)
-    wanted = right if turned else right.translation
+    right_goal = right if turned else right.translation
     alone = opt.plan(sms, q0, left, duration=10.0, time_limit=1e-9)
     assert alone.reached
     assert np.linalg.norm(tool(sms, alone.q[-1]).translation - right.translation) > 0.1
-    plan = opt.plan(sms, q0, left, duration=10.0, also={"right_tool": wanted}, time_limit=1e-9)
+    plan = opt.plan(sms, q0, left, duration=10.0, also={"right_tool": right_goal}, time_limit=1e-9)
     assert plan.reached, plan.note
     late = plan.q[plan.t >= 9.0]
     ends = [tool(sms, q) for q in late]
@@ -79,19 +78,19 @@ def test_both_tools_arrive_and_only_one_without(sms: ffsms.SpaceManipulator, q0:
     assert np.linalg.norm(tool(sms, plan.q[-1], "left_tool").translation - left) <= 1e-3
 
 
-def test_starts_end_at_both_goals(sms: ffsms.SpaceManipulator, q0: Any) -> None:
+def test_joint_goals_satisfy_both_frame_goals(sms: ffsms.SpaceManipulator, q0: Any) -> None:
     left, right = goals(sms, q0)
     problem = opt.Problem(sms, q0, left, duration=10.0, limits=[opt.FrameGoal("right_tool", right)])
-    found = joint_goals(problem, np.vstack([problem.joints0, spread_postures(problem, 0, 5, 1.0)]))
-    best = found.joints[int(np.argmin(found.distance))]
-    assert found.distance.min() < 1e-6
+    solution = joint_goals(problem, np.vstack([problem.joints0, spread_postures(problem, 0, 5, 1.0)]))
+    best = solution.joints[int(np.argmin(solution.distance))]
+    assert solution.distance.min() < 1e-6
     rates = np.tile((best - problem.joints0) / 10.0, (problem.steps + 1, 1))
     plan = measure(problem, rates)
     assert plan.position_error[-1] < 1e-3
     assert np.linalg.norm(tool(sms, plan.q[-1]).translation - right.translation) < 1e-3
 
 
-def test_a_goal_out_of_reach_says_by_how_much(sms: ffsms.SpaceManipulator, q0: Any) -> None:
+def test_the_distance_to_an_unreachable_goal_is_reported(sms: ffsms.SpaceManipulator, q0: Any) -> None:
     left, _ = goals(sms, q0)
     far = tool(sms, q0).translation + np.array([3.0, 0.0, 0.0])
     problem = opt.Problem(sms, q0, left, duration=8.0, limits=[opt.FrameGoal("right_tool", far)])
@@ -102,7 +101,7 @@ def test_a_goal_out_of_reach_says_by_how_much(sms: ffsms.SpaceManipulator, q0: A
 
 
 def test_an_idle_arm_stays(sms: ffsms.SpaceManipulator, q0: Any) -> None:
-    """The paper's cost falls a little where it swings: not by enough."""
+    """Swinging the idle arm lowers the paper's cost less than it raises the effort of an idle arm."""
     left, _ = goals(sms, q0)
     plan = opt.plan(sms, q0, left, duration=10.0)
     idle = np.abs(plan.joint_positions - plan.joint_positions[0])[:, 7:].max()
@@ -130,7 +129,7 @@ def test_an_idle_arm_keeps_the_base_still(sms: ffsms.SpaceManipulator, q0: Any) 
     assert free.base_rotation.max() < np.radians(0.05)
 
 
-def test_the_rest_of_a_problem_keeps_both_goals(sms: ffsms.SpaceManipulator, q0: Any) -> None:
+def test_the_remaining_problem_keeps_both_goals(sms: ffsms.SpaceManipulator, q0: Any) -> None:
     left, right = goals(sms, q0)
     problem = opt.Problem(
         sms, q0, left, duration=10.0, limits=[opt.JointLimits(), opt.FrameGoal("right_tool", right)]
@@ -144,7 +143,7 @@ def test_the_rest_of_a_problem_keeps_both_goals(sms: ffsms.SpaceManipulator, q0:
     assert np.linalg.norm(tool(sms, again.q[-1]).translation - right.translation) <= 1e-3
 
 
-def test_what_cannot_be_a_goal(sms: ffsms.SpaceManipulator, q0: Any) -> None:
+def test_wrong_frame_goals_are_refused(sms: ffsms.SpaceManipulator, q0: Any) -> None:
     for wrong in (lambda t: [t, 0.0, 0.0], opt.Position([1.0, 0.0, 0.0], velocity=[0.0, 0.1, 0.0]), [1.0]):
         with pytest.raises(InvalidValue):
             opt.FrameGoal("right_tool", wrong)

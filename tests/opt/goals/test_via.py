@@ -1,4 +1,4 @@
-"""Waypoints: passed at their time or at any, judged by Pinocchio's poses of the plan."""
+"""Waypoints at a fixed time or at any time, checked with the plan's poses by Pinocchio."""
 
 from __future__ import annotations
 
@@ -33,8 +33,8 @@ def poses(planar: ffsms.SpaceManipulator, plan: opt.Trajectory) -> list[Any]:
     return [planar.at(q).end_effector_pose for q in plan.q]
 
 
-def test_two_places_at_their_times(planar: ffsms.SpaceManipulator, q0: Any) -> None:
-    """In the order of the times, whatever the straight way would pass first."""
+def test_two_waypoints_are_passed_at_their_times(planar: ffsms.SpaceManipulator, q0: Any) -> None:
+    """The waypoints are passed in the order of their times."""
     a, b = np.array([0.65, 0.60, 0.0]), np.array([0.70, 0.50, 0.0])
     plan = opt.solve(
         problem_with(planar, q0, opt.Waypoint(a, 3.0, name="a"), opt.Waypoint(b, 5.0, name="b")), HASTY
@@ -47,63 +47,63 @@ def test_two_places_at_their_times(planar: ffsms.SpaceManipulator, q0: Any) -> N
     assert np.linalg.norm(free.end_effector[500] - b) > 0.02
 
 
-def test_a_pose_at_any_time(planar: ffsms.SpaceManipulator, q0: Any) -> None:
-    """Place and attitude at the same instant."""
+def test_a_waypoint_without_time_is_passed_at_some_instant(planar: ffsms.SpaceManipulator, q0: Any) -> None:
+    """Position and attitude are within tolerance at the same instant."""
     free = opt.solve(problem_with(planar, q0), HASTY)
     here = planar.at(free.q[400]).end_effector_pose
-    wanted = pin.SE3(here.rotation @ pin.exp3(np.array([0.0, 0.0, 0.15])), here.translation)
+    target = pin.SE3(here.rotation @ pin.exp3(np.array([0.0, 0.0, 0.15])), here.translation)
 
     def passes(plan: opt.Trajectory) -> bool:
         return any(
-            np.linalg.norm(pose.translation - wanted.translation) <= 0.01 + 1e-4
-            and np.linalg.norm(pin.log3(pose.rotation.T @ wanted.rotation)) <= 0.02 + 1e-3
+            np.linalg.norm(pose.translation - target.translation) <= 0.01 + 1e-4
+            and np.linalg.norm(pin.log3(pose.rotation.T @ target.rotation)) <= 0.02 + 1e-3
             for pose in poses(planar, plan)
         )
 
     assert not passes(free)
-    plan = opt.solve(problem_with(planar, q0, opt.Waypoint(wanted)), HASTY)
+    plan = opt.solve(problem_with(planar, q0, opt.Waypoint(target)), HASTY)
     assert plan.reached, plan.note
     assert passes(plan)
 
 
-def test_a_place_in_any_turn_about_an_axis(planar: ffsms.SpaceManipulator, q0: Any) -> None:
-    """With the tool's z free a place is passed in an attitude that the arm could not have there."""
+def test_a_waypoint_with_a_free_axis_is_passed(planar: ffsms.SpaceManipulator, q0: Any) -> None:
+    """The full attitude is not reached at this position; with the z axis free the waypoint is passed."""
     turned = pin.exp3(np.array([0.0, 0.0, 2.5]))
-    wanted = pin.SE3(turned, np.array([0.65, 0.60, 0.0]))
+    target = pin.SE3(turned, np.array([0.65, 0.60, 0.0]))
     plans = [
-        opt.solve(problem_with(planar, q0, opt.Waypoint(opt.Pose(wanted, free_axis=axis), 3.0)), HASTY)
+        opt.solve(problem_with(planar, q0, opt.Waypoint(opt.Pose(target, free_axis=axis), 3.0)), HASTY)
         for axis in (None, [0.0, 0.0, 1.0])
     ]
     assert "via" in plans[0].broken
     assert plans[1].reached, plans[1].note
     end = planar.at(plans[1].q[300]).end_effector_pose
-    assert np.linalg.norm(end.translation - wanted.translation) <= 0.01
+    assert np.linalg.norm(end.translation - target.translation) <= 0.01
     assert np.linalg.norm(pin.log3(end.rotation.T @ turned)) > 0.5
 
 
-def test_the_rest_of_a_motion_and_times(planar: ffsms.SpaceManipulator, q0: Any) -> None:
+def test_the_remaining_problem_keeps_the_waypoints_ahead(planar: ffsms.SpaceManipulator, q0: Any) -> None:
     via = opt.Waypoint([0.65, 0.60, 0.0], name="a")
     plan = opt.solve(problem_with(planar, q0, via), HASTY)
     timed = via.timed(plan)
     assert timed.time is not None
     assert np.linalg.norm(plan.end_effector[round(timed.time / plan.dt)] - via.place.position) <= 0.01
     problem = problem_with(planar, q0, timed)
-    for k, asked in ((100, True), (700, False)):
+    for k, ahead in ((100, True), (700, False)):
         rest = rest_of(
             problem, planar, plan.t[k], plan.q[k], plan.joint_positions[k], plan.joint_rates[k], plan.q[0, :7]
         )
         still = measure(rest, np.zeros((rest.steps + 1, 3)))
-        assert ("a" in still.broken) == asked
+        assert ("a" in still.broken) == ahead
 
 
-def test_what_cannot_be_a_waypoint(planar: ffsms.SpaceManipulator, q0: Any) -> None:
-    ways: list[tuple[Any, ...]] = [
+def test_wrong_waypoints_are_refused(planar: ffsms.SpaceManipulator, q0: Any) -> None:
+    wrong: list[tuple[Any, ...]] = [
         ([1.0],),
         (GOAL, -1.0),
         (GOAL, None, 0.0),
         (lambda t: [t, 0.0, 0.0],),
     ]
-    for arguments in ways:
+    for arguments in wrong:
         with pytest.raises(InvalidValue):
             opt.Waypoint(*arguments)
     with pytest.raises(InvalidValue, match="must have different names"):

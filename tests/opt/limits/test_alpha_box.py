@@ -1,4 +1,4 @@
-"""The paper's box |alpha_i| <= 1: kept as printed where it can be, and said where not."""
+"""The paper's box |alpha_i| <= 1: exact where feasible, violations reported."""
 
 from __future__ import annotations
 
@@ -26,21 +26,21 @@ TARGET = np.array([0.45, 0.75, 0.0])
 
 @pytest.fixture(scope="module")
 def fast() -> ffsms.SpaceManipulator:
-    """With generous joint limits only the box is left to hold the rates."""
+    """An arm with generous joint limits, whose rates the box alone limits."""
     sms = ffsms.load("planar_3r")
     return sms.with_limits(replace(sms.limits, velocity=np.full(3, 50.0), acceleration=np.full(3, 500.0)))
 
 
 def largest_alpha(stepper: Stepper, duration: float) -> float:
-    sms, dt, most = stepper.sms, stepper.dt, 0.0
+    sms, dt, largest = stepper.sms, stepper.dt, 0.0
     q, rates = sms.configuration([0.4, 0.7, -0.5]), np.zeros(3)
     for k in range(round(duration / dt)):
         step = stepper.advance(q, rates, TARGET, duration - k * dt)
         assert step.solved
-        most = max(most, float(np.abs(step.alpha).max()))
+        largest = max(largest, float(np.abs(step.alpha).max()))
         q, _ = advance(sms, q, rates, (step.joint_rates - rates) / dt, dt)
         rates = step.joint_rates
-    return most
+    return largest
 
 
 def test_alpha_stays_in_the_box_and_leaves_it_without(fast: ffsms.SpaceManipulator) -> None:
@@ -48,7 +48,7 @@ def test_alpha_stays_in_the_box_and_leaves_it_without(fast: ffsms.SpaceManipulat
     assert largest_alpha(Stepper(fast, 0.01, 10.0, [StepJoints()]), 0.2) > 2.0
 
 
-def test_slow_rates_meet_rows_that_never_give_way(planar: ffsms.SpaceManipulator) -> None:
+def test_rows_are_hard_at_slow_rates(planar: ffsms.SpaceManipulator) -> None:
     step = StepState(planar, planar.configuration([0.4, 0.7, -0.5]), np.full(3, 0.3), 0.01, 5.0)
     rows = AlphaBox().rows(step)
     np.testing.assert_array_equal(rows.G, step.V.T)
@@ -57,8 +57,8 @@ def test_slow_rates_meet_rows_that_never_give_way(planar: ffsms.SpaceManipulator
     assert (rows.upper == 1.0).all()
 
 
-def test_where_the_box_cannot_be_kept_the_step_says_so(fast: ffsms.SpaceManipulator) -> None:
-    """Rates of twice the box: with enough acceleration they are back in one step, with little not."""
+def test_an_infeasible_box_is_softened_and_its_violation_reported(fast: ffsms.SpaceManipulator) -> None:
+    """Rates of twice the box return to it in one step if the acceleration limit allows."""
     q = fast.configuration([0.4, 0.7, -0.5])
     step = StepState(fast, q, np.zeros(3), 0.01, 5.0)
     rates = 2.0 * step.V[:, 0]
@@ -74,19 +74,19 @@ def test_where_the_box_cannot_be_kept_the_step_says_so(fast: ffsms.SpaceManipula
     assert step_.solved
     assert np.abs(step_.alpha).max() > 1.5
     assert step_.slack > 1e-3
-    # Not more than must be: the rates come back as fast as the joints can.
+    # The violation is the smallest possible: the rates return as fast as the joints can.
     assert np.abs(step_.joint_rates - rates).max() == pytest.approx(0.1, abs=1e-9)
     assert AlphaBox().rows(step).softness == 0.0
 
 
 @pytest.fixture(scope="module")
 def brisk(planar: ffsms.SpaceManipulator) -> ffsms.SpaceManipulator:
-    """An arm whose joints may turn faster than the paper's box lets them."""
+    """An arm whose joint limits allow rates outside the paper's box."""
     limits = replace(planar.limits, velocity=np.full(3, 3.0), acceleration=np.full(3, 6.0))
     return planar.with_limits(limits)
 
 
-def test_the_box_in_marches(brisk: ffsms.SpaceManipulator) -> None:
+def test_rollouts_keep_the_box(brisk: ffsms.SpaceManipulator) -> None:
     goal, largest = np.array([0.3, -0.8, 0.0]), {}
     for box in (False, True):
         limits: list[opt.Limit] = [opt.JointLimits(), opt.AlphaBox()][: 1 + box]
@@ -99,7 +99,9 @@ def test_the_box_in_marches(brisk: ffsms.SpaceManipulator) -> None:
     assert largest[True] <= 1.0 + 1e-9
 
 
-def test_the_box_in_whole_motions(brisk: ffsms.SpaceManipulator, rng: np.random.Generator) -> None:
+def test_derivatives_and_violation_of_the_box_over_a_motion(
+    brisk: ffsms.SpaceManipulator, rng: np.random.Generator
+) -> None:
     problem = problem_of(brisk, duration=2.0)
     spline, box = spline_of(problem, COARSE, free_end=True), opt.AlphaBox()
     p = 1.5 * rng.normal(size=(1, spline.size, 3))
@@ -108,7 +110,7 @@ def test_the_box_in_whole_motions(brisk: ffsms.SpaceManipulator, rng: np.random.
     slopes = by_slopes(problem, spline, p, residuals)
     differences = by_differences(problem, spline, p, partial(residuals_of, box))
     np.testing.assert_allclose(slopes, differences, rtol=0.0, atol=1e-5 * np.abs(differences).max())
-    # A motion without residual breaks nothing.
+    # A motion without residual violates nothing.
     for share in (0.0, 0.3, 0.6, 1.0):
         motion = finished(problem, node_rates(problem, spline, share * p[0]))
         if size_of(residuals_of(box, motion)) == 0.0:

@@ -1,4 +1,4 @@
-"""Obstacles that cannot be used, and starts and targets that they do not allow."""
+"""Invalid obstacles, and starts and targets in collision with obstacles."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from ffsms_pin.errors import InvalidValue
 
 
 def tetrahedra() -> Any:
-    """A mesh that is not convex: two tetrahedra apart."""
+    """Return a mesh that is not convex: two separate tetrahedra."""
     corners = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1.0]])
     faces = [(0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3)]
     mesh = coal.BVHModelOBBRSS()
@@ -28,7 +28,7 @@ def tetrahedra() -> Any:
     return mesh
 
 
-def test_a_convex_mesh_is_taken() -> None:
+def test_a_convex_mesh_is_accepted() -> None:
     corners = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1.0]])
     mesh = coal.BVHModelOBBRSS()
     mesh.beginModel(4, 4)
@@ -41,7 +41,7 @@ def test_a_convex_mesh_is_taken() -> None:
 
 
 @pytest.mark.parametrize(
-    ("options", "words"),
+    ("options", "message"),
     [
         ({"shape": "box"}, "must be a coal shape"),
         ({"shape": tetrahedra()}, "must be convex: cut it into convex pieces"),
@@ -52,12 +52,12 @@ def test_a_convex_mesh_is_taken() -> None:
         ({"shape": coal.Sphere(0.1), "margin": -0.1}, "must be at least zero"),
     ],
 )
-def test_bad_obstacles(options: dict[str, Any], words: str) -> None:
-    with pytest.raises(InvalidValue, match=words):
+def test_wrong_obstacles_are_refused(options: dict[str, Any], message: str) -> None:
+    with pytest.raises(InvalidValue, match=message):
         opt.Obstacle(**options)
 
 
-def test_bad_lists_and_payloads() -> None:
+def test_wrong_lists_and_payloads_are_refused() -> None:
     ball = opt.Obstacle(coal.Sphere(0.1), name="ball")
     with pytest.raises(InvalidValue, match="must have different names"):
         opt.Clearance(obstacles=[ball, ball])
@@ -68,7 +68,9 @@ def test_bad_lists_and_payloads() -> None:
 
 
 @pytest.mark.parametrize("method", ["horizon", "step"])
-def test_a_start_in_contact_and_a_target_inside(planar: ffsms.SpaceManipulator, method: str) -> None:
+def test_a_start_in_contact_and_a_target_inside_are_refused(
+    planar: ffsms.SpaceManipulator, method: str
+) -> None:
     q0 = planar.configuration(START)
     tip = planar.at(q0).end_effector_pose
     ball = opt.Obstacle(coal.Sphere(0.05), pin.SE3(np.eye(3), tip.translation), name="ball")
@@ -79,7 +81,7 @@ def test_a_start_in_contact_and_a_target_inside(planar: ffsms.SpaceManipulator, 
         opt.plan(planar, q0, GOAL, obstacles=[there], method=method)
 
 
-def test_a_start_that_is_too_near_is_said(planar: ffsms.SpaceManipulator) -> None:
+def test_a_start_below_the_clearance_is_reported(planar: ffsms.SpaceManipulator) -> None:
     q0 = planar.configuration(START)
     tip = planar.at(q0).end_effector_pose.translation
     places = [pin.SE3(np.eye(3), tip + far * np.array([1.0, 1.0, 0.0])) for far in np.arange(0.03, 0.2, 2e-3)]

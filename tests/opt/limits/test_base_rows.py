@@ -34,7 +34,9 @@ def test_steps_keep_the_limit_and_break_it_without(
     assert held.note == ""
 
 
-def test_where_the_step_counts_from(panda: ffsms.SpaceManipulator, start: FloatArray) -> None:
+def test_limits_count_from_the_base_pose_of_the_first_step_after_a_reset(
+    panda: ffsms.SpaceManipulator, start: FloatArray
+) -> None:
     stepper = make_stepper(panda, base=opt.BaseLimits(attitude=0.1))
     target, rates, away = panda.at(start).end_effector_pose.translation + 0.2, np.zeros(7), start.copy()
     away[:3] += 0.2
@@ -72,24 +74,24 @@ def test_rows_are_the_rate_of_the_distance(
         behind, _ = roll_out(panda, q[-1], -rates, np.zeros((1, 7)), h)
         rate = (distance(ahead[-1]) - distance(behind[-1])) / (2.0 * h)
         assert float(-rows.G[0] @ rates) == pytest.approx(rate, abs=1e-6)
-        # And it may go on as fast as what is left allows.
+        # The row allows a rate in proportion to the remaining distance.
         assert -rows.lower[0] == pytest.approx(2.0 * (0.97 * 0.5 - distance(q[-1])), abs=1e-6)
 
 
-def test_the_spin_of_momentum_counts(planar: ffsms.SpaceManipulator) -> None:
-    """A base that turns by itself leaves less to the arm on one side, and more on the other."""
+def test_rows_include_the_angular_velocity_due_to_momentum(planar: ffsms.SpaceManipulator) -> None:
+    """The drift of the base tightens the bound on one side and widens it on the other."""
     q, limits = planar.configuration([0.3, 0.6, 0.5]), opt.BaseLimits(attitude_rate=0.05)
     momentum = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.5])
-    own = StepState(planar, q, np.zeros(3), 0.01, 1.0, momentum).drift[5]
+    drift = StepState(planar, q, np.zeros(3), 0.01, 1.0, momentum).drift[5]
     turning = limits.rows(StepState(planar, q, np.zeros(3), 0.01, 1.0, momentum))
     assert turning is not None
-    np.testing.assert_allclose(turning.lower, [own - 0.97 * 0.05], atol=1e-12)
-    # Without momentum the same turn of the base, by the joints alone, leaves as much.
+    np.testing.assert_allclose(turning.lower, [drift - 0.97 * 0.05], atol=1e-12)
+    # Without momentum, the same base rate due to the joints alone leaves the same slack.
     still = StepState(planar, q, np.zeros(3), 0.01, 1.0)
-    rates = own * np.linalg.pinv(still.reaction[5:6])[:, 0]
+    rates = drift * np.linalg.pinv(still.reaction[5:6])[:, 0]
     rows = limits.rows(StepState(planar, q, rates, 0.01, 1.0))
     assert rows is not None
-    np.testing.assert_allclose(rows.G @ rates - rows.lower, 0.97 * 0.05 - own, atol=1e-12)
+    np.testing.assert_allclose(rows.G @ rates - rows.lower, 0.97 * 0.05 - drift, atol=1e-12)
 
 
 def test_without_limits_there_are_no_rows(planar: ffsms.SpaceManipulator) -> None:
@@ -97,15 +99,13 @@ def test_without_limits_there_are_no_rows(planar: ffsms.SpaceManipulator) -> Non
     assert opt.BaseLimits().rows(step) is None
 
 
-def test_rates_from_which_the_arm_cannot_stop_in_time_are_not_taken(
-    panda: ffsms.SpaceManipulator, start: FloatArray
-) -> None:
+def test_rates_without_time_to_brake_are_not_chosen(panda: ffsms.SpaceManipulator, start: FloatArray) -> None:
     rates = 0.2 * np.ones(7)
     step = StepState(panda, start, rates, 0.02, 2.0)
     slow, fast = 0.98 * rates, 1.02 * rates
     wide, narrow = opt.BaseLimits(attitude=0.5), opt.BaseLimits(attitude=1e-3)
-    for limits, taken in ((wide, fast), (narrow, slow)):
+    for limits, chosen in ((wide, fast), (narrow, slow)):
         assert limits.in_braking is not None
-        np.testing.assert_array_equal(stoppable([limits.in_braking], step, fast, slow), taken)
-    # Nothing looks ahead to the end.
+        np.testing.assert_array_equal(stoppable([limits.in_braking], step, fast, slow), chosen)
+    # A limit on the final attitude is not checked during braking.
     assert opt.BaseLimits(final_attitude=1e-3).in_braking is None

@@ -1,4 +1,4 @@
-"""Clearances over stacks of configurations, and what a finished motion makes of a clearance."""
+"""Clearances over stacks of configurations, and their evaluation over a finished motion."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def test_stacked_clearances(planar: ffsms.SpaceManipulator, collision: str) -> N
         np.testing.assert_allclose(gradients[j], slope[every] / (2.0 * h), atol=1e-5)
 
 
-def test_off_keeps_nothing_apart(planar: ffsms.SpaceManipulator) -> None:
+def test_collision_off_disables_the_clearance(planar: ffsms.SpaceManipulator) -> None:
     assert clearance_stack(planar, "off") is None
     off = opt.Clearance(collision="off").for_robot(planar)
     problem = planar_problem(planar, limits=[off])
@@ -54,19 +54,19 @@ def test_off_keeps_nothing_apart(planar: ffsms.SpaceManipulator) -> None:
             opt.Clearance(value)
 
 
-def test_what_is_broken_is_told_with_place_time_and_size(planar: ffsms.SpaceManipulator) -> None:
+def test_the_note_gives_pair_time_and_size_of_a_violation(planar: ffsms.SpaceManipulator) -> None:
     """Joint 3 folds to 2.6 rad half way through the second step: 0.6 cos(2.6 / 2) from joint 2 to the tip."""
     fold = np.array([0.0, 0.0, 2.2 / 0.75])
     rates = np.array([np.zeros(3), fold, -fold])
     least = 0.6 * np.cos(1.3)
-    for asked, broken in ((least - 1e-4, False), (least + 1e-3, True)):
+    for required, broken in ((least - 1e-4, False), (least + 1e-3, True)):
         problem = opt.Problem(
             planar,
             planar.configuration([0.0, 0.0, 0.4]),
             [1.0, 0.0, 0.0],
             2.0,
             1.0,
-            limits=[opt.Clearance(asked)],
+            limits=[opt.Clearance(required)],
         )
         plan = measure(problem, rates)
         assert ("joint_2 - end_effector" in plan.note) == broken
@@ -76,7 +76,7 @@ def test_what_is_broken_is_told_with_place_time_and_size(planar: ffsms.SpaceMani
             assert f"{1e3 * least:.1f} mm at 1.5 s" in plan.note
 
 
-def test_a_tightened_clearance_is_greater_by_that(planar: ffsms.SpaceManipulator) -> None:
+def test_a_margin_adds_to_the_clearance(planar: ffsms.SpaceManipulator) -> None:
     problem = opt.Problem(planar, planar.configuration([1.0, 1.9, 1.4]), [0.5, 0.5, 0.0], 2.0)
     m = opt.Variables(problem.motion(np.full((3, 3), 0.2)))
     (tight,) = opt.Clearance(0.02).for_robot(planar).residual(m.with_margin(0.01))
@@ -85,8 +85,8 @@ def test_a_tightened_clearance_is_greater_by_that(planar: ffsms.SpaceManipulator
     np.testing.assert_allclose(tight.value, wider.value, atol=1e-12)
 
 
-class Formula(opt.Inequality):
-    """The clearance's formula alone, and all that follows from it."""
+class SlackOnly(opt.Inequality):
+    """A limit with a clearance's slack, and the rows and the residual that `opt.Inequality` derives."""
 
     name = "formula"
 
@@ -98,8 +98,8 @@ class Formula(opt.Inequality):
 
 
 @pytest.mark.parametrize("case", ["points", "hulls", "obstacles"])
-def test_rows_and_residual_are_those_that_follow_from_room(case: str) -> None:
-    """They are worked out of what is near alone; what `opt.Inequality` makes of `room` is the same."""
+def test_rows_and_residual_follow_from_the_slack(case: str) -> None:
+    """`opt.Clearance` evaluates near pairs alone; `opt.Inequality` derives the same from `slack`."""
     sms = ffsms.load("planar_3r" if case == "points" else "satellite_panda")
     client = ffsms.Client(50.0, np.eye(3), pin.SE3.Identity(), np.array([0.02, 0.1, -0.05, 0.1, 0.2, 0.3]))
     balls = [
@@ -115,7 +115,7 @@ def test_rows_and_residual_are_those_that_follow_from_room(case: str) -> None:
     for _ in range(4):
         q0 = sms.configuration(rng.uniform(low, high))
         state = StepState(sms, q0, rng.uniform(-0.2, 0.2, sms.n), 0.01, 5.0)
-        rows, expected = limit.rows(state), Formula(limit).rows(state)
+        rows, expected = limit.rows(state), SlackOnly(limit).rows(state)
         assert rows is not None
         assert expected is not None
         near = np.abs(rows.G).any(axis=1)
@@ -126,19 +126,21 @@ def test_rows_and_residual_are_those_that_follow_from_room(case: str) -> None:
         motion = rolled_out(sms, problem.stack, q0, rates, 0.25, problem.momentum)
         m = Variables(motion)
         least = 0.1 + limit.margin * motion.stack.length
-        for stack, room in zip(limit._stacks, limit.slack(m), strict=True):  # one of them
+        for stack, slack in zip(limit._stacks, limit.slack(m), strict=True):  # a single stack
             kept = np.minimum(least, 0.5 * (0.1 + stack.largest)) - 0.1
-            lack: Any = (kept[:, None, None] - room) / motion.stack.length
-            for one in limit.residual(m):
-                assert isinstance(one, opt.Variable)
-                pairs, at = np.nonzero(lack.value[:, 0] > 0.0)
+            violation: Any = (kept[:, None, None] - slack) / motion.stack.length
+            for residual in limit.residual(m):
+                assert isinstance(residual, opt.Variable)
+                pairs, at = np.nonzero(violation.value[:, 0] > 0.0)
                 order = np.lexsort((pairs, at))
-                where = pairs[order], at[order]
-                np.testing.assert_allclose(one.value[0], lack.value[:, 0][where], rtol=0.0, atol=1e-12)
-                for name, slope in one.slopes.items():
-                    dense = np.moveaxis(lack.slopes[name][:, :, 0], 1, 0)
+                entries = pairs[order], at[order]
+                np.testing.assert_allclose(
+                    residual.value[0], violation.value[:, 0][entries], rtol=0.0, atol=1e-12
+                )
+                for name, slope in residual.slopes.items():
+                    dense = np.moveaxis(violation.slopes[name][:, :, 0], 1, 0)
                     np.testing.assert_allclose(
-                        slope[..., 0, :], dense[:, where[0], where[1]], rtol=0.0, atol=1e-9
+                        slope[..., 0, :], dense[:, entries[0], entries[1]], rtol=0.0, atol=1e-9
                     )
-                checked += one.value.size
+                checked += residual.value.size
     assert checked > 5

@@ -1,4 +1,4 @@
-"""Obstacles: plans with and without them judged by coal alone, between nodes, on a client and on the base."""
+"""Obstacles, inertial, on a client and on the base; plans with and without them are checked by coal."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ from ffsms_pin.opt.limits import clearance
 from ffsms_pin.opt.trajectory import measure
 
 
-def middle_of(plan: opt.Trajectory) -> pin.SE3:
-    """Where the end effector is in the middle of a plan."""
+def middle_pose(plan: opt.Trajectory) -> pin.SE3:
+    """Return the end effector's position in the middle of a plan, as a pose."""
     return pin.SE3(np.eye(3), plan.end_effector[len(plan.end_effector) // 2])
 
 
@@ -37,7 +37,7 @@ def free(planar: ffsms.SpaceManipulator) -> opt.Trajectory:
 def test_plans_with_and_without_an_obstacle(
     planar: ffsms.SpaceManipulator, free: opt.Trajectory, shape: Any
 ) -> None:
-    pose, by_coal = middle_of(free), ByCoal(planar)
+    pose, by_coal = middle_pose(free), ByCoal(planar)
     assert min(by_coal(q, shape, pose) for q in free.q) < 0.0
     obstacle = opt.Obstacle(shape, pose, margin=0.005)
     plan = opt.plan(planar, free.q[0], GOAL, duration=8.0, dt=0.02, obstacles=[obstacle])
@@ -45,14 +45,14 @@ def test_plans_with_and_without_an_obstacle(
     assert min(by_coal(q, shape, pose) for q in plan.q) >= 0.015 - 2e-5
 
 
-def test_a_spatial_arm_goes_round() -> None:
+def test_a_spatial_arm_avoids_a_sphere() -> None:
     sms = ffsms.load("satellite_panda")
     low, high = (np.clip(bound, -2.0, 2.0) for bound in (sms.limits.lower, sms.limits.upper))
     q0 = sms.configuration(0.5 * (low + high))
     target = sms.at(q0).end_effector_pose.translation + np.array([-0.1, 0.45, 0.05])
     free = opt.plan(sms, q0, target, duration=10.0, dt=0.05)
     shape, by_coal = coal.Sphere(0.07), ByCoal(sms)
-    pose = middle_of(free)
+    pose = middle_pose(free)
     assert free.reached
     assert min(by_coal(q, shape, pose) for q in free.q) < 0.0
     obstacles = [opt.Obstacle(shape, pose)]
@@ -61,8 +61,8 @@ def test_a_spatial_arm_goes_round() -> None:
     assert min(by_coal(q, shape, pose) for q in plan.q) >= 0.01 - 2e-5
 
 
-def test_distances_are_those_of_coal(rng: np.random.Generator) -> None:
-    """All shapes of this arm are convex, so its parts are its shapes."""
+def test_the_least_distance_agrees_with_coal(rng: np.random.Generator) -> None:
+    """All shapes of this arm are convex, so no shape is decomposed."""
     sms = ffsms.load("space_arm_7")
     by_coal, pose = ByCoal(sms), pin.SE3(pin.exp3(np.array([0.3, 0.4, -0.5])), np.array([1.5, 2.0, 1.0]))
     box = opt.Obstacle(coal.Box(0.4, 0.5, 0.6), pose, margin=0.02)
@@ -85,14 +85,14 @@ def motion_of(problem: opt.Problem, rates: FloatArray) -> opt.Rollouts:
     return rolled_out(problem.sms, problem.stack, problem.q0, rates, problem.dt, problem.momentum)
 
 
-def test_what_happens_between_instants_is_seen(planar: ffsms.SpaceManipulator) -> None:
-    """The arm sweeps past a thin rod within a quarter of a step, and is clear of it at all instants."""
+def test_a_violation_between_instants_is_detected(planar: ffsms.SpaceManipulator) -> None:
+    """The arm sweeps past a small sphere after a quarter of a step and is clear of it at all instants."""
     q0, dt = planar.configuration(START), 0.8
     rates = np.full((2, 3), 0.0)
     rates[:, 0] = 0.7
     problem = opt.Problem(planar, q0, GOAL, dt, dt, limits=[])
     motion = motion_of(problem, rates)
-    # Beyond the end of the last link a quarter on: a body as wide as the way would touch at the instants.
+    # The sphere is at the end effector after a quarter of the step.
     plan = measure(opt.Problem(planar, q0, GOAL, dt, dt / 8, limits=[]), np.tile(rates[:1], (9, 1)))
     at, shape = pin.SE3(np.eye(3), plan.end_effector[2]), coal.Sphere(0.004)
     by_coal = ByCoal(planar)
@@ -101,16 +101,16 @@ def test_what_happens_between_instants_is_seen(planar: ffsms.SpaceManipulator) -
     assert by_coal(plan.q[2], shape, at) < 0.005
     limit = opt.Clearance(0.01, "off", obstacles=[opt.Obstacle(shape, at)]).for_robot(planar)
     assert least_clearance(limit, motion)[0] > 0.01
-    found = limit.violation(motion)
-    assert found.amount > 0.004
-    assert "sphere 1" in found.note
+    violation = limit.violation(motion)
+    assert violation.amount > 0.004
+    assert "sphere 1" in violation.note
 
 
 def test_an_obstacle_on_the_base(planar: ffsms.SpaceManipulator, free: opt.Trajectory) -> None:
-    """A panel's corner, where the free plan passes as the base sees it; the base itself does not count."""
+    """The panel is on the free plan in base axes; pairs with the base itself are left out."""
     k = len(free.q) // 2
     base = [pin.XYZQUATToSE3(q[:7]) for q in free.q]
-    place = base[k].actInv(middle_of(free))
+    place = base[k].actInv(middle_pose(free))
     panel = opt.Obstacle(coal.Box(0.08, 0.08, 0.08), place, "base", name="panel")
     reaches_base = opt.Obstacle(coal.Box(0.1, 0.1, 0.1), pin.SE3.Identity(), "base")
     limit = opt.Clearance(0.01, "off", obstacles=[panel, reaches_base]).for_robot(planar)
@@ -126,33 +126,33 @@ def test_an_obstacle_on_the_base(planar: ffsms.SpaceManipulator, free: opt.Traje
 
 
 def test_an_obstacle_on_a_client(planar: ffsms.SpaceManipulator, free: opt.Trajectory) -> None:
-    """A tumbling client passes where the free plan is at half time, and a later one has passed already."""
+    """A tumbling client crosses the free plan at half time; a motion that starts later is clear of it."""
     half, by_coal, shape = free.t[len(free.t) // 2], ByCoal(planar), coal.Box(0.06, 0.06, 0.06)
     velocity = np.array([0.0, 0.0, 0.1])
-    start = pin.SE3(np.eye(3), middle_of(free).translation - half * velocity)
+    start = pin.SE3(np.eye(3), middle_pose(free).translation - half * velocity)
     client = ffsms.Client(
         50.0, np.diag([3.0, 4.0, 5.0]), pose=start, twist=np.concatenate([velocity, [0.05, 0.02, 0.1]])
     )
     obstacle = opt.Obstacle(shape, pin.SE3.Identity(), client)
-    held = opt.Problem(
+    problem = opt.Problem(
         planar, free.q[0], GOAL, 8.0, 0.02, limits=[opt.JointLimits(), opt.Clearance(obstacles=[obstacle])]
     )
-    assert "clearance" in measure(held, free.joint_rates).broken
-    plan = opt.solve(held)
+    assert "clearance" in measure(problem, free.joint_rates).broken
+    plan = opt.solve(problem)
     assert plan.reached, plan.note
     near = [by_coal(q, shape, client.pose(t)) for q, t in zip(plan.q, plan.t, strict=True)]
     assert min(near) >= 0.01 - 2e-5
-    # Seen from a time at which it has passed.
-    assert "clearance" not in measure(replace(held, time_offset=6.0), free.joint_rates).broken
+    # With an offset of 6 s the client has passed.
+    assert "clearance" not in measure(replace(problem, time_offset=6.0), free.joint_rates).broken
 
 
-def test_a_held_payload_is_kept_clear_too(planar: ffsms.SpaceManipulator, free: opt.Trajectory) -> None:
-    """An obstacle beside the free plan, which only what the end effector holds comes into."""
-    box, held = coal.Box(0.05, 0.05, 0.05), (coal.Box(0.04, 0.04, 0.3), pin.SE3.Identity())
-    place = pin.SE3(np.eye(3), middle_of(free).translation + np.array([0.0, 0.0, 0.15]))
+def test_a_grasped_payload_is_kept_clear(planar: ffsms.SpaceManipulator, free: opt.Trajectory) -> None:
+    """The obstacle is beside the free plan, where the payload alone touches it."""
+    box, grasped = coal.Box(0.05, 0.05, 0.05), (coal.Box(0.04, 0.04, 0.3), pin.SE3.Identity())
+    place = pin.SE3(np.eye(3), middle_pose(free).translation + np.array([0.0, 0.0, 0.15]))
     obstacle = opt.Obstacle(box, place)
     plain = opt.Clearance(obstacles=[obstacle])
-    loaded = opt.Clearance(obstacles=[obstacle], payload=held)
+    loaded = opt.Clearance(obstacles=[obstacle], payload=grasped)
 
     def problem(limit: opt.Limit) -> opt.Problem:
         return opt.Problem(planar, free.q[0], GOAL, 8.0, 0.02, limits=[opt.JointLimits(), limit])
@@ -168,10 +168,10 @@ def test_a_held_payload_is_kept_clear_too(planar: ffsms.SpaceManipulator, free: 
         here = coal.Transform3s(pose.rotation, pose.translation)
         there = coal.Transform3s(np.eye(3), place.translation)
         result.clear()
-        assert coal.distance(held[0], here, box, there, coal.DistanceRequest(), result) >= 0.01 - 2e-5
+        assert coal.distance(grasped[0], here, box, there, coal.DistanceRequest(), result) >= 0.01 - 2e-5
 
 
-def test_points_mode_keeps_the_lines_clear(planar: ffsms.SpaceManipulator) -> None:
+def test_points_mode_detects_an_obstacle_between_joints(planar: ffsms.SpaceManipulator) -> None:
     """A ball on the line between two joints, far from both."""
     q = planar.configuration(START)
     data = planar.model.createData()
@@ -184,16 +184,16 @@ def test_points_mode_keeps_the_lines_clear(planar: ffsms.SpaceManipulator) -> No
     assert limit.for_robot(planar).violation(still).overlap.endswith("sphere 1 overlap by 10.0 mm")
 
 
-def test_what_is_not_proven_is_no_overlap(
+def test_an_unproven_clearance_is_not_reported_as_an_overlap(
     planar: ffsms.SpaceManipulator, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     still = opt.Problem(planar, planar.configuration(START), GOAL).motion(np.zeros((2, 3)))
     least = Least(-0.05, 0, 1.0, np.empty(0), exact=False)
     monkeypatch.setattr(clearance, "least_of", lambda *_: least)
-    said = opt.Clearance(0.01, "points").for_robot(planar).violation(still)
-    assert said.overlap == ""
-    assert said.note.startswith("a clearance is not proven")
-    assert "come no nearer than -50.0 mm" in said.nearest
+    violation = opt.Clearance(0.01, "points").for_robot(planar).violation(still)
+    assert violation.overlap == ""
+    assert violation.note.startswith("a clearance is not proven")
+    assert "come no nearer than -50.0 mm" in violation.nearest
 
 
 @pytest.mark.slow
@@ -214,9 +214,11 @@ def test_a_blocked_plan_names_the_pair(planar: ffsms.SpaceManipulator) -> None:
     assert "blocked by link_3 - " in plan.note or "violated: link_3 - " in plan.note, plan.note
 
 
-def test_steps_and_copies(planar: ffsms.SpaceManipulator, free: opt.Trajectory) -> None:
-    """A march keeps clear; a problem with obstacles can be sent to another process."""
-    obstacle = opt.Obstacle(coal.Sphere(0.05), middle_of(free))
+def test_step_plans_and_pickled_limits_keep_clear(
+    planar: ffsms.SpaceManipulator, free: opt.Trajectory
+) -> None:
+    """A plan by steps keeps clear of an obstacle; a pickled limit gives the same violation."""
+    obstacle = opt.Obstacle(coal.Sphere(0.05), middle_pose(free))
     options: dict[str, Any] = {"duration": 8.0, "dt": 0.02, "obstacles": [obstacle], "method": "step"}
     plan = opt.plan(planar, free.q[0], GOAL, **options)
     assert plan.clear, plan.note

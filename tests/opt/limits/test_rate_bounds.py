@@ -1,4 +1,4 @@
-"""The bounds on joint rates keep every joint limit, between nodes too, and are never empty."""
+"""Bounds on joint rates: never empty, and sufficient for all joint limits at and between nodes."""
 
 from __future__ import annotations
 
@@ -21,16 +21,18 @@ LIMITS = RobotLimits(
 
 
 def extreme_positions(q: FloatArray, rates: FloatArray, after: FloatArray, dt: float) -> FloatArray:
-    """Positions at a step's start, end and, where a joint turns round inside it, there: shape (3, n)."""
+    """Return positions (3, n) at a step's start, at its end and at the reversals of joints within it."""
     acceleration = (after - rates) / dt
     with np.errstate(divide="ignore", invalid="ignore"):
-        turn = np.where(rates * after < 0.0, -rates / acceleration, 0.0)
-    return np.array([q, q + 0.5 * dt * (rates + after), q + turn * rates + 0.5 * turn * turn * acceleration])
+        reversal = np.where(rates * after < 0.0, -rates / acceleration, 0.0)
+    return np.array(
+        [q, q + 0.5 * dt * (rates + after), q + reversal * rates + 0.5 * reversal * reversal * acceleration]
+    )
 
 
 @settings(max_examples=60, deadline=None)
 @given(st.integers(0, 2**32 - 1), st.sampled_from([0.002, 0.01, 0.05, 0.2]), st.sampled_from([0.0, 0.5, 1.0]))
-def test_limits_hold_everywhere_under_any_choice(seed: int, dt: float, extremes: float) -> None:
+def test_any_choice_within_the_bounds_keeps_all_limits(seed: int, dt: float, extremes: float) -> None:
     rng = np.random.default_rng(seed)
     q, rates = np.array([0.0, 0.1, 3.0]), np.zeros(3)
     bias = rng.choice([0.0, 1.0], size=3)
@@ -49,8 +51,8 @@ def test_limits_hold_everywhere_under_any_choice(seed: int, dt: float, extremes:
         q, rates = q + 0.5 * dt * (rates + after), after
 
 
-def test_without_room_to_brake_the_position_limit_breaks() -> None:
-    """The with/without pair: rate and acceleration limits alone run a joint through its position limit."""
+def test_a_joint_without_position_bounds_passes_its_limit() -> None:
+    """Rate and acceleration limits alone do not stop a joint at its position limit."""
     dt = 0.01
 
     def greatest_position(limits: RobotLimits) -> float:
@@ -76,16 +78,18 @@ def test_a_joint_at_rest_at_its_limit_may_leave_and_not_pass() -> None:
 
 
 def joint_bounds(q: float, rate: float, joint: int, dt: float) -> tuple[float, float]:
-    """The formulas of the docstring for one joint, in plain numbers."""
+    """Return the bounds of one joint by scalar formulas."""
     a, v = float(LIMITS.acceleration[joint]), float(LIMITS.velocity[joint])
 
     def towards(distance: float, rate: float) -> float:
-        room = min(max(distance, 0.0), 1e6)
-        # The positive root of dt (rate + w) / 2 + w^2 / (2 a) = room.
-        root = -0.5 * dt * a + math.sqrt(max((0.5 * dt * a) ** 2 - 2.0 * a * (0.5 * dt * rate - room), 0.0))
+        distance_left = min(max(distance, 0.0), 1e6)
+        # The positive root of dt (rate + w) / 2 + w^2 / (2 a) = distance_left.
+        root = -0.5 * dt * a + math.sqrt(
+            max((0.5 * dt * a) ** 2 - 2.0 * a * (0.5 * dt * rate - distance_left), 0.0)
+        )
         if root >= 0.0:
             return root
-        return min(rate - max(rate, 0.0) ** 2 * dt / (2.0 * max(room, 1e-300)), 0.0)
+        return min(rate - max(rate, 0.0) ** 2 * dt / (2.0 * max(distance_left, 1e-300)), 0.0)
 
     upper = min(v, towards(float(LIMITS.upper[joint]) - q, rate), rate + dt * a)
     lower = max(-v, -towards(q - float(LIMITS.lower[joint]), -rate), rate - dt * a)
@@ -95,19 +99,19 @@ def joint_bounds(q: float, rate: float, joint: int, dt: float) -> tuple[float, f
 
 @settings(max_examples=300, deadline=None)
 @given(st.integers(0, 2**32 - 1), st.sampled_from([0.002, 0.01, 0.2]), st.sampled_from([0.001, 0.1, 1.5]))
-def test_bounds_are_those_of_the_plain_formulas(seed: int, dt: float, excess: float) -> None:
-    """Also beyond the limits, and at rates that leave no room to brake."""
+def test_bounds_agree_with_the_scalar_formulas(seed: int, dt: float, excess: float) -> None:
+    """Some positions are beyond the limits, and some rates are too fast to brake in time."""
     rng = np.random.default_rng(seed)
     lower, upper = np.maximum(LIMITS.lower, -5.0), np.minimum(LIMITS.upper, 5.0)
     for _ in range(5):
         q = rng.uniform(lower - 0.1 * excess, upper + 0.1 * excess)
         rates = (1.0 + excess) * rng.uniform(-1.0, 1.0, 3) * LIMITS.velocity
-        found = np.array(rate_bounds(q, rates, LIMITS, dt))
+        bounds = np.array(rate_bounds(q, rates, LIMITS, dt))
         expected = [joint_bounds(*pair, joint, dt) for joint, pair in enumerate(zip(q, rates, strict=True))]
-        np.testing.assert_allclose(found.T, expected, rtol=0.0, atol=1e-12)
-        # The acceleration limit is kept whatever else is broken.
+        np.testing.assert_allclose(bounds.T, expected, rtol=0.0, atol=1e-12)
+        # The acceleration limit is kept even if other limits are violated.
         change = dt * LIMITS.acceleration
-        assert ((found >= rates - change) & (found <= rates + change)).all()
+        assert ((bounds >= rates - change) & (bounds <= rates + change)).all()
 
 
 def test_without_any_limit_the_bounds_are_finite_and_wide() -> None:

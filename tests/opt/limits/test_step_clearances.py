@@ -1,4 +1,4 @@
-"""Clearances of points and shapes: which count, their values and gradients, and the rows made of them."""
+"""Clearances of points and shapes: their pairs, values, gradients and rows."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from ffsms_pin.opt.step.state import StepState
 
 
 def planar_points(joints: FloatArray) -> FloatArray:
-    """d_1 to d_4 of the planar arm in base axes, by hand."""
+    """Return d_1 to d_4 of the planar arm in base axes, by plane geometry."""
     angles = np.cumsum(joints)
     steps = 0.3 * np.array([[np.cos(a), np.sin(a)] for a in angles])
     mount = np.array([[0.232, 0.0]])
@@ -30,7 +30,7 @@ def planar_points(joints: FloatArray) -> FloatArray:
 
 
 def plain_points(sms: ffsms.SpaceManipulator, points: Points, q: FloatArray) -> FloatArray:
-    """The clearances point by point, from Pinocchio's poses."""
+    """Return the clearances pair by pair from Pinocchio's poses."""
     data = sms.model.createData()
     pin.framesForwardKinematics(sms.model, data, q)
     places = [data.oMi[j].translation for j in range(2, sms.model.njoints)]
@@ -42,7 +42,7 @@ def plain_points(sms: ffsms.SpaceManipulator, points: Points, q: FloatArray) -> 
     return np.array(values)
 
 
-def test_only_what_can_change_counts(planar: ffsms.SpaceManipulator) -> None:
+def test_only_pairs_whose_distance_can_change_are_named(planar: ffsms.SpaceManipulator) -> None:
     points = Points(planar)
     assert points.count == 6
     assert points.names() == [
@@ -55,7 +55,7 @@ def test_only_what_can_change_counts(planar: ffsms.SpaceManipulator) -> None:
     ]
 
 
-def test_points_are_those_of_plane_geometry_and_ignore_the_base_pose(planar: ffsms.SpaceManipulator) -> None:
+def test_point_clearances_agree_with_plane_geometry_for_any_base_pose(planar: ffsms.SpaceManipulator) -> None:
     points, rng = Points(planar), np.random.default_rng(1)
     for _ in range(20):
         joints = rng.uniform(planar.limits.lower, planar.limits.upper)
@@ -74,7 +74,7 @@ def test_points_are_those_of_plane_geometry_and_ignore_the_base_pose(planar: ffs
 
 @pytest.mark.parametrize("mode", ["points", "shapes"])
 @pytest.mark.parametrize("name", ["planar_3r", "satellite_panda"])
-def test_gradients_are_finite_differences(name: str, mode: str) -> None:
+def test_gradients_agree_with_finite_differences(name: str, mode: str) -> None:
     sms, rng, h = ffsms.load(name), np.random.default_rng(3), 1e-6
     stack = clearance_stack(sms, mode)
     assert stack is not None
@@ -103,7 +103,9 @@ def test_gradients_are_finite_differences(name: str, mode: str) -> None:
 
 
 @pytest.mark.parametrize("kinds", [("revolute",), ("revolute", "continuous"), ("revolute", "prismatic")])
-def test_gradients_on_branched_arms(random_tree: Callable[..., Any], kinds: tuple[str, ...]) -> None:
+def test_gradients_on_branched_arms_agree_with_finite_differences(
+    random_tree: Callable[..., Any], kinds: tuple[str, ...]
+) -> None:
     rng, h = np.random.default_rng(4), 1e-6
     for seed in range(4):
         sms = ffsms.SpaceManipulator(random_tree(seed, 5, kinds).model(), "tip", (0.5, 0.4, 0.3))
@@ -117,7 +119,7 @@ def test_gradients_on_branched_arms(random_tree: Callable[..., Any], kinds: tupl
             np.testing.assert_allclose(gradient[:, i], (ahead - behind) / (2.0 * h), atol=1e-6)
 
 
-def test_shapes_that_one_joint_connects_do_not_count(panda: ffsms.SpaceManipulator) -> None:
+def test_shapes_connected_by_a_joint_are_no_pair(panda: ffsms.SpaceManipulator) -> None:
     stack = clearance_stack(panda, "shapes")
     assert stack is not None
     names, joined = stack.names, set()
@@ -128,8 +130,8 @@ def test_shapes_that_one_joint_connects_do_not_count(panda: ffsms.SpaceManipulat
     assert not joined & set(names)
 
 
-def test_what_was_found_stays_when_more_is_asked(panda: ffsms.SpaceManipulator) -> None:
-    """Results are no views of what is used again, and copies of the object do not share it."""
+def test_results_stay_valid_after_further_evaluations(panda: ffsms.SpaceManipulator) -> None:
+    """Results are no views of reused buffers, and copies of the object have buffers of their own."""
     rng = np.random.default_rng(4)
     first, second = (
         panda.configuration(rng.uniform(panda.limits.lower, panda.limits.upper)) for _ in range(2)
@@ -137,17 +139,17 @@ def test_what_was_found_stays_when_more_is_asked(panda: ffsms.SpaceManipulator) 
     bodies = clearance_stack(panda, "hulls")
     assert bodies is not None
     for model in (Points(panda), At(bodies)):
-        found = model.gradients(first)
-        kept = [array.copy() for array in found]
+        result = model.gradients(first)
+        kept = [array.copy() for array in result]
         model.gradients(second)
         for other in (copy.deepcopy(model), pickle.loads(pickle.dumps(model))):
             other.gradients(second)
-            for before, now, again in zip(kept, found, other.gradients(first), strict=True):
+            for before, now, again in zip(kept, result, other.gradients(first), strict=True):
                 np.testing.assert_array_equal(before, now)
                 np.testing.assert_array_equal(before, again)
 
 
-def test_rows_let_a_clearance_shrink_by_a_share_of_what_is_left(panda: ffsms.SpaceManipulator) -> None:
+def test_rows_bound_the_rate_of_a_clearance_by_its_slack(panda: ffsms.SpaceManipulator) -> None:
     q = panda.configuration(0.5 * (panda.limits.lower + panda.limits.upper))
     points = Points(panda)
     value, gradient = points.gradients(q)
@@ -160,7 +162,7 @@ def test_rows_let_a_clearance_shrink_by_a_share_of_what_is_left(panda: ffsms.Spa
     assert rows.softness == 1.0
 
 
-def test_what_cannot_be_measured_is_said(planar: ffsms.SpaceManipulator) -> None:
+def test_wrong_modes_and_a_missing_base_size_are_refused(planar: ffsms.SpaceManipulator) -> None:
     bare = ffsms.SpaceManipulator(planar.model, "end_effector")
     with pytest.raises(InvalidValue, match="base_size"):
         Points(bare)

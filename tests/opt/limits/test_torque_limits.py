@@ -24,19 +24,19 @@ def weaker(sms: ffsms.SpaceManipulator, torque: Any) -> ffsms.SpaceManipulator:
     return sms.with_limits(replace(sms.limits, torque=np.broadcast_to(torque, sms.n).astype(float)))
 
 
-def by_aba(sms: ffsms.SpaceManipulator, plan: opt.Trajectory) -> FloatArray:
-    """Joint torques (2, N, n) at start and end of each step by Pinocchio."""
+def torques_by_aba(sms: ffsms.SpaceManipulator, plan: opt.Trajectory) -> FloatArray:
+    """Return joint torques (2, N, n) at start and end of each step by Pinocchio."""
     model, data = sms.model, sms.model.createData()
-    found = np.empty((2, len(plan.t) - 1, sms.n))
+    torques = np.empty((2, len(plan.t) - 1, sms.n))
     for side in (0, 1):
         for k, acceleration in enumerate(plan.joint_accelerations):
             q, v = plan.q[k + side], plan.v[k + side]
-            # ABA is linear in the torques: those that give these accelerations, the base left alone.
+            # ABA is linear in the torques; solve for these joint accelerations with no force on the base.
             free = pin.aba(model, data, q, v, np.zeros(model.nv))[6:]
             mobility = pin.computeMinverse(model, data, q)
             mobility = np.triu(mobility) + np.triu(mobility, 1).T
-            found[side, k] = np.linalg.solve(mobility[6:, 6:], acceleration - free)
-    return found
+            torques[side, k] = np.linalg.solve(mobility[6:, 6:], acceleration - free)
+    return torques
 
 
 @pytest.fixture(scope="module")
@@ -45,91 +45,93 @@ def start(planar: ffsms.SpaceManipulator) -> FloatArray:
 
 
 @pytest.fixture(scope="module")
-def usual(planar: ffsms.SpaceManipulator, start: FloatArray) -> opt.Trajectory:
+def free_plan(planar: ffsms.SpaceManipulator, start: FloatArray) -> opt.Trajectory:
     return opt.plan(planar, start, TARGET, duration=QUICK)
 
 
-def test_shares_are_those_of_the_forward_dynamics(
-    planar: ffsms.SpaceManipulator, usual: opt.Trajectory
+def test_torque_shares_agree_with_the_forward_dynamics(
+    planar: ffsms.SpaceManipulator, free_plan: opt.Trajectory
 ) -> None:
-    sizes = np.abs(by_aba(planar, usual)) / planar.limits.torque
+    sizes = np.abs(torques_by_aba(planar, free_plan)) / planar.limits.torque
     expected = np.concatenate([sizes[0], sizes[1, -1:]])
     expected[1:] = np.maximum(expected[1:], sizes[1])
-    assert usual.torque_share.shape == (len(usual.t), 3)
-    np.testing.assert_allclose(usual.torque_share, expected, rtol=1e-9, atol=1e-12)
-    assert 0.0 < usual.torque_share.max() < 1.0
+    assert free_plan.torque_share.shape == (len(free_plan.t), 3)
+    np.testing.assert_allclose(free_plan.torque_share, expected, rtol=1e-9, atol=1e-12)
+    assert 0.0 < free_plan.torque_share.max() < 1.0
 
 
 @pytest.mark.parametrize("share", [0.7, 0.4])
-def test_a_plan_that_breaks_them_without_keeps_them_with(
-    planar: ffsms.SpaceManipulator, start: FloatArray, usual: opt.Trajectory, share: float
+def test_a_plan_keeps_torque_limits_that_the_free_plan_violates(
+    planar: ffsms.SpaceManipulator, start: FloatArray, free_plan: opt.Trajectory, share: float
 ) -> None:
-    most = share * np.abs(by_aba(planar, usual)).max(axis=(0, 1))
-    weak = weaker(planar, most)
-    without = measure(opt.Problem(weak, start, TARGET, QUICK), usual.joint_rates)
+    torque_limits = share * np.abs(torques_by_aba(planar, free_plan)).max(axis=(0, 1))
+    weak = weaker(planar, torque_limits)
+    without = measure(opt.Problem(weak, start, TARGET, QUICK), free_plan.joint_rates)
     assert not without.reached
     assert without.broken.keys() == {"torques"}
     assert without.broken["torques"] == pytest.approx(1.0 / share - 1.0, rel=1e-2)
-    said = re.search(
+    reported = re.search(
         r"'(joint_\d)' would need ([0-9.e-]+) N m at ([0-9.]+) s and has ([0-9.e-]+)", without.note
     )
-    assert said is not None
-    i = weak.joint_names.index(said[1])
-    assert float(said[2]) == pytest.approx(most[i] / share, rel=2e-3)
-    assert float(said[4]) == pytest.approx(most[i], rel=2e-3)
+    assert reported is not None
+    i = weak.joint_names.index(reported[1])
+    assert float(reported[2]) == pytest.approx(torque_limits[i] / share, rel=2e-3)
+    assert float(reported[4]) == pytest.approx(torque_limits[i], rel=2e-3)
     plan = opt.plan(weak, start, TARGET, duration=QUICK)
     assert plan.reached, plan.note
-    assert (np.abs(by_aba(weak, plan)) <= most).all()
+    assert (np.abs(torques_by_aba(weak, plan)) <= torque_limits).all()
     assert "torques" not in plan.broken
     assert plan.torque_share.max() <= 1.0
 
 
-def test_on_by_default_and_off_where_other_limits_are_given(
-    planar: ffsms.SpaceManipulator, start: FloatArray, usual: opt.Trajectory
+def test_torque_limits_are_default_unless_limits_are_passed(
+    planar: ffsms.SpaceManipulator, start: FloatArray, free_plan: opt.Trajectory
 ) -> None:
     names = [limit.name for limit in opt.Problem(planar, start, TARGET).limits]
     assert "torques" in names
-    weak = weaker(planar, 0.5 * usual.torque_share.max(axis=0) * planar.limits.torque)
+    weak = weaker(planar, 0.5 * free_plan.torque_share.max(axis=0) * planar.limits.torque)
     limits = [opt.JointLimits(), opt.Clearance()]
     off = opt.solve(opt.Problem(weak, start, TARGET, QUICK, limits=limits))
     assert off.reached
-    np.testing.assert_array_equal(off.q, usual.q)  # a limit that is far away changes nothing
+    np.testing.assert_array_equal(off.q, free_plan.q)  # an inactive limit changes nothing
     assert off.torque_share.max() > 1.0
     assert opt.solve(opt.Problem(weak, start, TARGET, QUICK)).torque_share.max() <= 1.0
 
 
 def test_joints_without_efforts_are_not_limited(
-    planar: ffsms.SpaceManipulator, start: FloatArray, usual: opt.Trajectory
+    planar: ffsms.SpaceManipulator, start: FloatArray, free_plan: opt.Trajectory
 ) -> None:
     free = weaker(planar, np.inf)
     plan = opt.plan(free, start, TARGET, duration=QUICK)
-    np.testing.assert_array_equal(plan.q, usual.q)
+    np.testing.assert_array_equal(plan.q, free_plan.q)
     assert not plan.torque_share.any()
-    one = weaker(planar, [np.inf, 1.5, np.inf])
-    mixed = measure(opt.Problem(one, start, TARGET, QUICK), usual.joint_rates)
+    partial = weaker(planar, [np.inf, 1.5, np.inf])
+    mixed = measure(opt.Problem(partial, start, TARGET, QUICK), free_plan.joint_rates)
     assert not mixed.torque_share[:, [0, 2]].any()
-    np.testing.assert_array_equal(mixed.torque_share[:, 1], usual.torque_share[:, 1])
+    np.testing.assert_array_equal(mixed.torque_share[:, 1], free_plan.torque_share[:, 1])
 
 
 @pytest.mark.parametrize("method", ["step", "resolved-rate"])
-def test_marches_keep_them(
-    planar: ffsms.SpaceManipulator, start: FloatArray, usual: opt.Trajectory, method: str
+def test_rollouts_keep_torque_limits(
+    planar: ffsms.SpaceManipulator, start: FloatArray, free_plan: opt.Trajectory, method: str
 ) -> None:
     free = opt.plan(weaker(planar, np.inf), start, TARGET, duration=QUICK, method=method)
-    most = 0.6 * np.abs(by_aba(planar, free)).max(axis=(0, 1))
-    weak = weaker(planar, most)
+    torque_limits = 0.6 * np.abs(torques_by_aba(planar, free)).max(axis=(0, 1))
+    weak = weaker(planar, torque_limits)
     assert measure(opt.Problem(weak, start, TARGET, QUICK), free.joint_rates).broken.keys() == {"torques"}
     plan = opt.plan(weak, start, TARGET, duration=QUICK, method=method)
-    assert (np.abs(by_aba(weak, plan)) <= most).all()
+    assert (np.abs(torques_by_aba(weak, plan)) <= torque_limits).all()
     assert "torques" not in plan.broken
 
 
-def test_one_step_uses_what_there_is(planar: ffsms.SpaceManipulator, start: FloatArray) -> None:
-    """From rest: torque over the step's start is H_q u / dt, and the joints' rows leave 8 % of the limit."""
+def test_a_step_uses_the_torque_that_its_rows_allow(
+    planar: ffsms.SpaceManipulator, start: FloatArray
+) -> None:
+    """At rest the torque at the step's start is H_q u / dt; the rows keep a margin of 8 % of the limit."""
     plain = opt.StepPlanner(weaker(planar, np.inf)).step(start, np.zeros(3), np.array(TARGET), 2.0)
     H = planar.at(start).H_q
-    asked = np.abs(H @ plain.joint_rates / 0.01)
-    weak = weaker(planar, 0.5 * asked)
+    plain_torques = np.abs(H @ plain.joint_rates / 0.01)
+    weak = weaker(planar, 0.5 * plain_torques)
     step = opt.StepPlanner(weak).step(start, np.zeros(3), np.array(TARGET), 2.0)
     used = np.abs(H @ step.joint_rates / 0.01) / weak.limits.torque
     assert used.max() <= 0.92 + 1e-4
@@ -144,54 +146,56 @@ def test_one_step_uses_what_there_is(planar: ffsms.SpaceManipulator, start: Floa
 
 
 @pytest.mark.parametrize("mode", ["rotation-floating", "translation-flying", "flying"])
-def test_held_bases(planar: ffsms.SpaceManipulator, start: FloatArray, mode: str) -> None:
-    """The same, where the base does not give way: by Pinocchio, the base's acceleration by differences."""
+def test_plans_with_a_fixed_base_motion_keep_torque_limits(
+    planar: ffsms.SpaceManipulator, start: FloatArray, mode: str
+) -> None:
+    """The torques are by Pinocchio; the base's acceleration is by differences."""
     sms = planar
     if mode == "rotation-floating":
         sms = planar.with_actuators(wheels=ffsms.ReactionWheels(PYRAMID, 0.01))
 
     def largest(plan: opt.Trajectory) -> FloatArray:
-        found = np.zeros(3)
+        peak = np.zeros(3)
         model, data = sms.model, sms.model.createData()
         for k in range(len(plan.t) - 1):
             dv = (plan.v[k + 1] - plan.v[k]) / plan.dt
             q = pin.integrate(model, plan.q[k], 0.5 * plan.dt * 0.5 * (plan.v[k] + plan.v[k + 1]))
             force = pin.rnea(model, data, q, 0.5 * (plan.v[k] + plan.v[k + 1]), dv)
-            found = np.maximum(found, np.abs(force[6:]))
-        return found
+            peak = np.maximum(peak, np.abs(force[6:]))
+        return peak
 
     free = opt.plan(weaker(sms, np.inf), start, TARGET, duration=QUICK, mode=mode)
     assert free.reached, free.note
     weak = weaker(sms, 0.6 * largest(free))
-    told = measure(opt.Problem(weak, start, TARGET, QUICK, mode=mode), free.joint_rates)
-    assert told.broken["torques"] == pytest.approx(1.0 / 0.6 - 1.0, rel=3e-2)
+    judged = measure(opt.Problem(weak, start, TARGET, QUICK, mode=mode), free.joint_rates)
+    assert judged.broken["torques"] == pytest.approx(1.0 / 0.6 - 1.0, rel=3e-2)
     plan = opt.plan(weak, start, TARGET, duration=QUICK, mode=mode)
     assert plan.reached, plan.note
     assert (largest(plan) <= weak.limits.torque).all()
 
 
-def test_with_momentum(planar: ffsms.SpaceManipulator, start: FloatArray) -> None:
-    """A base that turns at some degrees a second pulls at the joints even where these stand still."""
+def test_plans_with_momentum_keep_torque_limits(planar: ffsms.SpaceManipulator, start: FloatArray) -> None:
+    """A tumbling base loads the joints even if they are at rest."""
     momentum = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 1.5])
     problem = opt.Problem(planar, start, TARGET, QUICK, momentum=momentum)
     still = measure(problem, np.zeros((problem.steps + 1, 3)))
-    expected = np.abs(by_aba(planar, still)).max(axis=(0, 1)) / planar.limits.torque
+    expected = np.abs(torques_by_aba(planar, still)).max(axis=(0, 1)) / planar.limits.torque
     assert expected.min() > 0.0
     np.testing.assert_allclose(still.torque_share.max(axis=0), expected, rtol=1e-6)
-    usual = opt.solve(problem)
-    most = 0.75 * np.abs(by_aba(planar, usual)).max(axis=(0, 1))
-    weak = weaker(planar, most)
+    free_plan = opt.solve(problem)
+    torque_limits = 0.75 * np.abs(torques_by_aba(planar, free_plan)).max(axis=(0, 1))
+    weak = weaker(planar, torque_limits)
     plan = opt.solve(replace(problem, sms=weak))
     assert plan.broken == {}, plan.note
-    assert (np.abs(by_aba(weak, plan)) <= most).all()
+    assert (np.abs(torques_by_aba(weak, plan)) <= torque_limits).all()
 
 
-def test_re_planned_motions_keep_them(
-    planar: ffsms.SpaceManipulator, start: FloatArray, usual: opt.Trajectory
+def test_replanned_motions_keep_torque_limits(
+    planar: ffsms.SpaceManipulator, start: FloatArray, free_plan: opt.Trajectory
 ) -> None:
-    """A closed loop on a plant that is heavier than the model: what is commanded keeps the model's limits."""
-    most = 0.7 * np.abs(by_aba(planar, usual)).max(axis=(0, 1))
-    weak = weaker(planar, most)
+    """The robot follows the commands exactly; torques at both ends of each step keep the limits."""
+    torque_limits = 0.7 * np.abs(torques_by_aba(planar, free_plan)).max(axis=(0, 1))
+    weak = weaker(planar, torque_limits)
     commanded: dict[str, float] = {}
     for name, robot in (("with", weak), ("without", weaker(planar, np.inf))):
         problem = opt.Problem(robot, start, TARGET, QUICK)
@@ -201,10 +205,12 @@ def test_re_planned_motions_keep_them(
         for k in range(problem.steps):
             reference.observe(k * dt, q, v)
             _, rates, acceleration = reference.sample(k * dt)
-            for h in (0.0, dt):  # the robot follows exactly
+            for h in (0.0, dt):
                 moved = planar.velocity(q, rates + h * acceleration)
                 state = planar.at(q, moved)
-                worst = max(worst, float((np.abs(state.H_q @ acceleration + state.C_q) / most).max()))
+                worst = max(
+                    worst, float((np.abs(state.H_q @ acceleration + state.C_q) / torque_limits).max())
+                )
                 if h == 0.0:
                     middle = planar.velocity(q, rates + 0.5 * dt * acceleration)
                     q = pin.integrate(planar.model, q, dt * middle)
@@ -214,9 +220,11 @@ def test_re_planned_motions_keep_them(
     assert commanded["with"] <= 1.0
 
 
-def test_more_in_hand(planar: ffsms.SpaceManipulator, start: FloatArray, usual: opt.Trajectory) -> None:
-    most = usual.torque_share.max(axis=0) * planar.limits.torque / 0.95
-    weak = weaker(planar, most)
+def test_an_extra_margin_lowers_the_torques(
+    planar: ffsms.SpaceManipulator, start: FloatArray, free_plan: opt.Trajectory
+) -> None:
+    torque_limits = free_plan.torque_share.max(axis=0) * planar.limits.torque / 0.95
+    weak = weaker(planar, torque_limits)
     problem = opt.Problem(weak, start, TARGET, QUICK)
     plain, plan = opt.solve(problem), opt.solve(replace(problem, extra_margins={"torques": 0.3}))
     assert plain.torque_share.max() > 0.75
@@ -224,6 +232,8 @@ def test_more_in_hand(planar: ffsms.SpaceManipulator, start: FloatArray, usual: 
     assert plan.reached
 
 
-def test_files_keep_the_shares(usual: opt.Trajectory, tmp_path: Any) -> None:
-    usual.save(tmp_path / "plan.npz")
-    np.testing.assert_array_equal(opt.Trajectory.load(tmp_path / "plan.npz").torque_share, usual.torque_share)
+def test_files_keep_the_torque_shares(free_plan: opt.Trajectory, tmp_path: Any) -> None:
+    free_plan.save(tmp_path / "plan.npz")
+    np.testing.assert_array_equal(
+        opt.Trajectory.load(tmp_path / "plan.npz").torque_share, free_plan.torque_share
+    )
