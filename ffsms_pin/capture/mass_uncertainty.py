@@ -31,11 +31,11 @@ class MassUncertainty:
     """
 
     arm: Annotated[Share, Unit()] = 0.0
-    """The standard deviation of the mass of each body of the arm; a body's inertia scales with its mass."""
+    """The relative standard deviation of the mass of each arm body; a body's inertia scales with its mass."""
     base: Annotated[Share, Unit()] = 0.0
-    """The standard deviation of the base's mass."""
+    """The relative standard deviation of the base's mass."""
     base_inertia: Annotated[Share, Unit()] = 0.0
-    """The standard deviation of the base's inertia."""
+    """The relative standard deviation of the base's inertia."""
 
     def __post_init__(self) -> None:
         for field in fields(self):

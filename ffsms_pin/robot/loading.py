@@ -53,7 +53,7 @@ def _on_satellite(arm: Any) -> str:
 
 def load(
     robot: str | os.PathLike[str] | Any,
-    end_effector: Annotated[Text | None, Unit("", "the last link's frame")] = None,
+    end_effector: Annotated[Text | None, Unit("", "a tool frame or the last link's frame")] = None,
     base_size: Annotated[Sizes3 | None, Unit("m", "the URDF's box")] = None,
     acceleration: Annotated[
         PerJointPositive | None, Angle("rad/s² or m/s²", "1.25 /s times the rate limits")
@@ -85,11 +85,12 @@ def load(
         folder); or a Pinocchio model whose first joint is the satellite's free-flyer. Revolute joints of a
         URDF without <limit> get -pi to pi rad, 0.5 rad/s and 100 N m, with a warning.
     end_effector : str, optional
-        Name of the end-effector frame. Default: the tool frame for the arms on the default satellite, else
-        the last link's frame. If several last links are on one body, the link with a tool's name is chosen
-        (tool0 or tcp, else ee or end_effector, else hand). If several candidates remain, as for two arms, no
-        frame is chosen; a method that needs the end effector then raises `AmbiguousEndEffector` with the
-        candidates (`end_effectors`), and `with_end_effector` chooses a frame.
+        Name of the end-effector frame. Default: for the arms "panda", "xarm7", "ur5", "ur10", "z1" and
+        "kinova" on a satellite the tool frame, else the last link's frame. If several last links are on one
+        body, the link with a tool's name is chosen (tool0 or tcp, else ee or end_effector, else hand). If
+        several candidates remain, as for two arms, no frame is chosen; a method that needs the end effector
+        then raises `AmbiguousEndEffector` with the candidates (`end_effectors`), and `with_end_effector`
+        chooses a frame.
     base_size : array_like, shape (3,), optional
         Length, width and height of the satellite's box [m], centred on the base's centre of mass. Default:
         the first box among the base link's collision shapes, then its visual shapes, at its pose in the file;
@@ -111,7 +112,8 @@ def load(
     velocity : array_like, optional
         Joint rate limits [rad/s or m/s], one number or (n,). They replace the limits in the file, which may
         then be zero. Default: the file's limits. A joint without a rate limit gets 0.5 rad/s or 0.5 m/s,
-        but a continuous joint of a URDF is then unlimited.
+        but a continuous joint of a URDF is then unlimited, unless the URDF is an arm on a satellite of this
+        library.
     torque : array_like, optional
         Joint torque limits [N m or N], one number or (n,). They replace the limits in the file, which may
         then be zero. Default: the file's limits.

@@ -95,6 +95,10 @@ class TargetTable(PlaceTable):
 
     position: Annotated[Vector3, Unit("m")] = None
     """desired position of the end effector"""
+    relative_to: Annotated[Literal["inertial", "base", "start"], Unit()] = "inertial"
+    """axes of `position`, `rpy` and the velocities of this table: "inertial"; "base" (the base link's frame
+    at the start of the motion); or "start" (the end effector's pose at the start). The axes do not move with
+    the base"""
     velocity: Annotated[Vector3, Unit("m/s", "0")] = None
     """velocity of a moving target, which is at `position` at the start; the end effector meets it at the
     deadline with this velocity"""
@@ -164,7 +168,8 @@ class ClientTable(FileKeys):
     spin: Annotated[Vector3, Angle("rad/s", "0")] = None
     """angular velocity of the client at the time of `velocity`"""
     size: Annotated[Sizes3, Unit("m")] = None
-    """sides of the drawn box; plans ignore it, and keep clear of an [[obstacle]] with on = "client"."""
+    """sides of the drawn box. Plans ignore it, and keep clear of an [[obstacle]] with on = "client". If the
+    client has no such obstacle, the clearance of a capture's flight is measured to this box"""
     sensor: Annotated[Any, table_of(Camera)] = None
     belief: Annotated[Any, table_of(Belief)] = None
 
@@ -197,7 +202,7 @@ class ObstacleTable(FileKeys):
     shape: Annotated[Text, Unit()]
     """shape of the obstacle: "box", "sphere", "cylinder", "capsule" or "mesh"."""
     position: Annotated[Vector3, Unit("m", "0")] = None
-    """position of the shape's centre, or of a mesh's origin"""
+    """position of the shape's centre, or of a mesh's origin, in the axes of `on`"""
     rpy: Annotated[Vector3, Angle("rad", "0")] = None
     """roll, pitch and yaw of the shape, as in a URDF"""
     on: Annotated[Literal["inertial", "base", "client"], Unit()] = "inertial"
@@ -331,7 +336,7 @@ PACKAGED: Mapping[str, Mapping[str, Any]] = {"term": by_name(_TERMS), "limit": b
 """The packaged terms and limits by their names in a scenario file."""
 
 
-_OF_URDF = dict.fromkeys(("lower", "upper", "velocity", "torque"), "the URDF's")
+_OF_ROBOT = dict.fromkeys(("lower", "upper", "velocity", "acceleration", "torque"), "the robot's")
 _OF_ENVELOPE = {
     "contact_force": "[contact.envelope] force, else inf",
     "contact_torque": "[contact.envelope] torque, else inf",
@@ -360,7 +365,7 @@ _TABLES: dict[str, Any] = {
     "term": list[tables_by("use", PartTable, PACKAGED["term"], own=OwnPart)],  # type: ignore[misc]
     "limit": list[tables_by("use", PartTable, PACKAGED["limit"], own=OwnPart)],  # type: ignore[misc]
     "obstacle": list[tables_by("shape", ObstacleTable, SHAPES, opt.Obstacle)],  # type: ignore[misc]
-    "limits": table_of(RobotLimits, defaults={**_OF_URDF, "acceleration": "1.25 /s times the rate limit"}),
+    "limits": table_of(RobotLimits, defaults=_OF_ROBOT),
     "control": tables_by("law", ControlTable, LAWS),
     "reference": tables_by("kind", ReferenceTable, {"plan": None, "re-planning": Replan}),
     "simulation": table_of(SimulationTable, simulation.Conditions, defaults={"momentum": "[plan] momentum"}),
