@@ -1,4 +1,4 @@
-"""Joints that brake with a client in the hand, and how near its boom comes to the servicer meanwhile."""
+"""Braking with a grasped client, and the clearance between its boom and the servicer."""
 
 import coal
 import numpy as np
@@ -16,7 +16,8 @@ from ffsms_pin.opt import Obstacle
 
 CLEARANCE = 0.01
 LONG = coal.Box(0.06, 0.06, 2.0)
-# Joints, turn of the boom in the hand, joint rates: the boom swings towards the servicer's box.
+# Joint positions, rotation vector of the boom in the gripper, joint rates: the boom swings towards the
+# servicer's box.
 BESIDE = (
     [-0.39, -0.25, -0.1, -2.54, 0.59, 2.93, 0.91],
     [-0.45, -0.37, -0.03],
@@ -35,25 +36,25 @@ HOPELESS = (
 
 
 class Scene:
-    """A client of 40 kg in the hand, and its boom of 2 m."""
+    """A grasped client of 40 kg with a boom of 2 m."""
 
-    def __init__(self, joints: list[float], turn: list[float], rates: list[float]) -> None:
+    def __init__(self, joints: list[float], rotation_vector: list[float], rates: list[float]) -> None:
         self.sms = ffsms.load("satellite_panda")
         self.q = self.sms.configuration(joints)
-        v, R = self.sms.velocity(self.q, rates), pin.exp3(np.array(turn))
+        v, R = self.sms.velocity(self.q, rates), pin.exp3(np.array(rotation_vector))
         state = self.sms.at(self.q, v)
         self.in_client = pin.SE3(R, R @ [0.0, 0.0, 1.0] + [0.0, 0.0, 0.15])
         self.client = ffsms.Client(40.0, [14.0, 14.0, 1.0], state.end_effector_pose, state.end_effector_twist)
         self.boom = Obstacle(LONG, self.in_client, name="boom")
         self.after: AfterCapture = after_capture(self.sms, self.q, v, self.client)
 
-    def room(self, q: np.ndarray, pose: pin.SE3) -> HeldClient:
+    def held_client(self, q: np.ndarray, pose: pin.SE3) -> HeldClient:
         return HeldClient(self.sms, [self.boom], CLEARANCE, "auto", q, pose)
 
     def by_coal(self, braking: Braking) -> float:
-        """The least distance between the boom and all links below the hand, by coal and meshes."""
+        """Return the least distance of the boom to the links before the last joint, by Coal on the meshes."""
         measure, hand = ByCoal(self.sms), self.sms.model.frames[self.sms.frame_id].parentJoint
-        # The client's frame is where the end effector was at the capture.
+        # The client's frame coincides with the end effector's frame at the capture.
         return min(
             measure(q, LONG, self.sms.at(q).end_effector_pose * self.in_client, list(range(1, hand)))
             for q in braking.q
@@ -63,14 +64,17 @@ class Scene:
 @pytest.mark.parametrize(("case", "torques"), [(BESIDE, 0.5), (BRISK, 1.0)])
 def test_a_boom_keeps_clear_while_joints_brake(case: tuple[list[float], ...], torques: float) -> None:
     scene = Scene(*case)
-    plain, clear = brake(scene.after), brake(scene.after, room=scene.room(scene.q, scene.client.start_pose))
+    plain, clear = (
+        brake(scene.after),
+        brake(scene.after, room=scene.held_client(scene.q, scene.client.start_pose)),
+    )
     assert scene.by_coal(plain) < 0.5 * CLEARANCE
     assert plain.nearest == ""
     assert CLEARANCE <= clear.clearance <= scene.by_coal(clear) + 1e-6
     assert clear.nearest == "satellite - boom"
     assert clear.torque_share <= torques
     assert ("torque limit" in clear.note) == (torques > 0.5)
-    # It is a braking still: from the rates of the capture to rest, within the joints' limits.
+    # The joints still brake from their rates at the capture to rest, within their limits.
     np.testing.assert_allclose(clear.joint_rates[0], scene.after.v[6:], atol=1e-12)
     assert not clear.joint_rates[-1].any()
     accelerations = np.diff(clear.joint_rates, axis=0) / np.diff(clear.t)[:, None]
@@ -78,60 +82,63 @@ def test_a_boom_keeps_clear_while_joints_brake(case: tuple[list[float], ...], to
 
 
 @pytest.mark.parametrize("on", ["inertial", "base"])
-def test_a_boom_keeps_clear_of_what_stands_round(on: str) -> None:
-    """A ball where the boom's end would come to rest: in space, or on a mast of the base."""
+def test_a_boom_keeps_clear_of_obstacles(on: str) -> None:
+    """Place a ball where the end of the boom would come to rest: in inertial space, or on the base."""
     scene, end = Scene(*BESIDE), pin.SE3(np.eye(3), np.array([0.0, 0.0, 1.0]))
-    plain, ball = brake(scene.after, room=scene.room(scene.q, scene.client.start_pose)), coal.Sphere(0.05)
+    plain, ball = (
+        brake(scene.after, room=scene.held_client(scene.q, scene.client.start_pose)),
+        coal.Sphere(0.05),
+    )
     place = scene.sms.at(plain.q[-1]).end_effector_pose * scene.in_client * end
     place.rotation = np.eye(3)
     root = pin.XYZQUATToSE3(scene.q[:7]) if on == "base" else pin.SE3.Identity()
     around = Obstacle(ball, root.inverse() * place, on=on, name="ball")
-    known = scene.sms, [scene.boom], CLEARANCE, "auto", scene.q, scene.client.start_pose
-    clear = brake(scene.after, room=HeldClient(*known, [around]))
-    found = []
+    arguments = scene.sms, [scene.boom], CLEARANCE, "auto", scene.q, scene.client.start_pose
+    clear = brake(scene.after, room=HeldClient(*arguments, [around]))
+    distances = []
     for braking in (plain, clear):
         least = np.inf
         for q in braking.q:
             boom = scene.sms.at(q).end_effector_pose * scene.in_client
-            there = (pin.XYZQUATToSE3(q[:7]) if on == "base" else root) * around.pose
-            places = (coal.Transform3s(one.rotation, one.translation) for one in (boom, there))
-            shapes = zip((LONG, ball), places, strict=True)
-            both = [part for pair in shapes for part in pair]
-            least = min(least, coal.distance(*both, coal.DistanceRequest(), coal.DistanceResult()))
-        found.append(least)
-    assert found[0] < 0.0
-    assert CLEARANCE <= clear.clearance <= found[1] + 1e-6
+            ball_pose = (pin.XYZQUATToSE3(q[:7]) if on == "base" else root) * around.pose
+            transforms = (coal.Transform3s(pose.rotation, pose.translation) for pose in (boom, ball_pose))
+            shapes = zip((LONG, ball), transforms, strict=True)
+            operands = [part for pair in shapes for part in pair]
+            least = min(least, coal.distance(*operands, coal.DistanceRequest(), coal.DistanceResult()))
+        distances.append(least)
+    assert distances[0] < 0.0
+    assert CLEARANCE <= clear.clearance <= distances[1] + 1e-6
     assert scene.by_coal(clear) >= CLEARANCE - 1e-6
 
 
-def test_where_nothing_keeps_clear_it_is_said_before_it_is_flown() -> None:
+def test_an_unavoidable_collision_is_predicted_before_the_flight() -> None:
     scene = Scene(*HOPELESS)
-    room = scene.room(scene.q, scene.client.start_pose)
-    found = brake(scene.after, room=room)
-    assert "satellite - boom come within -" in found.note
-    assert "10 mm are required" in found.note
-    assert found.clearance < CLEARANCE
-    assert found.clearance >= room.least(brake(scene.after).q)[0]
-    said = predicted(scene.sms, scene.q, scene.after.v, scene.client, 0.0, room=scene.room)
-    assert "satellite - boom come within" in said.note
+    held = scene.held_client(scene.q, scene.client.start_pose)
+    braking = brake(scene.after, room=held)
+    assert "satellite - boom come within -" in braking.note
+    assert "10 mm are required" in braking.note
+    assert braking.clearance < CLEARANCE
+    assert braking.clearance >= held.least(brake(scene.after).q)[0]
+    prediction = predicted(scene.sms, scene.q, scene.after.v, scene.client, 0.0, room=scene.held_client)
+    assert "satellite - boom come within" in prediction.note
 
 
-def test_a_client_that_is_far_from_everything_brakes_as_ever() -> None:
+def test_the_clearance_does_not_change_braking_far_from_obstacles() -> None:
     scene = Scene(*BESIDE)
     scene.boom = Obstacle(
         coal.Box(0.06, 0.06, 0.1), pin.SE3(np.eye(3), np.array([0.0, 0.0, 0.2])), name="box"
     )
-    found = brake(scene.after, room=scene.room(scene.q, scene.client.start_pose))
-    np.testing.assert_array_equal(found.q, brake(scene.after).q)
-    assert found.clearance > 0.05
-    assert found.nearest.endswith(" - box")
+    braking = brake(scene.after, room=scene.held_client(scene.q, scene.client.start_pose))
+    np.testing.assert_array_equal(braking.q, brake(scene.after).q)
+    assert braking.clearance > 0.05
+    assert braking.nearest.endswith(" - box")
     with pytest.raises(InvalidValue, match="shapes"):
         HeldClient(scene.sms, [LONG], CLEARANCE, "auto", scene.q, scene.client.start_pose)
 
 
 @pytest.mark.parametrize("coast", [0.0, 0.5, 1.0])
 def test_joints_near_their_limits_rest_at_the_required_posture(coast: float) -> None:
-    """A joint that brakes earlier, because it would pass its limit, ends there too."""
+    """A joint that brakes early to stay within its limit still ends at the required posture."""
     sms = ffsms.load("satellite_panda")
     joints = np.array([0.1, -0.4, 0.1, -2.0, 0.0, 2.1, 0.9])
     joints[0] = sms.limits.upper[0] - 0.15

@@ -1,4 +1,4 @@
-"""Captures with wheels, with thrusters and with none, under each law, of a known and of a measured client."""
+"""Captures with wheels, thrusters or neither, under each joint law, of a known or a measured client."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from ffsms_pin.scenarios.definition import packaged_path
 from ffsms_pin.scenarios.problems import rendezvous
 
 PLACES = np.repeat([[0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1], [1, 0, 0], [-1, 0, 0]], 2, axis=0)
-WAYS = np.repeat([[0, 0, 1], [1, 0, 0], [0, 1, 0]], 4, axis=0) * np.tile([1, -1], 6)[:, None]
+DIRECTIONS = np.repeat([[0, 0, 1], [1, 0, 0], [0, 1, 0]], 4, axis=0) * np.tile([1, -1], 6)[:, None]
 WHEELS = """
 [wheels]
 axes = [[1, 0, 0], [0, 1, 0], [0, 0, 1]]
@@ -28,12 +28,12 @@ torque = {1}
 THRUSTERS = f"""
 [thrusters]
 places = {PLACES.tolist()}
-directions = {WAYS.tolist()}
+directions = {DIRECTIONS.tolist()}
 force = 5.0
 proportional = true
 """
 WEAK = WHEELS.format(60.0, 1.0)
-# What acts on the base: the mode of the plan, and tables.
+# The mode of the plan and the tables of the base actuators, by name.
 BASES = {
     "none": ("floating", ""),
     "idle wheels": ("floating", WEAK),
@@ -72,7 +72,7 @@ pytestmark = [pytest.mark.slow, pytest.mark.long]
 
 
 def _text(base: str, law: str, measured: bool, compliant: bool) -> str:
-    """Return a scenario of a combination."""
+    """Return the text of the scenario of a combination."""
     mode, tables = BASES[base]
     text = CAPTURE.replace("dt = 0.02", f'dt = 0.05\nmode = "{mode}"').replace("after = 4.0", "after = 2.0")
     text = re.sub(r"\[control\][^\[]*", f'[control]\nlaw = "{law}"\n{LAWS[law]}dt = 0.005\n', text)
@@ -83,7 +83,7 @@ def _text(base: str, law: str, measured: bool, compliant: bool) -> str:
     return text + tables + ("[wrist]\n" if law == "admittance" else "")
 
 
-def _flown(folder: Path, text: str) -> Any:
+def _captured(folder: Path, text: str) -> Any:
     outcome = scenarios.run(scenarios.scenario(write(folder, text)))
     assert outcome.capture is not None
     return outcome.capture
@@ -103,29 +103,29 @@ def _flown(folder: Path, text: str) -> Any:
     ],
 )
 def test_a_client_is_caught(tmp_path: Path, base: str, law: str, measured: bool, compliant: bool) -> None:
-    found = _flown(tmp_path, _text(base, law, measured, compliant))
-    assert found.caught, found.missed
-    assert found.whole.arrived, found.whole.note
-    assert found.closings[-1].miss[0] < 3e-3
-    assert found.momentum_error < 1e-6
-    rate = np.degrees(np.linalg.norm(found.found_rate))
+    record = _captured(tmp_path, _text(base, law, measured, compliant))
+    assert record.caught, record.missed
+    assert record.whole.arrived, record.whole.note
+    assert record.closings[-1].miss[0] < 3e-3
+    assert record.momentum_error < 1e-6
+    rate = np.degrees(np.linalg.norm(record.found_rate))
     if base in ("none", "idle wheels", "held place"):  # the base turns with the client's momentum
         assert rate > 0.2
     else:
         assert rate < 2e-3
 
 
-def test_idle_wheels_change_nothing(tmp_path: Path) -> None:
-    found, plain = (
-        _flown(tmp_path, _text(base, "computed-torque", False, False)) for base in ("idle wheels", "none")
+def test_idle_wheels_do_not_change_a_capture(tmp_path: Path) -> None:
+    with_wheels, plain = (
+        _captured(tmp_path, _text(base, "computed-torque", False, False)) for base in ("idle wheels", "none")
     )
-    np.testing.assert_array_equal(found.whole.q, plain.whole.q)
+    np.testing.assert_array_equal(with_wheels.whole.q, plain.whole.q)
 
 
-def test_thrusters_from_python_are_those_of_a_file(tmp_path: Path) -> None:
+def test_thrusters_from_python_and_from_a_file_give_the_same_capture(tmp_path: Path) -> None:
     path = write(tmp_path, _text("held place and attitude", "sliding-mode", False, False))
     outcome = scenarios.run(scenarios.scenario(path))
-    thrusters = ffsms.Thrusters(PLACES, WAYS, 5.0, proportional=True)
+    thrusters = ffsms.Thrusters(PLACES, DIRECTIONS, 5.0, proportional=True)
     sms = ffsms.load("satellite_panda").with_actuators(thrusters=thrusters)
     meeting = rendezvous(outcome.scenario, outcome.sms)
     flight = capture.fly(
@@ -144,7 +144,7 @@ def test_thrusters_from_python_are_those_of_a_file(tmp_path: Path) -> None:
 
 
 def test_wheels_hold_a_servicer_whose_probe_enters_a_nozzle(tmp_path: Path) -> None:
-    """The packaged client, known exactly; its servicer's wheels are as strong as its arm needs."""
+    """Use the packaged client without measurement errors, and wheels as strong as the arm requires."""
     text = packaged_path("nozzle").read_text("utf-8")
     for name in ("client.sensor", "client.belief", "reference"):
         text = re.sub(rf"^\[{re.escape(name)}\]\n(?:[^\[\n].*\n|\n)*", "", text, flags=re.M)
@@ -154,6 +154,6 @@ def test_wheels_hold_a_servicer_whose_probe_enters_a_nozzle(tmp_path: Path) -> N
     text = text.replace("half_angle_deg = 3.0", "half_angle_deg = 6.0").replace("dt = 0.005 ", "dt = 0.01 ")
     text = text.replace("after = 10.0", "after = 2.0")
     text = text.replace("[plan]\n", '[plan]\nmode = "rotation-floating"\n')
-    found = _flown(tmp_path, f"{text}{WHEELS.format(2000.0, 20.0)}[attitude]\n")
-    assert found.caught, found.missed
-    assert np.degrees(np.linalg.norm(found.found_rate)) < 0.1
+    record = _captured(tmp_path, f"{text}{WHEELS.format(2000.0, 20.0)}[attitude]\n")
+    assert record.caught, record.missed
+    assert np.degrees(np.linalg.norm(record.found_rate)) < 0.1

@@ -1,4 +1,4 @@
-"""`capture.fly`: captures from Python, the same as from scenario files, and what it refuses."""
+"""`capture.fly`: captures from Python equal those of scenario files, and invalid arguments are refused."""
 
 from __future__ import annotations
 
@@ -45,11 +45,11 @@ def _reached(
 ) -> ffsms.Client:
     """Return a client whose grasp is where a straight joint-space move ends at the deadline."""
     end = sms.at(straight_end(sms, q0, np.array(joints), duration, None)).end_effector_pose
-    then = ffsms.Client(*body, end * grasp.inverse(), twist)
-    return ffsms.Client(*body, then.pose(-duration), then.twist(-duration), shapes)
+    at_deadline = ffsms.Client(*body, end * grasp.inverse(), twist)
+    return ffsms.Client(*body, at_deadline.pose(-duration), at_deadline.twist(-duration), shapes)
 
 
-def _small(duration: float = 6.0) -> tuple[ffsms.SpaceManipulator, Any, ffsms.Client]:
+def _servicer_and_client(duration: float = 6.0) -> tuple[ffsms.SpaceManipulator, Any, ffsms.Client]:
     """Return servicer, start and client of `CAPTURE`."""
     sms = ffsms.load("satellite_panda")
     q0, spin = sms.configuration(START), [math.radians(rate) for rate in (1.0, 2.0, -1.0)]
@@ -58,14 +58,14 @@ def _small(duration: float = 6.0) -> tuple[ffsms.SpaceManipulator, Any, ffsms.Cl
     return sms, q0, _reached(sms, q0, joints, duration, GRASP, body, [0.0, 0.0, 0.0, *spin], shapes)
 
 
-def _same(flight: capture.Flight, outcome: scenarios.Outcome) -> None:
+def _check_equal(flight: capture.Flight, outcome: scenarios.Outcome) -> None:
     """Check that a flight from Python and the run of a file are the same to the bit."""
     assert outcome.capture is not None
     ours, theirs = flight.tracking, outcome.capture.whole
     np.testing.assert_array_equal(flight.plan.q, outcome.trajectory.q)
     for name in ("t", "q", "v", "tau", "client_pose", "contact_wrench", "position_error", "momentum"):
         np.testing.assert_array_equal(getattr(ours, name), getattr(theirs, name), err_msg=name)
-    assert flight.states == [(one.time, one.name, one.reason) for one in outcome.capture.phases]
+    assert flight.states == [(phase.time, phase.name, phase.reason) for phase in outcome.capture.phases]
     assert flight.note == outcome.note
     assert ours.note == theirs.note
     assert flight.captured.numbers() == outcome.capture.numbers()
@@ -73,17 +73,17 @@ def _same(flight: capture.Flight, outcome: scenarios.Outcome) -> None:
 
 @pytest.fixture(scope="module")
 def rigid() -> capture.Flight:
-    sms, q0, client = _small()
+    sms, q0, client = _servicer_and_client()
     goal = opt.Meet(client, GRASP, standoff=0.05)
     planning, procedure = capture.Planning(dt=0.02), capture.Procedure(after=1.0)
     return capture.fly(sms, q0, goal, 6.0, control=LAW, planning=planning, procedure=procedure)
 
 
-def test_a_rigid_capture_is_that_of_a_file(rigid: capture.Flight, tmp_path: Path) -> None:
-    _same(rigid, scenarios.run(scenarios.scenario(write(tmp_path, CAPTURE.replace("= 4.0", "= 1.0")))))
+def test_a_rigid_capture_equals_that_of_a_file(rigid: capture.Flight, tmp_path: Path) -> None:
+    _check_equal(rigid, scenarios.run(scenarios.scenario(write(tmp_path, CAPTURE.replace("= 4.0", "= 1.0")))))
 
 
-def test_a_flight_tells_what_became_of_the_client(rigid: capture.Flight) -> None:
+def test_a_flight_reports_its_outcome_and_phases(rigid: capture.Flight) -> None:
     assert rigid.latched
     assert rigid.outcome == "latched"
     assert [name for _, name, _ in rigid.states] == ["approach", "closing", "contact", "braking", "rest"]
@@ -96,8 +96,8 @@ def test_a_flight_tells_what_became_of_the_client(rigid: capture.Flight) -> None
     assert repr(rigid) == "Flight(latched, 7 s)"
 
 
-def test_a_plan_that_was_made_before_is_flown(rigid: capture.Flight) -> None:
-    sms, q0, client = _small()
+def test_the_plan_of_an_earlier_flight_is_flown(rigid: capture.Flight) -> None:
+    sms, q0, client = _servicer_and_client()
     goal, planning = opt.Meet(client, GRASP, standoff=0.05), capture.Planning(dt=0.02)
     procedure = capture.Procedure(after=0.1, attempts=1)
     options: dict[str, Any] = {"control": LAW, "planning": planning, "procedure": procedure}
@@ -106,7 +106,7 @@ def test_a_plan_that_was_made_before_is_flown(rigid: capture.Flight) -> None:
     rows = len(again.tracking.t)
     np.testing.assert_array_equal(again.tracking.q, rigid.tracking.q[:rows])
     assert shares[-1] == 1.0
-    # What the envelope does not take is not grasped, and the outcome has the reason.
+    # A grasp outside the envelope is not attempted, and the outcome has the reason.
     narrow = capture.fly(
         sms, q0, goal, 6.0, plan=rigid.plan, envelope=capture.Envelope(distance=1e-9), **options
     )
@@ -118,8 +118,8 @@ def test_a_plan_that_was_made_before_is_flown(rigid: capture.Flight) -> None:
         capture.fly(sms, sms.configuration(np.array(START) + 0.1), goal, 6.0, plan=rigid.plan)
 
 
-def test_a_capture_stops_where_planning_fails_repeatedly(monkeypatch: pytest.MonkeyPatch) -> None:
-    sms, q0, client = _small()
+def test_a_capture_stops_when_planning_fails_repeatedly(monkeypatch: pytest.MonkeyPatch) -> None:
+    sms, q0, client = _servicer_and_client()
     step = opt.Replanning._stepped
 
     def stepped(self: opt.Replanning, *values: Any) -> tuple[Any, bool]:
@@ -141,7 +141,7 @@ def test_a_capture_stops_where_planning_fails_repeatedly(monkeypatch: pytest.Mon
 
 
 def test_a_floating_plan_under_a_law_that_holds_the_base_is_warned_about() -> None:
-    sms, q0, client = _small()
+    sms, q0, client = _servicer_and_client()
     wheels = ffsms.ReactionWheels(np.eye(3), 0.05, torque=1.0, momentum=60.0)
     held = sms.with_actuators(wheels=wheels)
     control = replace(LAW, base=QuaternionFeedback)
@@ -166,7 +166,7 @@ def test_the_limits_of_the_plan_are_judged_up_to_the_contact(rigid: capture.Flig
     assert re.match(r"the limit 'ceiling' is violated by 0.01\d* m at", misses[0])
 
 
-def test_an_arm_that_gives_up_brakes_before_the_stops_of_its_joints() -> None:
+def test_after_an_abort_the_joints_brake_before_their_stops() -> None:
     """The first motion out of the corridor would leave a joint at 1.3 rad/s, 0.38 rad before its stop."""
     sms = ffsms.load("satellite_panda")
     end = sms.at(sms.configuration([0.1, -0.4, 0.1, -2.0, 0.0, 3.1, 0.9])).end_effector_pose
@@ -188,8 +188,8 @@ def test_an_arm_that_gives_up_brakes_before_the_stops_of_its_joints() -> None:
 
 
 @pytest.mark.slow
-def test_a_compliant_capture_with_a_camera_is_that_of_a_file(tmp_path: Path) -> None:
-    """The client is seen late and noisily, its body is an obstacle, and the motion is re-planned."""
+def test_a_compliant_capture_with_a_camera_equals_that_of_a_file(tmp_path: Path) -> None:
+    """The client is measured late and noisily, its body is an obstacle, and the motion is re-planned."""
     text = CAPTURE.replace("= 4.0", '= 1.0\nkind = "compliant"\nstiffness = 400.0').replace(
         "[meet]",
         "[client.sensor]\nlatency = 0.2\nattitude_noise_deg = 0.3\n"
@@ -198,7 +198,7 @@ def test_a_compliant_capture_with_a_camera_is_that_of_a_file(tmp_path: Path) -> 
         '[reference]\nkind = "re-planning"\ndt = 0.04\nperiod = 0.2\n[meet]',
     )
     outcome = scenarios.run(scenarios.scenario(write(tmp_path, text)))
-    sms, q0, client = _small()
+    sms, q0, client = _servicer_and_client()
     flight = capture.fly(
         sms,
         q0,
@@ -212,15 +212,15 @@ def test_a_compliant_capture_with_a_camera_is_that_of_a_file(tmp_path: Path) -> 
         planning=capture.Planning(dt=0.02, obstacles=[opt.Obstacle.box(BOX, on=client)]),
         procedure=capture.Procedure(after=1.0),
     )
-    _same(flight, outcome)
+    _check_equal(flight, outcome)
     assert flight.latched
     assert flight.prediction.load is not None
 
 
 @pytest.mark.long
 @pytest.mark.slow
-def test_a_probe_in_a_nozzle_is_that_of_a_file(tmp_path: Path) -> None:
-    """A known client, a plan made once, and a plant with friction that is off by a tenth."""
+def test_a_capture_with_a_nozzle_equals_that_of_a_file(tmp_path: Path) -> None:
+    """Follow a plan made once to a known client, with a plant off by a tenth and with joint friction."""
     text = packaged_path("nozzle").read_text("utf-8").replace("half_angle_deg = 3.0", "half_angle_deg = 6.0")
     start = "[0.0, -20.0, -20.0, 90.0, 20.0, -60.0, -60.0]"
     packaged = "[30.0, -35.0, -40.0, 115.0, 25.0, -60.0, -80.0]"
@@ -260,14 +260,14 @@ def test_a_probe_in_a_nozzle_is_that_of_a_file(tmp_path: Path) -> None:
         planning=capture.Planning(dt=0.1, obstacles=[opt.Obstacle.box(size, on=client, name="client body")]),
         procedure=capture.Procedure(after=0.5, masses=capture.MassUncertainty(uneven, uneven, uneven)),
     )
-    _same(flight, outcome)
+    _check_equal(flight, outcome)
     assert flight.latched
     assert len(flight.client.shapes) == 1 + 9  # its body, eight sides and a floor
-    assert len(client.shapes) == 1  # that of the caller is left as it was
+    assert len(client.shapes) == 1  # the caller's client is unchanged
 
 
 def _radians(*degrees: float) -> list[float]:
-    return [math.radians(one) for one in degrees]
+    return [math.radians(angle) for angle in degrees]
 
 
 @pytest.mark.parametrize(
@@ -275,31 +275,31 @@ def _radians(*degrees: float) -> list[float]:
     [(capture.Nozzle, capture.probe_in_nozzle), (capture.Ring, capture.gripper_on_ring)],
 )
 def test_a_guide_has_the_defaults_of_its_scene(kind: type, make: Callable[..., capture.Scene]) -> None:
-    """Sizes as in the signature, surfaces as those of `SurfaceContact`."""
+    """Sizes have the defaults of the function, surfaces those of `SurfaceContact`."""
     surface = inspect.signature(capture.SurfaceContact).parameters
-    known = {**surface, **inspect.signature(make).parameters}
-    assert {name: known[name].default for name in asdict(kind())} == asdict(kind())
+    parameters = {**surface, **inspect.signature(make).parameters}
+    assert {name: parameters[name].default for name in asdict(kind())} == asdict(kind())
 
 
-class _Door:
-    """A call of `fly` with one argument that cannot be used."""
+class _Call:
+    """A call of `fly` with valid arguments, some of them replaced."""
 
-    sms, q0, client = _small(1.0)
+    sms, q0, client = _servicer_and_client(1.0)
     goal = opt.Meet(client, GRASP)
 
     @classmethod
     def call(cls, **changes: Any) -> Any:
-        given = {"sms": cls.sms, "q0": cls.q0, "goal": cls.goal, "duration": 1.0} | changes
-        return capture.fly(**given)
+        arguments = {"sms": cls.sms, "q0": cls.q0, "goal": cls.goal, "duration": 1.0} | changes
+        return capture.fly(**arguments)
 
 
 # A client whose body is where the arm starts.
-INSIDE = ffsms.Client(80.0, [6.0, 9.0, 11.0], _Door.sms.at(_Door.q0).end_effector_pose)
-OTHER = replace(_Door.goal, client=ffsms.Client(1.0, [1.0, 1.0, 1.0])).client
+INSIDE = ffsms.Client(80.0, [6.0, 9.0, 11.0], _Call.sms.at(_Call.q0).end_effector_pose)
+OTHER = replace(_Call.goal, client=ffsms.Client(1.0, [1.0, 1.0, 1.0])).client
 
 
 @pytest.mark.parametrize(
-    ("changes", "words"),
+    ("changes", "fragments"),
     [
         ({"goal": pin.SE3.Identity()}, ["goal must be opt.Meet(client, grasp)", "opt.plan"]),
         ({"goal": [1.0, 0.0, 0.0]}, ["goal must be opt.Meet(client, grasp)"]),
@@ -314,7 +314,7 @@ OTHER = replace(_Door.goal, client=ffsms.Client(1.0, [1.0, 1.0, 1.0])).client
         ({"guide": "nozzle"}, ["guide must be a Nozzle or a Ring or None, got 'nozzle'"]),
         ({"envelope": 0.05}, ["envelope must be an Envelope or None, got 0.05"]),
         (
-            {"control": ComputedTorque(_Door.sms)},
+            {"control": ComputedTorque(_Call.sms)},
             ["control must be a capture.Control, or a function", "control=lambda robot"],
         ),
         ({"control": lambda robot: "pd"}, ["control law must be a JointLaw, got 'pd'"]),
@@ -360,12 +360,14 @@ OTHER = replace(_Door.goal, client=ffsms.Client(1.0, [1.0, 1.0, 1.0])).client
         ),
     ],
 )
-def test_what_cannot_be_flown_is_refused(refused: Refused, changes: dict[str, Any], words: list[str]) -> None:
-    refused(lambda: _Door.call(**changes), InvalidValue, *words)
+def test_invalid_arguments_of_fly_are_refused(
+    refused: Refused, changes: dict[str, Any], fragments: list[str]
+) -> None:
+    refused(lambda: _Call.call(**changes), InvalidValue, *fragments)
 
 
 @pytest.mark.parametrize(
-    ("make", "words"),
+    ("make", "fragments"),
     [
         (lambda: capture.Grip(stiffness=0.0), ["stiffness must be above zero [N/m], got 0"]),
         (lambda: capture.Grip(time=-1.0), ["time must be above zero [s], got -1"]),
@@ -382,12 +384,12 @@ def test_what_cannot_be_flown_is_refused(refused: Refused, changes: dict[str, An
     ],
 )
 def test_options_are_checked_where_they_are_made(
-    refused: Refused, make: Callable[[], Any], words: list[str]
+    refused: Refused, make: Callable[[], Any], fragments: list[str]
 ) -> None:
-    refused(make, InvalidValue, *words)
+    refused(make, InvalidValue, *fragments)
 
 
-def test_a_camera_re_plans_unless_it_is_told_not_to() -> None:
+def test_a_camera_implies_re_planning_unless_it_is_switched_off() -> None:
     from ffsms_pin.capture.fly import _replan
 
     def options(replan: Any, camera: bool) -> dict[str, Any]:

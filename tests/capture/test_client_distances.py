@@ -33,33 +33,33 @@ def _posture(sms: ffsms.SpaceManipulator) -> FloatArray:
     return sms.configuration([0.1, -0.4, 0.1, -2.0, 0.0, 3.1, 0.9])
 
 
-def _client(sms: ffsms.SpaceManipulator, away: float, twist: list[float]) -> Client:
-    """A box whose face is `away` [m] before the tool's tip."""
+def _client(sms: ffsms.SpaceManipulator, gap: float, twist: list[float]) -> Client:
+    """Return a box whose face is `gap` [m] in front of the tool's tip."""
     tip = sms.at(_posture(sms)).end_effector_pose
-    place = tip * pin.SE3(np.eye(3), np.array([0.0, 0.0, away + 0.5 * SIDES[2]]))
+    place = tip * pin.SE3(np.eye(3), np.array([0.0, 0.0, gap + 0.5 * SIDES[2]]))
     return Client(80.0, [6.0, 9.0, 11.0], place, twist, [coal.Box(*SIDES)])
 
 
-def _closeness(sms: ffsms.SpaceManipulator, client: Client) -> ClientDistances:
+def _distances(sms: ffsms.SpaceManipulator, client: Client) -> ClientDistances:
     return ClientDistances(sms, [opt.Obstacle(coal.Box(*SIDES), on=client, name="body")], 0.01, "auto")
 
 
 def _by_coal(sms: ffsms.SpaceManipulator, q: FloatArray, pose: pin.SE3) -> float:
-    """The least distance of any collision shape of the robot to the box, shape by shape."""
+    """Return the least distance of the robot's collision shapes to the box, by Coal."""
     geometry = sms.geometry("collision")
     data, placed = sms.model.createData(), geometry.createData()
     pin.updateGeometryPlacements(sms.model, data, geometry, placed, q)
-    box, there = coal.Box(*SIDES), coal.Transform3s(pose.rotation, pose.translation)
-    found: list[float] = []
-    for item, at in zip(geometry.geometryObjects, placed.oMg, strict=True):
-        here = coal.Transform3s(at.rotation, at.translation)
-        asked = coal.DistanceRequest(), coal.DistanceResult()
-        found.append(float(coal.distance(item.geometry, here, box, there, *asked)))
-    return min(found)
+    box, box_pose = coal.Box(*SIDES), coal.Transform3s(pose.rotation, pose.translation)
+    distances: list[float] = []
+    for item, placement in zip(geometry.geometryObjects, placed.oMg, strict=True):
+        shape_pose = coal.Transform3s(placement.rotation, placement.translation)
+        request = coal.DistanceRequest(), coal.DistanceResult()
+        distances.append(float(coal.distance(item.geometry, shape_pose, box, box_pose, *request)))
+    return min(distances)
 
 
-def test_joints_that_slide_close_with_their_rate(tmp_path: Path) -> None:
-    """On the rail the bound of the closing speed is at least the rate of the cart, however short the arm."""
+def test_sliding_joints_close_at_their_rate(tmp_path: Path) -> None:
+    """The bound on the closing speed is at least the rate of the cart on the rail, for any length of the arm."""
     rail = sliding(tmp_path)
     ball = Client(10.0, [1.0, 1.0, 1.0], pin.SE3.Identity(), [0.0] * 6, [coal.Sphere(0.1)])
     distances = ClientDistances(rail, [opt.Obstacle(coal.Sphere(0.1), on=ball, name="ball")], 0.01, "points")
@@ -70,98 +70,98 @@ def test_joints_that_slide_close_with_their_rate(tmp_path: Path) -> None:
     assert 0.0 < distances.closing_speed(v, np.zeros(6)) < 0.2
 
 
-@pytest.mark.parametrize("away", [0.03, 0.2, -0.05])
-def test_distances_are_those_of_the_shapes(sms: ffsms.SpaceManipulator, away: float) -> None:
-    client, q = _client(sms, away, [0.0] * 6), _posture(sms)
-    distance, pair = _closeness(sms, client).at(q, client.start_pose)
+@pytest.mark.parametrize("gap", [0.03, 0.2, -0.05])
+def test_distances_are_those_of_the_shapes(sms: ffsms.SpaceManipulator, gap: float) -> None:
+    client, q = _client(sms, gap, [0.0] * 6), _posture(sms)
+    distance, pair = _distances(sms, client).at(q, client.start_pose)
     true = _by_coal(sms, q, client.start_pose)
     assert pair.endswith("- body")
     assert distance <= true + 1e-9  # hulls are a little larger than shapes
     assert distance == pytest.approx(true, abs=0.02)
-    assert (distance < 0.0) == (away < 0.0)
+    assert (distance < 0.0) == (gap < 0.0)
 
 
-def test_a_held_client_is_not_counted_against_the_hand(sms: ffsms.SpaceManipulator) -> None:
+def test_distances_of_a_held_client_exclude_the_hand(sms: ffsms.SpaceManipulator) -> None:
     client, q = _client(sms, -0.05, [0.0] * 6), _posture(sms)
-    closeness = _closeness(sms, client)
-    assert closeness.at(q, client.start_pose)[1] == "panda_link7 - body"
-    distance, pair = closeness.at(q, client.start_pose, held=True)
+    distances = _distances(sms, client)
+    assert distances.at(q, client.start_pose)[1] == "panda_link7 - body"
+    distance, pair = distances.at(q, client.start_pose, held=True)
     assert distance > 0.0
     assert pair != "panda_link7 - body"
 
 
-def test_the_least_of_a_recording_has_its_time_and_place(sms: ffsms.SpaceManipulator) -> None:
+def test_the_least_distance_of_a_recording_has_its_time_and_place(sms: ffsms.SpaceManipulator) -> None:
     """A box that passes the tool is nearest half-way; from the latch on the hand does not count."""
     client, q = _client(sms, 0.03, [0.0] * 6), _posture(sms)
     t = np.linspace(0.0, 2.0, 41)
     axis = client.start_pose.rotation[:, 2]
     poses = np.tile(pin.SE3ToXYZQUAT(client.start_pose), (len(t), 1))
     poses[:, :3] += np.abs(t - 1.0)[:, None] * 0.2 * axis
-    closeness, rows = _closeness(sms, client), np.tile(q, (len(t), 1))
-    least = closeness.flown(t, rows, poses)
+    distances, rows = _distances(sms, client), np.tile(q, (len(t), 1))
+    least = distances.flown(t, rows, poses)
     assert least is not None
     assert least.time == pytest.approx(1.0)
-    assert least.distance == pytest.approx(closeness.at(q, client.start_pose)[0])
+    assert least.distance == pytest.approx(distances.at(q, client.start_pose)[0])
     tip = sms.at(q).end_effector_pose.translation
     assert np.linalg.norm(np.array(least.place) - tip) < 0.2
-    late = closeness.flown(t, rows, poses, latched=0.5)
+    late = distances.flown(t, rows, poses, latched=0.5)
     assert late is not None
     assert late.distance > least.distance
 
 
-def _alone(sms: ffsms.SpaceManipulator, momentum: FloatArray) -> AfterCapture:
+def _servicer_alone(sms: ffsms.SpaceManipulator, momentum: FloatArray) -> AfterCapture:
     q = _posture(sms)
     return AfterCapture(sms, q, sms.velocity(q, np.zeros(sms.n), momentum), momentum, 0.0)
 
 
 def test_the_closest_approach_is_that_of_two_free_bodies(sms: ffsms.SpaceManipulator) -> None:
-    """Beside a rollout of both at instants, without a bound between them."""
+    """Compare with a rollout of both bodies at instants, without a bound between the instants."""
     momentum = np.array([0.4, 0.1, -0.2, 0.5, -0.3, 0.8])
     client = _client(sms, 0.8, [-0.005, 0.002, 0.0, 0.01, 0.02, -0.01])
-    rest, closeness = _alone(sms, momentum), _closeness(sms, client)
-    found = closest_approach(closeness, rest, client, 3.0, 120.0)
+    rest, distances = _servicer_alone(sms, momentum), _distances(sms, client)
+    approach = closest_approach(distances, rest, client, 3.0, 120.0)
     free = rest.at_rest()
     root = free.start_pose.actInv(pin.XYZQUATToSE3(rest.q[:7]))
-    true = []
+    sampled = []
     for s in np.linspace(0.0, 120.0, 1201):
         q = rest.q.copy()
         q[:7] = pin.SE3ToXYZQUAT(free.pose(float(s)) * root)
-        true.append(_by_coal(sms, q, client.pose(3.0 + float(s))))
-    assert found.distance < min(true)
-    assert found.distance == pytest.approx(min(true), abs=0.06)
-    assert found.time == pytest.approx(0.1 * int(np.argmin(true)), abs=5.0)
-    assert found.clear == (found.distance > 0.0)
+        sampled.append(_by_coal(sms, q, client.pose(3.0 + float(s))))
+    assert approach.distance < min(sampled)
+    assert approach.distance == pytest.approx(min(sampled), abs=0.06)
+    assert approach.time == pytest.approx(0.1 * int(np.argmin(sampled)), abs=5.0)
+    assert approach.clear == (approach.distance > 0.0)
 
 
-def test_what_is_not_known_of_a_client_is_taken_off_the_distance(sms: ffsms.SpaceManipulator) -> None:
+def test_the_uncertainty_of_a_client_reduces_the_distance(sms: ffsms.SpaceManipulator) -> None:
     client = _client(sms, 0.5, [0.002, 0.0, 0.0, 0.0, 0.0, 0.0])
-    rest, closeness = _alone(sms, np.zeros(6)), _closeness(sms, client)
-    sure = closest_approach(closeness, rest, client, 0.0, 60.0)
+    rest, distances = _servicer_alone(sms, np.zeros(6)), _distances(sms, client)
+    known = closest_approach(distances, rest, client, 0.0, 60.0)
     sensor = Camera(0.001, 1e-4, 1e-3, 1e-5)
-    seen = closest_approach(closeness, rest, ClientEstimate(client, 0.0, sensor), 0.0, 60.0)
-    assert sure.clear
-    # 1 mm/s of each axis, for a minute, three deviations.
-    assert sure.distance - seen.distance == pytest.approx(3.0 * np.sqrt(3.0) * 60.0e-3, rel=0.35)
+    estimated = closest_approach(distances, rest, ClientEstimate(client, 0.0, sensor), 0.0, 60.0)
+    assert known.clear
+    # Three deviations of 1 mm/s on each axis, over a minute.
+    assert known.distance - estimated.distance == pytest.approx(3.0 * np.sqrt(3.0) * 60.0e-3, rel=0.35)
     assert "may touch" in str(ClosestApproach(-0.1, "a - b", 12.0, 600.0))
-    assert "10 min" in str(sure._replace(span=600.0))
+    assert "10 min" in str(known._replace(span=600.0))
 
 
-def test_an_arm_in_the_way_of_a_client_moves_out_of_it(sms: ffsms.SpaceManipulator) -> None:
-    """A client that drifts towards where the hand is: braking there is hit, another posture is not."""
-    q, beside = _posture(sms), _client(sms, -0.1, [0.0] * 6)
-    across = 0.01 * beside.start_pose.rotation[:, 1]  # past the hand, which it meets after 90 s
-    start = beside.start_pose.translation - 90.0 * across
+def test_an_arm_in_the_path_of_a_client_moves_to_a_clear_posture(sms: ffsms.SpaceManipulator) -> None:
+    """A client drifts towards the hand: it hits an arm that brakes in place, and misses another posture."""
+    q, at_hand = _posture(sms), _client(sms, -0.1, [0.0] * 6)
+    across = 0.01 * at_hand.start_pose.rotation[:, 1]  # past the hand, which the client meets after 90 s
+    start = at_hand.start_pose.translation - 90.0 * across
     twist = np.append(across, np.zeros(3))
-    client = Client(80.0, [6.0, 9.0, 11.0], pin.SE3(beside.start_pose.rotation, start), twist)
-    closeness = _closeness(sms, client)
-    alone = replace(_alone(sms, np.zeros(6)), v=sms.velocity(q, np.full(sms.n, 0.01)))
+    client = Client(80.0, [6.0, 9.0, 11.0], pin.SE3(at_hand.start_pose.rotation, start), twist)
+    distances = _distances(sms, client)
+    alone = replace(_servicer_alone(sms, np.zeros(6)), v=sms.velocity(q, np.full(sms.n, 0.01)))
     plain = brake(alone)
     options = ([sms.joint_positions(sms.home())], client, 0.0, 200.0, sms.limits.torque, 0.5)
-    found = departure(closeness, alone, plain, (True, True), *options)
+    result = departure(distances, alone, plain, (True, True), *options)
     rest = AfterCapture(sms, plain.q[-1], np.zeros(sms.nv), np.zeros(6), 0.0)
-    assert not closest_approach(closeness, rest, client, plain.duration, 200.0).clear
-    assert found.approach.clear
-    motion = found.motion
+    assert not closest_approach(distances, rest, client, plain.duration, 200.0).clear
+    assert result.approach.clear
+    motion = result.motion
     for k in range(0, len(motion.t), 10):
         assert _by_coal(sms, motion.q[k], client.pose(float(motion.t[k]))) > 0.0
     limits, rates = sms.limits, motion.joint_rates
@@ -170,8 +170,10 @@ def test_an_arm_in_the_way_of_a_client_moves_out_of_it(sms: ffsms.SpaceManipulat
     np.testing.assert_allclose(rates[-1], 0.0, atol=1e-12)
 
 
-def test_a_move_to_rest_keeps_rates_and_ends_where_it_should(sms: ffsms.SpaceManipulator) -> None:
-    alone = replace(_alone(sms, np.zeros(6)), v=sms.velocity(_posture(sms), np.full(sms.n, 0.05)))
+def test_a_move_to_rest_starts_at_the_joint_rates_and_ends_at_the_posture(
+    sms: ffsms.SpaceManipulator,
+) -> None:
+    alone = replace(_servicer_alone(sms, np.zeros(6)), v=sms.velocity(_posture(sms), np.full(sms.n, 0.05)))
     end = sms.joint_positions(_posture(sms)) + np.array([0.5, -0.4, 0.3, 0.2, -0.6, 0.4, 0.7])
     motion = move_and_rest(alone, end, sms.limits.torque)
     assert motion is not None

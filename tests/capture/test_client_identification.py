@@ -1,4 +1,4 @@
-"""A latched client becomes known by what is measured after the catch, and what is not shown is said."""
+"""Identification of a latched client from measurements after the capture, and its observability."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from ffsms_pin.opt.rollouts import configurations, velocities
 from ffsms_pin.robot.base_motion import straight_end
 from ffsms_pin.system.dynamics import centroidal
 
-# Gyros and encoders of a class, see benchmarks/identification.py.
+# The noise of the gyros and encoders in benchmarks/identification.py.
 SENSORS = simulation.Sensors(
     base_rate_noise=1e-5, base_velocity_noise=1e-3, joint_resolution=1.2e-5, joint_rate_noise=5e-4
 )
@@ -29,7 +29,7 @@ TRUE = 80.0, np.array([[6.0, 0.3, 0.0], [0.3, 9.0, -0.2], [0.0, -0.2, 11.0]])
 
 @pytest.fixture(scope="module")
 def caught() -> tuple[ffsms.SpaceManipulator, AfterCapture, AfterCapture, ffsms.Client]:
-    """Return the servicer, it with the true and with the believed client, and the believed client."""
+    """The servicer, the servicer joined to the true and to the believed client, and the believed client."""
     sms = ffsms.load("satellite_panda")
     q0 = sms.configuration([0.1, -0.4, 0.1, -2.0, 0.0, 3.1, 0.9])
     place = sms.at(q0).end_effector_pose * pin.SE3(np.eye(3), np.array([0.0, 0.0, 0.4]))
@@ -43,20 +43,20 @@ def caught() -> tuple[ffsms.SpaceManipulator, AfterCapture, AfterCapture, ffsms.
     return sms, joined[0], joined[1], believed
 
 
-def _measured(
+def _identified(
     caught: Any, rates: Any, dt: float, sensors: simulation.Sensors, pushed: bool = False, share: float = 0.0
 ) -> IdentifiedClient:
-    """Return the client as identified from joint rates (N, n) that the true robot performs exactly."""
+    """Return the client identified from joint rates (N, n) that the true robot performs exactly."""
     sms, true, _, believed = caught
-    found = ClientIdentification(sms, true.q, believed, share)
+    identification = ClientIdentification(sms, true.q, believed, share)
     measure = sensors.start(sms, dt, dt * len(rates))
     motion = opt.Problem(true.robot, true.q, [0, 0, 0], dt * (len(rates) - 1), dt, momentum=true.momentum)
     rolled = motion.motion(rates, dt)
     rows = zip(configurations(true.robot, true.q, rolled), velocities(rolled), strict=True)
     for k, (q, v) in enumerate(rows):
         np.testing.assert_allclose(centroidal(true.robot, q, v).momentum, true.momentum, atol=1e-5)
-        found.add(dt * k, *measure(q, v), None)
-    return found.identified(sensors, pushed)
+        identification.add(dt * k, *measure(q, v), None)
+    return identification.identified(sensors, pushed)
 
 
 @pytest.fixture(scope="module")
@@ -66,7 +66,7 @@ def motion(caught: Any) -> opt.Trajectory:
     return planned
 
 
-def test_the_motion_swings_a_little_and_comes_back(caught: Any, motion: opt.Trajectory) -> None:
+def test_the_motion_is_small_and_returns_to_its_start(caught: Any, motion: opt.Trajectory) -> None:
     limits, joints = caught[0].limits, motion.joint_positions
     np.testing.assert_allclose(joints[-1], joints[0], atol=1e-9)
     assert 0.1 < np.abs(joints - joints[0]).max() <= 0.25
@@ -82,57 +82,59 @@ def test_the_motion_leaves_out_failed_joints(caught: Any) -> None:
     assert np.delete(swings, 1).min() > 0.05
 
 
-def test_mass_and_inertia_are_found(caught: Any, motion: opt.Trajectory) -> None:
-    found = _measured(caught, motion.joint_rates, motion.dt, SENSORS)
-    off, offs = abs(found.mass - TRUE[0]), np.abs(found.inertia - TRUE[1])
-    assert off < 0.02 * TRUE[0]
-    assert np.linalg.norm(offs) < 0.02 * np.linalg.norm(TRUE[1])
-    assert off < 4.0 * found.mass_deviation < 0.05 * TRUE[0]
-    assert (offs < 4.0 * found.inertia_deviation).all()
-    assert np.linalg.norm(found.com) < 0.01
-    assert found.note == ""
-    assert found.believed.mass == 100.0
-    numbers = found.numbers(ffsms.Client(*TRUE))
-    assert numbers["learnt"]["mass_kg"] == found.mass
+def test_mass_and_inertia_are_identified(caught: Any, motion: opt.Trajectory) -> None:
+    identified = _identified(caught, motion.joint_rates, motion.dt, SENSORS)
+    mass_error, inertia_errors = abs(identified.mass - TRUE[0]), np.abs(identified.inertia - TRUE[1])
+    assert mass_error < 0.02 * TRUE[0]
+    assert np.linalg.norm(inertia_errors) < 0.02 * np.linalg.norm(TRUE[1])
+    assert mass_error < 4.0 * identified.mass_deviation < 0.05 * TRUE[0]
+    assert (inertia_errors < 4.0 * identified.inertia_deviation).all()
+    assert np.linalg.norm(identified.com) < 0.01
+    assert identified.note == ""
+    assert identified.believed.mass == 100.0
+    numbers = identified.numbers(ffsms.Client(*TRUE))
+    assert numbers["learnt"]["mass_kg"] == identified.mass
     assert numbers["believed"]["mass_kg"] == 100.0
     assert numbers["true"]["inertia_kg_m2"] == TRUE[1].tolist()
 
 
-def test_masses_of_the_servicer_that_are_uncertain_add_to_the_deviation(
-    caught: Any, motion: opt.Trajectory
-) -> None:
-    sure, unsure = (_measured(caught, motion.joint_rates, motion.dt, SENSORS, share=s) for s in (0.0, 0.1))
-    assert unsure.mass == sure.mass
-    assert unsure.mass_deviation == pytest.approx(math.hypot(sure.mass_deviation, 0.1 * sure.mass), rel=1e-3)
+def test_uncertain_masses_of_the_servicer_add_to_the_deviation(caught: Any, motion: opt.Trajectory) -> None:
+    known, uncertain = (
+        _identified(caught, motion.joint_rates, motion.dt, SENSORS, share=s) for s in (0.0, 0.1)
+    )
+    assert uncertain.mass == known.mass
+    assert uncertain.mass_deviation == pytest.approx(
+        math.hypot(known.mass_deviation, 0.1 * known.mass), rel=1e-3
+    )
 
 
-def test_rest_shows_little_and_says_so(caught: Any) -> None:
-    found = _measured(caught, np.zeros((401, 7)), 0.02, SENSORS)
-    assert "not observable" in found.note
-    assert found.mass == pytest.approx(100.0, rel=0.05)
-    assert found.mass_deviation > 50.0
+def test_joints_at_rest_leave_the_client_unobservable(caught: Any) -> None:
+    identified = _identified(caught, np.zeros((401, 7)), 0.02, SENSORS)
+    assert "not observable" in identified.note
+    assert identified.mass == pytest.approx(100.0, rel=0.05)
+    assert identified.mass_deviation > 50.0
 
 
-def test_a_push_from_outside_is_told(caught: Any, motion: opt.Trajectory) -> None:
-    found = _measured(caught, motion.joint_rates, motion.dt, SENSORS, pushed=True)
-    assert math.isnan(found.mass)
-    assert "thrusters or disturbances" in found.note
-    numbers = found.numbers(ffsms.Client(*TRUE))
+def test_external_forces_prevent_the_identification(caught: Any, motion: opt.Trajectory) -> None:
+    identified = _identified(caught, motion.joint_rates, motion.dt, SENSORS, pushed=True)
+    assert math.isnan(identified.mass)
+    assert "thrusters or disturbances" in identified.note
+    numbers = identified.numbers(ffsms.Client(*TRUE))
     assert numbers["learnt"] is None
     assert numbers["mass_deviation_kg"] is None
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("held", [False, pytest.param(True, marks=pytest.mark.long)])
-def test_a_flight_has_it(held: bool, caught: Any) -> None:
+def test_a_flight_identifies_its_client(held: bool, caught: Any) -> None:
     """Wheels that hold the attitude take part of the momentum, which is measured."""
     wheels = ffsms.ReactionWheels(np.eye(3), 0.05, torque=1.0, momentum=60.0)
     sms = caught[0].with_actuators(wheels=wheels) if held else caught[0]
     q0, joints = sms.home(), np.array([0.1, -0.4, 0.1, -2.0, 0.0, 3.1, 0.9])
     end = sms.at(straight_end(sms, q0, joints, 6.0, None)).end_effector_pose
     grasp = pin.SE3(np.eye(3), np.array([0.0, 0.0, -0.4]))
-    then = ffsms.Client(*TRUE, end * grasp.inverse(), [0.0, 0.0, 0.0, 0.02, 0.03, -0.02])
-    client = ffsms.Client(*TRUE, then.pose(-6.0), then.twist(-6.0))
+    at_contact = ffsms.Client(*TRUE, end * grasp.inverse(), [0.0, 0.0, 0.0, 0.02, 0.03, -0.02])
+    client = ffsms.Client(*TRUE, at_contact.pose(-6.0), at_contact.twist(-6.0))
     law = partial(ComputedTorque, K_p=100.0, K_d=20.0, adaptive=False)
     flight = capture.fly(
         sms,

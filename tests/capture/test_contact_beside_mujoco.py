@@ -1,11 +1,12 @@
-"""Impacts of two free bodies beside MuJoCo's soft contact, where both mean the same.
+"""Impacts of two free bodies compared with MuJoCo's soft contact, with parameters that mean the same law.
 
-MuJoCo's contact force is (-K r - B v) of a reference acceleration through a regularisation, 1 / R. With a
-small constant impedance d, that is a spring and a damper whatever the bodies are: its `solref`, given as
-negative stiffness and damping, is k [N/m] times the sum of the inverse masses. So ours has p = 1, and no
-damping where nothing comes to rest. Friction is viscous inside the cone in both: ours tanh, MuJoCo's through
-`solreffriction`, small enough beside the normal spring that the cone's projection leaves the normal force
-alone, and as steep as `impratio` makes it. Slip that saturates either is Coulomb's.
+MuJoCo's contact force follows from a reference acceleration -K r - B v through a regularisation 1 / R. With
+a small constant impedance d, the force is that of a spring and a damper for any bodies: `solref`, written as
+negative stiffness and damping, is k [N/m] times the sum of the inverse masses. The library's contact
+therefore has the exponent p = 1 here, and no damping in the cases that do not come to rest. Friction is
+viscous inside the cone in both engines: tanh in the library, `solreffriction` in MuJoCo. The latter is so
+small beside the normal spring that the projection on the cone does not change the normal force, and as steep
+as `impratio` makes it. If the slip saturates friction, both are Coulomb's.
 """
 
 from __future__ import annotations
@@ -31,17 +32,17 @@ NOZZLE = probe_in_nozzle(pin.SE3.Identity(), sides=7, damping=0.0)
 
 
 def ball_and_box(friction: float, damping: float = 0.0, lever: Any = LEVER) -> SurfaceContact:
-    """A ball of 50 mm, and a box whose top is at 0.3 m."""
+    """Return the contact of a ball with a radius of 50 mm and a box whose top is at 0.3 m."""
     ball = (coal.Sphere(0.05), pin.SE3(np.eye(3), np.array(lever)))
     return SurfaceContact([ball], [coal.Box(1.0, 1.2, 0.6)], 2e4, 1.0, damping, friction)
 
 
 @dataclass(frozen=True)
 class Case:
-    """How the end effector flies at a client that rests, and what pushes it."""
+    """An end effector that flies towards a client at rest, and the wrench on it."""
 
     surface: SurfaceContact
-    turn: Any = (0.0, 0.0, 0.0)
+    rotation_vector: Any = (0.0, 0.0, 0.0)
     twist: Any = (0.0,) * 6
     place: Any = (0.1, 0.05, 0.3501)  # of the end effector's first shape
     push: Any = (0.0,) * 6
@@ -49,16 +50,16 @@ class Case:
 
     @property
     def poses(self) -> list[Any]:
-        """Of both at the start."""
-        turn, lever = pin.exp3(np.array(self.turn)), self.surface.tool_shapes[0].placement.translation
-        return [pin.SE3(turn, np.array(self.place) - turn @ lever), pin.SE3.Identity()]
+        """The poses of both bodies at the start."""
+        R, lever = pin.exp3(np.array(self.rotation_vector)), self.surface.tool_shapes[0].placement.translation
+        return [pin.SE3(R, np.array(self.place) - R @ lever), pin.SE3.Identity()]
 
 
 CASES = {
     "straight": Case(ball_and_box(0.0), twist=[0.0, 0.0, -0.05, 0.0, 0.0, 0.0]),
     "slipping": Case(ball_and_box(0.3), [0.2, -0.1, 0.3], [0.08, 0.03, -0.05, 0.05, -0.1, 0.2]),
     "gripping": Case(ball_and_box(0.5), [0.1, 0.15, 0.0], [0.004, -0.002, -0.05, 0.02, 0.05, 0.1]),
-    # The rod knocks the cone three times.
+    # The rod hits the cone three times.
     "nozzle": Case(
         replace(NOZZLE.load, friction=0.1),
         twist=[-0.02, 0.01, 0.05, 0.0, 0.01, 0.02],
@@ -69,7 +70,7 @@ CASES = {
 
 
 class End(NamedTuple):
-    """What an engine found: twists (2, 6) and places (2, 3) at the end, the largest force."""
+    """The twists (2, 6) and positions (2, 3) at the end, the largest and the last contact force."""
 
     twists: FloatArray
     places: FloatArray
@@ -87,9 +88,9 @@ def ours(case: Case, dt: float) -> End:
 
 def mujoco(case: Case, dt: float = DT) -> End:
     surface, weight = case.surface, sum(1.0 / mass for mass in MASSES)
-    spring, mu = surface.stiffness * weight, surface.friction  # solref's, of the unit 1/s^2
-    damper = np.sqrt(spring) if surface.damping else 1e-9  # half of what is critical
-    # Of friction, a hundredth of the spring's push at its deepest.
+    spring, mu = surface.stiffness * weight, surface.friction  # the stiffness of solref [1/s^2]
+    damper = np.sqrt(spring) if surface.damping else 1e-9  # half of the critical damping
+    # The slope of friction: a hundredth of the spring's force at its largest depth.
     slope = 0.01 * spring / np.sqrt(weight * surface.stiffness) / max(mu, 0.1)
     meshes, bodies, names = "", "", []
     for body, (pose, mass, inertia, shapes) in enumerate(
@@ -106,11 +107,12 @@ def mujoco(case: Case, dt: float = DT) -> End:
             f'diaginertia="{_text(inertia)}"/>{geoms}</body>'
         )
     pairs = "".join(
-        f'<pair geom1="{one}" geom2="{other}" condim="{3 if mu else 1}" friction="{mu or 1} {mu or 1} 0 0 0" '
+        f'<pair geom1="{tool_name}" geom2="{client_name}" condim="{3 if mu else 1}" '
+        f'friction="{mu or 1} {mu or 1} 0 0 0" '
         f'solref="{-spring} {-damper}" solreffriction="{-1e-9} {-slope}" '
         f'solimp="{IMPEDANCE} {IMPEDANCE} 0.001"/>'
-        for one in names[0]
-        for other in names[1]
+        for tool_name in names[0]
+        for client_name in names[1]
     )
     model = mj.MjModel.from_xml_string(
         f'<mujoco><option gravity="0 0 0" timestep="{dt}" cone="elliptic" impratio="1000" tolerance="1e-14" '
@@ -119,14 +121,14 @@ def mujoco(case: Case, dt: float = DT) -> End:
     )
     data = mj.MjData(model)
     data.qvel[:6] = [*case.twist[:3], *(case.poses[0].rotation.T @ case.twist[3:])]
-    peak, force, found = 0.0, np.zeros(3), np.zeros(6)
+    peak, force, contact_force = 0.0, np.zeros(3), np.zeros(6)
     for _ in range(round(case.time / dt)):
         data.xfrc_applied[1] = case.push
         mj.mj_step(model, data)
         force = np.zeros(3)
         for k in range(data.ncon):
-            mj.mj_contactForce(model, data, k, found)
-            force += data.contact[k].frame.reshape(3, 3).T @ found[:3]
+            mj.mj_contactForce(model, data, k, contact_force)
+            force += data.contact[k].frame.reshape(3, 3).T @ contact_force[:3]
         peak = max(peak, float(np.linalg.norm(force)))
     mj.mj_forward(model, data)
     twists = [
@@ -137,7 +139,7 @@ def mujoco(case: Case, dt: float = DT) -> End:
 
 
 def _geom(shape: Any, name: str) -> tuple[str, str]:
-    """An asset, where there is one, and a geom."""
+    """Return an asset, empty unless the shape is a mesh, and a geom."""
     if isinstance(shape, coal.Sphere):
         return "", f'type="sphere" size="{shape.radius}"'
     if isinstance(shape, coal.Capsule):
@@ -161,35 +163,35 @@ def _text(numbers: Any) -> str:
 @pytest.mark.parametrize("name", CASES)
 def test_an_impact_has_the_same_peak_impulse_and_end(name: str) -> None:
     case = CASES[name]
-    here, there = (
+    own, peer = (
         ours(case, 1e-3 if name == "nozzle" else 1e-4),
         mujoco(case, 1e-4 if name == "nozzle" else DT),
     )
-    assert here.peak == pytest.approx(there.peak, rel=0.01)
-    impulse, other = (MASSES[0] * (end.twists[0, :3] - case.twist[:3]) for end in (here, there))
+    assert own.peak == pytest.approx(peer.peak, rel=0.01)
+    impulse, other = (MASSES[0] * (end.twists[0, :3] - case.twist[:3]) for end in (own, peer))
     assert np.linalg.norm(impulse - other) < 0.01 * np.linalg.norm(other)
-    assert np.abs(here.twists - there.twists).max() < 0.01 * np.abs(there.twists).max()
+    assert np.abs(own.twists - peer.twists).max() < 0.01 * np.abs(peer.twists).max()
 
 
-def test_another_friction_would_be_seen() -> None:
+def test_a_different_friction_gives_a_different_motion() -> None:
     case = CASES["slipping"]
     other = replace(case, surface=replace(case.surface, friction=0.25))
-    here, there = ours(case, 1e-4), mujoco(other)
-    assert np.abs(here.twists - there.twists).max() > 0.02 * np.abs(there.twists).max()
+    own, peer = ours(case, 1e-4), mujoco(other)
+    assert np.abs(own.twists - peer.twists).max() > 0.02 * np.abs(peer.twists).max()
 
 
-def test_pressed_together_they_rest_at_the_same_depth() -> None:
-    """A constant push along the line of contact; damping brings both to rest, each by its own law."""
+def test_pressed_bodies_rest_at_the_same_depth() -> None:
+    """Apply a constant force along the line of contact; damping brings the bodies to rest in both engines."""
     case = Case(
         ball_and_box(0.0, 20.0, [0.0, 0.0, -0.3]),
         place=[0.0, 0.0, 0.35],
         push=[0.0, 0.0, -20.0, 0.0, 0.0, 0.0],
         time=0.6,
     )
-    here, there = ours(case, 4e-4), mujoco(case)
-    depth, other = (0.65 - (end.places[0] - end.places[1])[2] for end in (here, there))
+    own, peer = ours(case, 4e-4), mujoco(case)
+    depth, other = (0.65 - (end.places[0] - end.places[1])[2] for end in (own, peer))
     assert depth == pytest.approx(20.0 * MASSES[1] / sum(MASSES) / 2e4, rel=1e-3)
     assert depth == pytest.approx(other, rel=0.01)
-    assert here.force == pytest.approx(there.force, rel=0.01)
-    for end in (here, there):
+    assert own.force == pytest.approx(peer.force, rel=0.01)
+    for end in (own, peer):
         assert np.abs(end.twists[0] - end.twists[1]).max() < 1e-5

@@ -25,7 +25,7 @@ def _meet(sensor: Camera = SENSOR, standoff: float = 0.15) -> Meet:
     return Meet(ClientEstimate(client, 0.0, sensor), GRASP, standoff=standoff)
 
 
-def test_an_estimate_gets_too_old() -> None:
+def test_an_old_estimate_is_no_go() -> None:
     meet, limits, envelope = _meet(), GoLimits(), Envelope()
     assert limits.lacks(meet, 2.29, 5.0, envelope) == ""
     assert (
@@ -33,22 +33,24 @@ def test_an_estimate_gets_too_old() -> None:
     )
     assert limits.lacks(meet, 3.1, 5.0, envelope, measuring=False) == ""
     slow = _meet(replace(SENSOR, period=2.0))
-    assert limits.lacks(slow, 10.2, 12.0, envelope) == ""  # five of its periods
+    assert limits.lacks(slow, 10.2, 12.0, envelope) == ""  # five periods are allowed
     assert "measured 0.6 s ago" in GoLimits(age=0.5).lacks(meet, 0.6, 5.0, envelope)
     estimate = meet.client
     assert isinstance(estimate, ClientEstimate)
     assert limits.lacks(replace(meet, client=estimate.client()), 99.0, 100.0, envelope) == ""
 
 
-def test_the_doubt_at_the_contact_is_what_the_covariance_says() -> None:
-    """Place, velocity, attitude and spin of a single measurement, ten seconds later, by their slopes."""
-    far, turned = grasp_uncertainty(_meet(), 10.0)
+def test_the_uncertainty_at_the_contact_follows_from_the_covariance() -> None:
+    """Propagate the errors of a single measurement over ten seconds, linearised."""
+    distance, angle = grasp_uncertainty(_meet(), 10.0)
     moved = np.sqrt(3.0) * np.hypot(1e-3, 10.0 * 1e-4)
-    assert turned == pytest.approx(3.0 * np.sqrt(3.0) * np.hypot(1e-3, 10.0 * 1e-4), rel=0.05)
-    assert far == pytest.approx(3.0 * np.hypot(moved, 0.4 * np.sqrt(2.0) * np.hypot(1e-3, 1e-3)), rel=0.1)
+    assert angle == pytest.approx(3.0 * np.sqrt(3.0) * np.hypot(1e-3, 10.0 * 1e-4), rel=0.05)
+    assert distance == pytest.approx(
+        3.0 * np.hypot(moved, 0.4 * np.sqrt(2.0) * np.hypot(1e-3, 1e-3)), rel=0.1
+    )
 
 
-def test_a_grasp_must_be_known_to_what_grip_and_corridor_take() -> None:
+def test_the_uncertainty_of_a_grasp_must_fit_the_grip_and_the_corridor() -> None:
     vague, limits = Camera(0.01, 1e-3, 1e-4, 1e-4), GoLimits()
     wide, narrow = _meet(vague, standoff=0.3), _meet(vague, standoff=0.1)
     assert limits.lacks(wide, 0.1, 1.0, Envelope(distance=0.06)) == ""

@@ -27,35 +27,35 @@ def _scene() -> tuple[ffsms.SpaceManipulator, np.ndarray, np.ndarray, ffsms.Clie
 
 
 def test_wheels_take_the_angular_momentum_about_the_common_centre() -> None:
-    """Written out: that of the arm, the wheels and the client, each moved to the common centre of mass."""
+    """Sum the momenta of arm, wheels and client about the common centre of mass."""
     sms, q, v, client = _scene()
-    said, own, theirs = predicted(sms, q, v, client, 0.0, SPIN), centroidal(sms, q, v), client.momentum
+    prediction, own, theirs = predicted(sms, q, v, client, 0.0, SPIN), centroidal(sms, q, v), client.momentum
     mass, place = pin.computeTotalMass(sms.model), client.start_pose.translation
     com = (mass * own.com + client.mass * place) / (mass + client.mass)
     total = own.momentum[3:] + np.cross(own.com - com, own.momentum[:3])
     total += theirs[3:] + np.cross(place - com, theirs[:3])
     total += pin.XYZQUATToSE3(q[:7]).rotation @ SPIN
-    np.testing.assert_allclose(said.wheel_momentum, total, atol=1e-12)
-    assert not said.wheel_deviation.any()
+    np.testing.assert_allclose(prediction.wheel_momentum, total, atol=1e-12)
+    assert not prediction.wheel_deviation.any()
     without = predicted(sms, q, v, client, 0.0)
     assert np.linalg.norm(without.wheel_momentum - total) > 1.0
 
 
-def test_what_wheels_will_take_comes_with_its_spread() -> None:
-    """Of 40 estimates the errors are as large as their deviations say."""
+def test_deviations_of_the_predicted_wheel_momentum_agree_with_its_errors() -> None:
+    """The errors of 40 estimates agree with their deviations."""
     sms, q, v, client = _scene()
     sensor, true = Camera(), predicted(sms, q, v, client, 0.0, SPIN)
-    off = []
+    errors = []
     for seed in range(40):
         seen = measured(client, 0.0, sensor, np.random.default_rng(seed))
-        said = predicted(sms, q, v, ClientEstimate(seen, 0.0, sensor), 0.0, SPIN)
-        off.append((said.wheel_momentum - true.wheel_momentum) / said.wheel_deviation)
-        numbers = said.beside_wheels("expected", true.wheel_momentum)
-        assert numbers["expected_within_3_deviations"] == bool((np.abs(off[-1]) <= 3.0).all())
-    assert 0.75 < np.sqrt(np.mean(np.square(off))) < 1.25
+        prediction = predicted(sms, q, v, ClientEstimate(seen, 0.0, sensor), 0.0, SPIN)
+        errors.append((prediction.wheel_momentum - true.wheel_momentum) / prediction.wheel_deviation)
+        numbers = prediction.beside_wheels("expected", true.wheel_momentum)
+        assert numbers["expected_within_3_deviations"] == bool((np.abs(errors[-1]) <= 3.0).all())
+    assert 0.75 < np.sqrt(np.mean(np.square(errors))) < 1.25
 
 
-def test_the_envelope_knows_a_load() -> None:
+def test_the_envelope_limits_the_load() -> None:
     load = ContactLoad(force=3.0, torque=0.1, most_force=12.0, most_torque=0.4)
     assert Envelope().overloads(load) == ""
     assert Envelope(force=12.5, torque=0.5).overloads(load) == ""
@@ -63,26 +63,26 @@ def test_the_envelope_knows_a_load() -> None:
     assert Envelope(torque=0.3).overloads(load) == "the grip may have to bear 0.4 N m, 0.3 N m at most"
 
 
-def test_what_is_said_of_an_estimate_comes_with_its_spread() -> None:
-    """Of 30 estimates the errors of the rate that is left are as large as their deviations say."""
+def test_deviations_of_the_predicted_rate_agree_with_its_errors() -> None:
+    """The errors of the final rates of 30 estimates agree with their deviations."""
     sms = ffsms.load("satellite_panda")
     q = sms.configuration([0.0, -0.6, 0.0, -2.2, 0.0, 2.9, 0.8])
     v, pose = np.zeros(sms.nv), sms.at(q).end_effector_pose
     client = ffsms.Client(80.0, [6.0, 9.0, 11.0], pose, [0.01, 0.0, 0.0, 0.02, 0.03, -0.02])
     sensor, rng, true = Camera(), np.random.default_rng(0), predicted(sms, q, v, client, 0.0)
     assert not true.deviation(5.0).any()
-    off = []
+    errors = []
     for _ in range(30):
         estimate = ClientEstimate(measured(client, 0.0, sensor, rng), 0.0, sensor)
-        said = predicted(sms, q, v, estimate, 0.0)
-        off.append((said.rate(5.0) - true.rate(5.0)) / said.deviation(5.0))
-    assert 0.7 < np.sqrt(np.mean(np.square(off))) < 1.3
+        prediction = predicted(sms, q, v, estimate, 0.0)
+        errors.append((prediction.rate(5.0) - true.rate(5.0)) / prediction.deviation(5.0))
+    assert 0.7 < np.sqrt(np.mean(np.square(errors))) < 1.3
 
 
 @pytest.mark.long
 @pytest.mark.slow
-def test_what_is_said_of_an_uncertain_body_holds_as_often_as_it_says() -> None:
-    """Forty clients as they might be: two deviations hold nineteen of twenty, and hardly any without them."""
+def test_two_deviations_contain_the_rate_of_an_uncertain_client() -> None:
+    """Two deviations contain 19 of 20 drawn clients, and hardly any if the body counts as known."""
     sms = ffsms.load("satellite_panda")
     q = sms.configuration([0.0, -0.6, 0.0, -2.2, 0.0, 2.9, 0.8])
     v, pose = np.zeros(sms.nv), sms.at(q).end_effector_pose
@@ -94,8 +94,8 @@ def test_what_is_said_of_an_uncertain_body_holds_as_often_as_it_says() -> None:
         client = drawn_client(believed, rng, 0.1)
         seen, true = measured(client, 0.0, sensor, rng, believed), predicted(sms, q, v, client, 0.0)
         for deviation in within if seed < 20 else (0.1,):
-            said = predicted(sms, q, v, ClientEstimate(seen, 0.0, sensor, deviation, deviation), 0.0)
-            off = np.abs(said.rate(5.0) - true.rate(5.0))
-            within[deviation] += int((off <= 2.0 * said.deviation(5.0)).sum())
-    assert within[0.1] >= 106  # of 120; fewer are as unlikely as one in a hundred, if all were independent
+            prediction = predicted(sms, q, v, ClientEstimate(seen, 0.0, sensor, deviation, deviation), 0.0)
+            errors = np.abs(prediction.rate(5.0) - true.rate(5.0))
+            within[deviation] += int((errors <= 2.0 * prediction.deviation(5.0)).sum())
+    assert within[0.1] >= 106  # of 120; fewer have a probability of one in a hundred, if all were independent
     assert within[0.0] < 10  # of 60

@@ -1,4 +1,4 @@
-"""Surfaces that touch, beside closed forms: Hertz, Hunt and Crossley, Coulomb; and what no contact may do."""
+"""Surface contacts compared with closed forms of Hertz, Hunt and Crossley, and Coulomb; conservation laws."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def _impact(speed: float, dt: float, steps: int, **law: float) -> tuple[Motion, 
     return bodies.run(_on_top(), [[0.0, 0.0, -speed, 0.0, 0.0, 0.0], np.zeros(6)], dt, steps), bodies
 
 
-def _given_back(motion: Motion, speed: float) -> float:
+def _restitution(motion: Motion, speed: float) -> float:
     return float(motion.v[-1, 2] - motion.v[-1, 8]) / speed
 
 
@@ -45,7 +45,7 @@ def test_hertz_stiffness_is_that_of_the_textbook() -> None:
     assert SurfaceContact.stiffness == pytest.approx(2.0 * hertz_stiffness(0.01, 5e6, 0.48), rel=0.01)
 
 
-def test_a_ball_rests_where_hertz_says() -> None:
+def test_a_ball_rests_at_the_depth_of_hertz() -> None:
     bodies = TwoBodies(
         (2.0, 1e6),
         ([0.02] * 3, [1e5] * 3),
@@ -58,7 +58,7 @@ def test_a_ball_rests_where_hertz_says() -> None:
     assert depth == pytest.approx((5.0 / K) ** (2.0 / 3.0), rel=1e-4)
 
 
-def test_an_impact_lasts_and_peaks_as_hertz_says() -> None:
+def test_the_duration_and_peak_of_an_impact_are_those_of_hertz() -> None:
     """Johnson, 11.24 to 11.26: depth, force and duration of a collision of spheres."""
     speed = 0.05
     depth = (1.25 * MEAN * speed**2 / K) ** 0.4
@@ -68,31 +68,31 @@ def test_an_impact_lasts_and_peaks_as_hertz_says() -> None:
     assert motion.peak == pytest.approx(K * depth**1.5, rel=1e-3)
     touching = np.flatnonzero(motion.wrench[:, 2] > 0.0)
     assert touching.size * time / 100 == pytest.approx(time, rel=0.015)
-    assert _given_back(motion, speed) == pytest.approx(1.0, rel=1e-5)
+    assert _restitution(motion, speed) == pytest.approx(1.0, rel=1e-5)
 
 
 @pytest.mark.parametrize("exponent", [1.0, 1.5, 2.5])
 @pytest.mark.parametrize("loss", [0.02, 0.2, 0.6])
 def test_restitution_is_that_of_hunt_and_crossley(exponent: float, loss: float) -> None:
-    """The law integrates: x - log(1 + x) is the same before and after, x = 3/2 c v."""
+    """The integral x - log(1 + x), with x = 3/2 c v, is equal before and after the impact."""
     speed, depth = 0.04, 1e-3
     stiffness = 0.5 * (exponent + 1.0) * MEAN * speed**2 / depth ** (exponent + 1.0)
     law = {"exponent": exponent, "stiffness": stiffness, "damping": loss / speed}
     motion, _ = _impact(speed, 2e-4, 1000, **law)
     assert not motion.wrench[-1].any()
-    found, x = _given_back(motion, speed), 1.5 * loss
+    restitution, x = _restitution(motion, speed), 1.5 * loss
 
     def area(x: float) -> float:
         return float(x - np.log1p(x))
 
     exact = brentq(lambda e: area(-e * x) - area(x), 0.0, min(1.0, (1.0 - 1e-12) / x))
-    assert found == pytest.approx(exact, rel=1e-4)
-    assert found == pytest.approx(1.0 - loss, abs=loss**2)
+    assert restitution == pytest.approx(exact, rel=1e-4)
+    assert restitution == pytest.approx(1.0 - loss, abs=loss**2)
 
 
 @pytest.mark.parametrize(("share", "slides"), [(0.5, False), (0.95, False), (1.5, True)])
 def test_a_block_on_an_incline(share: float, slides: bool) -> None:
-    """Below friction's largest it creeps with s_0 atanh(share), above it slides; it is pushed at its feet."""
+    """Below the largest friction the block creeps at s_0 atanh(share), above it slides."""
     mass, normal, mu, s_0 = 4.0, 20.0, 0.4, 1e-3
     feet = [
         (coal.Sphere(0.01), pin.SE3(np.eye(3), np.array([x, y, -0.09])))
@@ -114,13 +114,13 @@ def test_a_block_on_an_incline(share: float, slides: bool) -> None:
         assert speed == pytest.approx(s_0 * np.arctanh(share), rel=0.01)
 
 
-def test_without_friction_nothing_is_dragged_along() -> None:
+def test_only_friction_gives_a_tangential_impulse() -> None:
     twists = np.array([[0.05, 0.02, -0.05, 0.0, 0.0, 0.0], np.zeros(6)])
     for mu in (0.0, 0.3):
         bodies = TwoBodies(MASSES, INERTIAS, [SurfaceContact([BALL], [PLATE], K, friction=mu)])
         motion = bodies.run(_on_top(), twists, 2e-4, 400)
         impulse = MASSES[0] * (bodies.states(motion.q[-1], motion.v[-1])[1][0][:3] - twists[0][:3])
-        # As long as the ball slips, friction's impulse is mu times the normal one, against the slip.
+        # The impulse of friction is against the slip, and mu times the normal impulse while the ball slips.
         assert not motion.wrench[-1].any()
         tangential = float(np.hypot(*impulse[:2]))
         if mu == 0.0:
@@ -130,8 +130,8 @@ def test_without_friction_nothing_is_dragged_along() -> None:
             assert impulse[:2] @ twists[0][:2] < 0.0
 
 
-def _flying(seed: int, loses: bool) -> tuple[Any, list[Any], list[Any]]:
-    """Two odd bodies of several shapes each, which hit each other while both turn."""
+def _flying(seed: int, dissipative: bool) -> tuple[Any, list[Any], list[Any]]:
+    """Return two irregular bodies of several shapes each, which collide while both turn."""
     rng = np.random.default_rng(seed)
 
     def placed(shape: Any, place: Any) -> Any:
@@ -143,26 +143,28 @@ def _flying(seed: int, loses: bool) -> tuple[Any, list[Any], list[Any]]:
         placed(hull_of(0.15 * rng.normal(size=(10, 3))), [0.0, 0.1, 0.0]),
         placed(coal.Box(0.3, 0.2, 0.4), np.zeros(3)),
     ]
-    surface = SurfaceContact(tool, pieces, 2e4, 1.0 + 0.5 * (seed % 2), 5.0 * loses, 0.4 * loses, 1e-3)
-    way = rng.normal(size=3)
-    way /= np.linalg.norm(way)
+    surface = SurfaceContact(
+        tool, pieces, 2e4, 1.0 + 0.5 * (seed % 2), 5.0 * dissipative, 0.4 * dissipative, 1e-3
+    )
+    direction = rng.normal(size=3)
+    direction /= np.linalg.norm(direction)
     turns = [pin.exp3(rng.normal(size=3)) for _ in range(2)]
-    poses, rest = [pin.SE3(turns[0], 0.8 * way), pin.SE3(turns[1], np.zeros(3))], np.zeros(6)
+    poses, rest = [pin.SE3(turns[0], 0.8 * direction), pin.SE3(turns[1], np.zeros(3))], np.zeros(6)
     while not surface.touches(poses[0], rest, poses[1], rest):
-        poses[0].translation = poses[0].translation - 0.01 * way
-    poses[0].translation = poses[0].translation + 0.02 * way
+        poses[0].translation = poses[0].translation - 0.01 * direction
+    poses[0].translation = poses[0].translation + 0.02 * direction
     twists = [
-        np.concatenate([-0.5 * way, rng.normal(size=3)]),
-        np.concatenate([0.1 * way, rng.normal(size=3)]),
+        np.concatenate([-0.5 * direction, rng.normal(size=3)]),
+        np.concatenate([0.1 * direction, rng.normal(size=3)]),
     ]
     return surface, poses, twists
 
 
 @pytest.mark.parametrize("seed", range(3))
-@pytest.mark.parametrize("loses", [True, False])
-def test_momentum_is_kept_and_energy_never_grows(seed: int, loses: bool) -> None:
-    """Without damping and friction what is left is elastic: the energy comes back."""
-    surface, poses, twists = _flying(seed, loses)
+@pytest.mark.parametrize("dissipative", [True, False])
+def test_momentum_is_kept_and_energy_never_grows(seed: int, dissipative: bool) -> None:
+    """Without damping and friction the contact is elastic, so the energy is equal before and after."""
+    surface, poses, twists = _flying(seed, dissipative)
     bodies = TwoBodies(MASSES, ([0.03, 0.05, 0.04], [0.1, 0.15, 0.12]), [surface])
     motion = bodies.run(poses, twists, 1e-4, 2000)
     assert not motion.wrench[[0, -1]].any()
@@ -171,17 +173,17 @@ def test_momentum_is_kept_and_energy_never_grows(seed: int, loses: bool) -> None
     before, after = (bodies.momentum(*state) for state in states)
     np.testing.assert_allclose(after, before, rtol=0.0, atol=1e-9)
     first, last = (bodies.energy(*state) for state in states)
-    assert last < 0.99 * first if loses else last == pytest.approx(first, rel=1e-6)
+    assert last < 0.99 * first if dissipative else last == pytest.approx(first, rel=1e-6)
 
 
-def test_touches_are_where_the_shapes_say() -> None:
+def test_contact_points_are_those_of_the_shapes() -> None:
     surface = SurfaceContact(
         [BALL], [PLATE, (PLATE, pin.SE3(np.eye(3), np.array([5.0, 0.0, 0.0])))], 1e4, 1.0, 0.0, 0.0
     )
     turn = pin.SE3(pin.exp3(np.array([0.3, -0.5, 0.8])), np.array([1.0, 2.0, 3.0]))
     for depth in (-1e-3, 1e-9, 1e-3, 0.05):
-        there = pin.SE3(np.eye(3), np.array([0.2, 0.1, 0.6 - depth]))
-        touches = surface.touches(turn * there, np.zeros(6), turn, np.zeros(6))
+        pose = pin.SE3(np.eye(3), np.array([0.2, 0.1, 0.6 - depth]))
+        touches = surface.touches(turn * pose, np.zeros(6), turn, np.zeros(6))
         assert len(touches) == (depth > 0.0)
         for touch in touches:
             assert (touch.tool, touch.client) == (0, 0)
@@ -191,7 +193,7 @@ def test_touches_are_where_the_shapes_say() -> None:
             np.testing.assert_allclose(touch.force, 1e4 * depth * touch.normal, rtol=1e-3, atol=1e-9)
 
 
-def test_two_shapes_in_one_another_still_have_a_finite_push() -> None:
+def test_concentric_shapes_have_a_finite_contact_force() -> None:
     for shape in (BALL, PLATE, coal.Capsule(0.05, 0.4), coal.Cylinder(0.1, 0.3)):
         for other in (BALL, PLATE, coal.Capsule(0.05, 0.4)):
             surface = SurfaceContact([shape], [other], 1e3, 1.0)
@@ -200,7 +202,7 @@ def test_two_shapes_in_one_another_still_have_a_finite_push() -> None:
 
 
 @pytest.mark.parametrize(
-    ("values", "said"),
+    ("values", "message"),
     [
         ({"tool_shapes": []}, "tool_shapes must hold at least one shape"),
         ({"tool_shapes": [coal.Plane()]}, "tool_shapes must be a box"),
@@ -208,6 +210,6 @@ def test_two_shapes_in_one_another_still_have_a_finite_push() -> None:
         ({"friction": -0.1}, "friction must be at least zero"),
     ],
 )
-def test_bad_values_are_refused(values: dict[str, Any], said: str) -> None:
-    with pytest.raises(InvalidValue, match=said):
+def test_bad_values_are_refused(values: dict[str, Any], message: str) -> None:
+    with pytest.raises(InvalidValue, match=message):
         SurfaceContact(**{"tool_shapes": [BALL], "client_shapes": [PLATE], **values})
