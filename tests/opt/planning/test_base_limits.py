@@ -1,4 +1,4 @@
-"""Limits on the base's motion: kept with them, broken without, at the nodes and between them."""
+"""Limits on the base's motion, at the nodes and between them, in plans and re-planning."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def start(panda: ffsms.SpaceManipulator) -> Array:
     return turned_start(panda)
 
 
-def _finely(sms: ffsms.SpaceManipulator, plan: opt.Trajectory, substeps: int = 5) -> dict[str, float]:
+def _peaks(sms: ffsms.SpaceManipulator, plan: opt.Trajectory, substeps: int = 5) -> dict[str, float]:
     return finely(sms, plan.q[0], plan.joint_rates, plan.dt, substeps)
 
 
@@ -37,12 +37,12 @@ def test_limits_are_checked(name: str, value: Any) -> None:
         opt.BaseLimits(**{name: value})
 
 
-def test_no_limit() -> None:
+def test_limits_without_values_are_none() -> None:
     assert opt.BaseLimits().none
     assert not any(opt.BaseLimits(**{name: limit}).none for name, limit in LIMITS.items())
 
 
-def test_refusals(planar: ffsms.SpaceManipulator) -> None:
+def test_wrong_base_limits_are_refused(planar: ffsms.SpaceManipulator) -> None:
     q0 = planar.configuration([0.1, 0.2, 0.3])
     with pytest.raises(InvalidValue, match="base_limits"):
         opt.plan(planar, q0, [0.9, 0.2, 0.0], base_limits=0.03)  # type: ignore[arg-type]
@@ -52,11 +52,11 @@ def test_refusals(planar: ffsms.SpaceManipulator) -> None:
 
 @pytest.mark.slow
 def test_replanning_keeps_the_limit() -> None:
-    """In the loop too, where the planner is made anew for every look ahead."""
+    """Compare closed loops with and without the limit."""
     sms, limit = ffsms.load("satellite_xarm7"), 1.0 * DEGREE
     q0 = sms.configuration([0.2, -0.5, 0.3, 1.2, 0.2, 0.9, 0.1])
     target = sms.at(q0).end_effector_pose.translation + np.array([-0.1, 0.25, 0.15])
-    most = {}
+    largest = {}
     for limits in (None, opt.BaseLimits(attitude=limit)):
         reference = opt.StepPlanner(sms, 0.02, base_limits=limits).track(target, 4.0)
         smooth = ffsms.Conditions(friction=JointFriction())
@@ -64,10 +64,10 @@ def test_replanning_keeps_the_limit() -> None:
         track = ffsms.simulate(sms, reference, law, dt=5e-3, q0=q0, conditions=smooth)
         first = pin.XYZQUATToSE3(q0[:7]).rotation.T
         turns = [pin.log3(first @ pin.XYZQUATToSE3(q[:7]).rotation) for q in track.q]
-        most[limits] = float(np.linalg.norm(turns, axis=1).max())
-    free, held = most.values()
+        largest[limits] = float(np.linalg.norm(turns, axis=1).max())
+    free, limited = largest.values()
     assert free > 1.5 * limit
-    assert 0.5 * limit < held <= limit
+    assert 0.5 * limit < limited <= limit
 
 
 # -- the whole horizon ---------------------------------------------------------------------------------
@@ -80,25 +80,25 @@ def test_plans_keep_the_limit(name: str, panda: ffsms.SpaceManipulator, start: A
     limits = opt.BaseLimits(**{name: limit})
     target = target_of(panda, start, [-0.2, 0.3, 0.1])
     free = opt.plan(panda, start, target, duration=6.0, dt=0.02)
-    held = opt.plan(panda, start, target, duration=6.0, dt=0.02, base_limits=limits)
+    limited = opt.plan(panda, start, target, duration=6.0, dt=0.02, base_limits=limits)
     assert free.reached
-    assert held.reached
-    assert _finely(panda, free)[name] > 1.2 * limit
-    assert _finely(panda, held)[name] <= limit
+    assert limited.reached
+    assert _peaks(panda, free)[name] > 1.2 * limit
+    assert _peaks(panda, limited)[name] <= limit
     problem = opt.Problem(panda, start, target, 6.0, 0.02, limits=[limits])
     judged = measure(problem, free.joint_rates)
     assert not judged.reached
-    assert judged.broken["base"] == pytest.approx(_finely(panda, free)[name] - limit, rel=0.02)
+    assert judged.broken["base"] == pytest.approx(_peaks(panda, free)[name] - limit, rel=0.02)
 
 
-def test_two_limits_at_once(panda: ffsms.SpaceManipulator, start: Array) -> None:
+def test_a_plan_keeps_two_limits(panda: ffsms.SpaceManipulator, start: Array) -> None:
     both = {name: LIMITS[name] for name in ("attitude", "attitude_rate")}
     limits = opt.BaseLimits(**both)
     target = target_of(panda, start, [-0.2, 0.3, 0.1])
     plan = opt.plan(panda, start, target, duration=6.0, dt=0.02, base_limits=limits)
     assert plan.reached
-    found = _finely(panda, plan)
-    assert all(found[name] <= limit for name, limit in both.items())
+    peaks = _peaks(panda, plan)
+    assert all(peaks[name] <= limit for name, limit in both.items())
 
 
 def test_no_limit_changes_nothing(planar: ffsms.SpaceManipulator) -> None:
@@ -108,44 +108,44 @@ def test_no_limit_changes_nothing(planar: ffsms.SpaceManipulator) -> None:
     np.testing.assert_array_equal(free.q, same.q)
 
 
-def test_what_cannot_be_had(planar: ffsms.SpaceManipulator) -> None:
-    """A planar arm of three joints that must not turn its base has one way to move its hand, not two."""
+def test_a_base_limit_that_prevents_arrival_is_kept(planar: ffsms.SpaceManipulator) -> None:
+    """With a fixed base attitude, three joints in the plane leave the end effector one degree of freedom."""
     q0 = planar.configuration(np.radians([1.0, 1.0, 1.0]))
     limits = opt.BaseLimits(attitude=0.5 * DEGREE)
     plan = opt.plan(planar, q0, [0.45, 0.75, 0.0], dt=0.02, base_limits=limits)
     assert not plan.reached
     assert plan.note
     # Short of the target, but within the limit.
-    assert _finely(planar, plan)["attitude"] <= limits.attitude
+    assert _peaks(planar, plan)["attitude"] <= limits.attitude
 
 
 # -- the judgement -------------------------------------------------------------------------------------
 
 
 def judged(problem: opt.Problem, rates: Array, **limits: float) -> opt.Trajectory:
-    """The motion of joint rates at the nodes, judged by these limits."""
+    """Return the motion of joint rates at the nodes, judged by these limits."""
     return measure(replace(problem, limits=[opt.BaseLimits(**limits)]), rates)
 
 
-def test_note_names_limit_value_and_largest(planar: ffsms.SpaceManipulator) -> None:
+def test_the_note_gives_limit_and_peak(planar: ffsms.SpaceManipulator) -> None:
     problem = opt.Problem(
         planar, planar.configuration(np.radians([1.0, 1.0, 1.0])), [0.45, 0.75, 0.0], dt=0.02
     )
     plan = opt.solve(problem)
-    most = _finely(planar, plan)["attitude"]
-    told = judged(problem, plan.joint_rates, attitude=0.1)
+    largest = _peaks(planar, plan)["attitude"]
+    result = judged(problem, plan.joint_rates, attitude=0.1)
     assert plan.reached
-    assert not told.reached
-    assert not told.clear
-    assert "its limit is 0.1 rad" in told.note
-    largest = re.search(r"attitude reaches ([0-9.]+) rad", told.note)
-    assert largest is not None
-    assert float(largest[1]) == pytest.approx(most, rel=2e-3)
-    assert told.broken["base"] == pytest.approx(most - 0.1, rel=1e-3)
-    assert judged(problem, plan.joint_rates, attitude=1.1 * most).reached
+    assert not result.reached
+    assert not result.clear
+    assert "its limit is 0.1 rad" in result.note
+    reported = re.search(r"attitude reaches ([0-9.]+) rad", result.note)
+    assert reported is not None
+    assert float(reported[1]) == pytest.approx(largest, rel=2e-3)
+    assert result.broken["base"] == pytest.approx(largest - 0.1, rel=1e-3)
+    assert judged(problem, plan.joint_rates, attitude=1.1 * largest).reached
 
 
-def test_judged_between_nodes(planar: ffsms.SpaceManipulator) -> None:
+def test_the_attitude_is_judged_between_nodes(planar: ffsms.SpaceManipulator) -> None:
     """Rates that change their sign from node to node turn the base between the nodes only."""
     dt, steps = 0.2, 10
     problem = opt.Problem(planar, planar.configuration([0.3, 0.4, 0.5]), [0.7, 0.4, 0.0], dt * steps, dt)
@@ -153,21 +153,21 @@ def test_judged_between_nodes(planar: ffsms.SpaceManipulator) -> None:
     rates[:, 0] = 0.2 * (-1.0) ** np.arange(steps + 1)
     problem = replace(problem, joint_rates=rates[0])
     plan = judged(problem, rates)
-    at_nodes, between = _finely(planar, plan, 1)["attitude"], _finely(planar, plan, 20)["attitude"]
+    at_nodes, between = _peaks(planar, plan, 1)["attitude"], _peaks(planar, plan, 20)["attitude"]
     assert at_nodes < 0.1 * between
     assert judged(problem, rates, attitude=0.98 * between).broken
     assert not judged(problem, rates, attitude=1.05 * between).broken
 
 
-def test_judged_at_its_fastest(planar: ffsms.SpaceManipulator) -> None:
-    """An elbow that swings through the stretched arm turns the base fastest between the two nodes."""
+def test_the_attitude_rate_is_judged_at_its_peak(planar: ffsms.SpaceManipulator) -> None:
+    """An elbow that swings through the stretched arm turns the base fastest between the nodes."""
     problem = opt.Problem(
         planar, planar.configuration([0.0, -0.8, 0.0]), [0.7, 0.4, 0.0], 1.0, 1.0, joint_rates=[0.0, 1.6, 0.0]
     )
     rates = np.array([[0.0, 1.6, 0.0], [0.0, 1.6, 0.0]])
     plan = judged(problem, rates)
-    at_nodes, between = _finely(planar, plan, 1), _finely(planar, plan, 40)
+    at_nodes, between = _peaks(planar, plan, 1), _peaks(planar, plan, 40)
     assert at_nodes["attitude_rate"] < 0.9 * between["attitude_rate"]
     for share, broken in ((0.98, True), (1.02, False)):
-        told = judged(problem, rates, attitude_rate=share * between["attitude_rate"])
-        assert bool(told.broken) == broken
+        result = judged(problem, rates, attitude_rate=share * between["attitude_rate"])
+        assert bool(result.broken) == broken

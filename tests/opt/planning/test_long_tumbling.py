@@ -1,4 +1,4 @@
-"""A long arm that moves for minutes while its robot tumbles: plans, and their notes if they cannot stay."""
+"""Plans of minutes for a long arm on a tumbling robot, and notes if the arm cannot stay at the target."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from ffsms_pin.opt.rollouts import rolled_out
 from ffsms_pin.robot.base_motion import roll_out
 
 START = np.array([0.2, 0.6, -0.3, 0.8, 0.1, 0.6, 0.0])
-WAY = np.array([0.9, -0.8, 0.7, -0.9, 0.6, 0.5, 0.4])
+DISPLACEMENT = np.array([0.9, -0.8, 0.7, -0.9, 0.6, 0.5, 0.4])
 DURATION, STEPS, FINE = 150.0, 300, 10
 
 
 def problem_of(drift: float, reach: float) -> opt.Problem:
-    """A problem whose target is the end of a straight move; the robot turns at `drift` [deg/s] at first."""
+    """Return a problem to the end of a straight move; the robot first turns at `drift` [deg/s]."""
     sms = ffsms.load("space_arm_7")
     q0 = sms.configuration(START)
     arm = sms.arm_stack().evaluate(START[:, None])
@@ -28,23 +28,23 @@ def problem_of(drift: float, reach: float) -> opt.Problem:
     momentum = np.concatenate([np.zeros(3), np.linalg.solve(arm.inverse[..., 0], spin)])
     s = np.linspace(0.0, 1.0, STEPS + 1)[:, None]
     dt = DURATION / STEPS
-    end = rolled_out(sms, sms.arm_stack(), q0, 6.0 * s * (1.0 - s) * WAY / DURATION, dt, momentum)
+    end = rolled_out(sms, sms.arm_stack(), q0, 6.0 * s * (1.0 - s) * DISPLACEMENT / DURATION, dt, momentum)
     goal = opt.Position(end.end_effector[:, 0, -1], reach=reach)
     return opt.Problem(sms, q0, goal, DURATION, dt, momentum=momentum)
 
 
 def distances(problem: opt.Problem, plan: opt.Trajectory) -> FloatArray:
-    """Distances from the target in the last tenth [m], rolled out afresh in finer steps."""
+    """Return distances from the target in the last tenth [m] by a rollout in finer steps."""
     accelerations = np.repeat(plan.joint_accelerations, FINE, axis=0)
     q, _ = roll_out(problem.sms, problem.q0, np.zeros(7), accelerations, plan.dt / FINE, problem.momentum)
     late = q[round(0.9 * STEPS) * FINE :: FINE]
-    ends = [problem.sms.at(one).end_effector_pose.translation for one in late]
+    ends = [problem.sms.at(row).end_effector_pose.translation for row in late]
     return np.asarray(np.linalg.norm(np.array(ends) - problem.place.position, axis=1))
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("drift", [0.5, 2.0])
-def test_it_ends_where_a_straight_move_ends(drift: float) -> None:
+def test_a_plan_reaches_the_end_of_a_straight_move_while_tumbling(drift: float) -> None:
     problem = problem_of(drift, reach=10.0)
     plan = opt.solve(problem)
     assert plan.reached, plan.note
@@ -53,18 +53,18 @@ def test_it_ends_where_a_straight_move_ends(drift: float) -> None:
 
 
 @pytest.mark.slow
-def test_if_it_cannot_stay_it_is_there_at_the_deadline_and_says_why() -> None:
+def test_an_arm_that_cannot_stay_arrives_at_the_deadline_and_the_note_gives_the_drift() -> None:
     problem = problem_of(2.0, reach=0.02)
     plan = opt.solve(problem)
     assert not plan.reached
     assert plan.within_tolerance
-    found = distances(problem, plan)
-    assert found[-1] < 1e-3
-    assert found.max() > 0.1
+    errors = distances(problem, plan)
+    assert errors[-1] < 1e-3
+    assert errors.max() > 0.1
     assert "no posture that was tried" not in plan.note
-    said = re.search(r"carries the end effector off by ([\d.]+) m/s.* takes ([\d.]+) times", plan.note)
-    assert said is not None, plan.note
-    # By differences: joints that stay let the end effector drift, and the rates that hold it are too fast.
+    reported = re.search(r"carries the end effector off by ([\d.]+) m/s.* takes ([\d.]+) times", plan.note)
+    assert reported is not None, plan.note
+    # Drift of the end effector with joints at rest, by differences, and the least rates against the drift.
     sms, drifts, shares = problem.sms, [], []
     for k in (270, 277, 285, 292, 300):
         q = plan.q[k]
@@ -82,14 +82,14 @@ def test_if_it_cannot_stay_it_is_there_at_the_deadline_and_says_why() -> None:
         )
         drifts.append(float(np.linalg.norm(drift)))
         shares.append(least.fun)
-    assert float(said[1]) == pytest.approx(max(drifts), rel=0.05)
-    assert float(said[2]) == pytest.approx(max(shares), rel=0.05)
+    assert float(reported[1]) == pytest.approx(max(drifts), rel=0.05)
+    assert float(reported[2]) == pytest.approx(max(shares), rel=0.05)
     assert max(shares) > 1.0
 
 
 @pytest.mark.slow
-def test_joints_that_hold_it_move_at_the_deadline() -> None:
-    """The arm can stay at the target, but not stop there: it stays, and the plan says that joints move."""
+def test_an_arm_that_stays_by_moving_is_reported() -> None:
+    """If no posture stays at the target with joints at rest, the plan reports moving joints."""
     problem = problem_of(0.5, reach=0.02)
     without = opt.solve(problem, opt.SearchOptions(without=("moving end", "deadline alone")))
     plan = opt.solve(problem)

@@ -1,4 +1,4 @@
-"""Planning for a satellite that drifts and tumbles: total momentum from the start to the end of a plan."""
+"""Plans with a constant total momentum of a drifting and tumbling satellite."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ DURATION, DT = 8.0, 0.02
 
 
 def slow_tumble(sms: ffsms.SpaceManipulator, q0: Array) -> Array:
-    """Momentum that moves the system by some 6 cm and turns it by some 8 degrees within DURATION."""
+    """Return a momentum that moves the system by about 6 cm and turns it by about 8 deg in DURATION."""
     state = sms.at(q0)
     mass, inertia = state.H[0, 0], state.H[3:6, 3:6]
     planar = sms.n == 3
@@ -35,43 +35,45 @@ def slow_tumble(sms: ffsms.SpaceManipulator, q0: Array) -> Array:
 
 @pytest.fixture(scope="module", params=["planar_3r", "satellite_xarm7"])
 def setting(request: pytest.FixtureRequest) -> Setting:
-    """A robot, its start, a target that is away from the start, and a momentum."""
+    """A robot, its start, a target and a momentum."""
     sms = ffsms.load(request.param)
     if sms.n == 3:
-        q0, way = sms.configuration([0.3, 0.6, 0.5]), np.array([-0.2, 0.15, 0.0])
+        q0, displacement = sms.configuration([0.3, 0.6, 0.5]), np.array([-0.2, 0.15, 0.0])
     else:
         base = pin.SE3(pin.rpy.rpyToMatrix(0.4, -0.7, 1.1), np.array([0.5, -0.2, 0.3]))
         q0 = sms.configuration([0.2, -0.5, 0.3, 1.2, 0.2, 0.9, 0.1], base)
-        way = base.rotation @ np.array([-0.1, 0.2, 0.15])
-    target = sms.at(q0).end_effector_pose.translation + way
+        displacement = base.rotation @ np.array([-0.1, 0.2, 0.15])
+    target = sms.at(q0).end_effector_pose.translation + displacement
     return sms, q0, target, slow_tumble(sms, q0)
 
 
 @pytest.fixture(scope="module")
-def stepped(setting: Setting) -> opt.Trajectory:
+def step_plan(setting: Setting) -> opt.Trajectory:
     """The plan by steps, with the momentum."""
     sms, q0, target, momentum = setting
     return opt.plan(sms, q0, target, DURATION, DT, method="step", momentum=momentum)
 
 
 def momenta(sms: ffsms.SpaceManipulator, plan: opt.Trajectory) -> Array:
-    """Total momentum at every node (N + 1, 6), Pinocchio's."""
+    """Return the total momentum at every node (N + 1, 6) by Pinocchio."""
     data = sms.model.createData()
     pairs = zip(plan.q, plan.v, strict=True)
     return np.array([pin.computeCentroidalMomentum(sms.model, data, q, v).vector.copy() for q, v in pairs])
 
 
 @pytest.mark.parametrize("method", ["horizon", "step"])
-def test_plan_reaches(method: str, setting: Setting, stepped: opt.Trajectory) -> None:
+def test_plans_with_momentum_reach_the_target(
+    method: str, setting: Setting, step_plan: opt.Trajectory
+) -> None:
     sms, q0, target, momentum = setting
-    plan = stepped
+    plan = step_plan
     if method == "horizon":
         plan = opt.plan(sms, q0, target, DURATION, DT, momentum=momentum, time_limit=1e-9)
     assert plan.reached
     np.testing.assert_array_equal(plan.momentum, momentum)
     np.testing.assert_allclose(momenta(sms, plan), np.tile(momentum, (len(plan.t), 1)), atol=1e-9)
 
-    # q, v and the accelerations are one motion: rolled out afresh in finer steps it ends at the same place.
+    # A rollout of the accelerations in finer steps ends at the same configuration.
     fine = 4
     q, rates = roll_out(
         sms, q0, plan.joint_rates[0], np.repeat(plan.joint_accelerations, fine, axis=0), DT / fine, momentum
@@ -81,17 +83,18 @@ def test_plan_reaches(method: str, setting: Setting, stepped: opt.Trajectory) ->
     end = sms.at(q[-1]).end_effector_pose.translation
     assert np.linalg.norm(end - target) < 2e-3
 
-    # A plan that knows nothing of the momentum misses the target by centimetres.
+    # A plan without the momentum misses the target by centimetres.
     quick: dict[str, Any] = {"time_limit": 1e-9} if method == "horizon" else {}
-    ignorant = opt.plan(sms, q0, target, DURATION, DT, method=method, **quick)
-    assert ignorant.reached
-    q, _ = roll_out(sms, q0, ignorant.joint_rates[0], ignorant.joint_accelerations, DT, momentum)
+    uninformed = opt.plan(sms, q0, target, DURATION, DT, method=method, **quick)
+    assert uninformed.reached
+    q, _ = roll_out(sms, q0, uninformed.joint_rates[0], uninformed.joint_accelerations, DT, momentum)
     assert np.linalg.norm(sms.at(q[-1]).end_effector_pose.translation - target) > 0.03
 
 
-def test_velocity_is_that_of_the_motion(setting: Setting, stepped: opt.Trajectory) -> None:
-    """v from finite differences of q."""
-    sms, plan = setting[0], stepped
+def test_velocities_agree_with_differences_of_configurations(
+    setting: Setting, step_plan: opt.Trajectory
+) -> None:
+    sms, plan = setting[0], step_plan
     for k in range(1, len(plan.t) - 1, 40):
         both = (
             pin.difference(sms.model, plan.q[k - 1], plan.q[k]),
@@ -102,7 +105,7 @@ def test_velocity_is_that_of_the_motion(setting: Setting, stepped: opt.Trajector
             np.testing.assert_allclose(difference / DT, mean, atol=2e-5)
 
 
-def test_pose_target() -> None:
+def test_a_pose_is_reached_with_momentum() -> None:
     sms = ffsms.load("satellite_xarm7")
     q0 = sms.configuration([0.2, -0.5, 0.3, 1.2, 0.2, 0.9, 0.1])
     pose = sms.at(q0).end_effector_pose.copy()
@@ -115,8 +118,7 @@ def test_pose_target() -> None:
     assert plan.orientation_error[-1] < 5e-3
 
 
-def test_staying_is_work(planar: ffsms.SpaceManipulator) -> None:
-    """An arm that is at its target has to move to stay there on a base that drifts away."""
+def test_an_arm_at_its_target_moves_against_the_drift_of_the_base(planar: ffsms.SpaceManipulator) -> None:
     q0 = planar.configuration([0.3, 0.6, 0.5])
     target, momentum = planar.at(q0).end_effector_pose.translation, slow_tumble(planar, q0)
     plan = opt.plan(planar, q0, target, DURATION, DT, method="step", momentum=momentum)
@@ -127,7 +129,7 @@ def test_staying_is_work(planar: ffsms.SpaceManipulator) -> None:
 
 
 def test_base_limits_with_momentum(planar: ffsms.SpaceManipulator) -> None:
-    """The spin counts: a limit that the tumbling alone breaks cannot be kept, and the plan says so."""
+    """The drift alone violates a narrow limit, which the note reports."""
     q0 = planar.configuration([0.3, 0.6, 0.5])
     target = planar.at(q0).end_effector_pose.translation + np.array([-0.1, 0.1, 0.0])
     momentum = slow_tumble(planar, q0)
@@ -143,7 +145,7 @@ def test_save_and_load(planar: ffsms.SpaceManipulator, tmp_path: Path) -> None:
     q0, momentum = planar.configuration([0.3, 0.6, 0.5]), np.array([0.1, 0.2, 0.0, 0.0, 0.0, 0.05])
     rates = np.zeros((11, 3))
     plan = measure(opt.Problem(planar, q0, [0.7, 0.3, 0.0], 1.0, 0.1, momentum=momentum), rates)
-    # The joints rest and the base does not.
+    # The joints are at rest and the base moves.
     assert np.linalg.norm(plan.q[-1, :3] - plan.q[0, :3]) > 1e-3
     np.testing.assert_allclose(momenta(planar, plan), np.tile(momentum, (11, 1)), atol=1e-12)
     plan.save(tmp_path / "plan.npz")
@@ -152,15 +154,14 @@ def test_save_and_load(planar: ffsms.SpaceManipulator, tmp_path: Path) -> None:
     np.testing.assert_array_equal(again.v, plan.v)
 
 
-def test_closed_loop(setting: Setting, stepped: opt.Trajectory) -> None:
-    """The plant starts with the plan's momentum, keeps it, and arrives."""
+def test_a_simulation_keeps_the_momentum_and_arrives(setting: Setting, step_plan: opt.Trajectory) -> None:
+    """The plant starts with the plan's momentum unless `Conditions.momentum` is set."""
     sms, _, _, momentum = setting
-    plan = stepped
+    plan = step_plan
     law, smooth = ffsms.SlidingModeController(sms), JointFriction()
     track = ffsms.simulate(sms, plan, law, dt=5e-3, conditions=ffsms.Conditions(friction=smooth))
     np.testing.assert_allclose(track.momentum, np.tile(momentum, (len(track.t), 1)), atol=1e-9)
     assert track.position_error[-1] < 5e-3
-    # Told otherwise, it starts otherwise.
     rest = ffsms.simulate(
         sms,
         plan,
@@ -192,7 +193,7 @@ def test_momentum_is_checked(momentum: object, planar: ffsms.SpaceManipulator) -
         opt.StepPlanner(planar, momentum=momentum)  # type: ignore[arg-type]
 
 
-def test_the_papers_way_has_none(planar: ffsms.SpaceManipulator) -> None:
+def test_the_papers_method_refuses_momentum(planar: ffsms.SpaceManipulator) -> None:
     q0 = planar.configuration([0.1, 0.2, 0.3])
     with pytest.raises(InvalidValue, match="does not support momentum"):
         opt.plan(planar, q0, [0.9, 0.2, 0.0], method="paper", momentum=[1.0, 0.0, 0.0, 0.0, 0.0, 0.0])

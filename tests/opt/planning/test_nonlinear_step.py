@@ -1,4 +1,4 @@
-"""The paper's plain nonlinear step keeps its limits and arrives."""
+"""The paper's nonlinear step keeps its limits and approaches the target."""
 
 from __future__ import annotations
 
@@ -20,8 +20,10 @@ TARGET = np.array([0.45, 0.75, 0.0])
 
 
 @pytest.mark.parametrize("kappa", [10.0, 1000.0])
-def test_a_march_comes_near_within_its_limits(planar: ffsms.SpaceManipulator, kappa: float) -> None:
-    """Near, from 0.6 m away: rates that chatter on the cone do not make the schedule good in the end."""
+def test_a_rollout_approaches_the_target_within_its_limits(
+    planar: ffsms.SpaceManipulator, kappa: float
+) -> None:
+    """The rollout ends within 0.1 m of a target 0.6 m away; chatter on the cone prevents arrival."""
     dt, q0 = 0.05, planar.configuration(np.deg2rad([1.0, 1.0, 1.0]))
     stepper = PaperStepper(planar, dt, kappa, [StepJoints(), AlphaBox(), StepClearance(0.01)])
     rates, note = roll_out_steps(stepper, q0, np.zeros(3), TARGET, 12.0)
@@ -34,21 +36,21 @@ def test_a_march_comes_near_within_its_limits(planar: ffsms.SpaceManipulator, ka
     assert min(points.values(row).min() for row in q) > 0.01 - 1e-3
 
 
-def test_alpha_is_within_its_box_as_printed(planar: ffsms.SpaceManipulator) -> None:
+def test_alpha_stays_in_the_box(planar: ffsms.SpaceManipulator) -> None:
     fast = planar.with_limits(
         dataclasses.replace(planar.limits, velocity=np.full(3, 50.0), acceleration=np.full(3, 500.0))
     )
     stepper = PaperStepper(fast, 0.01, 10.0, [StepJoints()])
-    q, rates, most = fast.configuration([0.4, 0.7, -0.5]), np.zeros(3), 0.0
+    q, rates, largest = fast.configuration([0.4, 0.7, -0.5]), np.zeros(3), 0.0
     for k in range(10):
         step = stepper.advance(q, rates, TARGET, 5.0 - 0.01 * k)
         assert step.solved
-        most = max(most, float(np.abs(step.alpha).max()))
+        largest = max(largest, float(np.abs(step.alpha).max()))
         rates = step.joint_rates
-    assert 0.9 < most <= 1.0 + 1e-9
+    assert 0.9 < largest <= 1.0 + 1e-9
 
 
-def test_the_slope_of_the_cost_is_that_of_finite_differences(planar: ffsms.SpaceManipulator) -> None:
+def test_the_gradient_of_the_cost_agrees_with_finite_differences(planar: ffsms.SpaceManipulator) -> None:
     rng, h = np.random.default_rng(0), 1e-6
     stepper = PaperStepper(planar, 0.01, 10.0, [])
     step = StepState(planar, planar.configuration([0.4, 0.7, -0.5]), np.zeros(3), 0.01, 5.0)
@@ -63,7 +65,7 @@ def test_the_slope_of_the_cost_is_that_of_finite_differences(planar: ffsms.Space
             assert slope[i] == pytest.approx((ahead - behind) / (2.0 * h), abs=1e-7)
 
 
-def test_it_has_no_attitude(planar: ffsms.SpaceManipulator) -> None:
+def test_the_papers_step_refuses_attitudes(planar: ffsms.SpaceManipulator) -> None:
     stepper = PaperStepper(planar, 0.01, 10.0, [])
     with pytest.raises(InvalidValue, match="attitude"):
         stepper.advance(planar.configuration([0.1, 0.2, 0.3]), np.zeros(3), TARGET, 1.0, np.eye(3))

@@ -1,4 +1,4 @@
-"""`opt.plan` on the paper's two cases, and what a trajectory says about itself."""
+"""`opt.plan` on the paper's two cases, and the consistency of a trajectory."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def test_shapes_and_ends(sms: ffsms.SpaceManipulator, trajectory: opt.Trajectory
     assert trajectory.t[-1] == 12.0
 
 
-def test_it_reaches_the_target_and_comes_to_rest(
+def test_plans_reach_the_target_and_end_at_rest(
     sms: ffsms.SpaceManipulator, trajectory: opt.Trajectory
 ) -> None:
     assert trajectory.reached
@@ -64,7 +64,9 @@ def test_it_reaches_the_target_and_comes_to_rest(
     assert np.abs(trajectory.v[-1]).max() < 1e-3
 
 
-def test_every_joint_limit_holds_everywhere(sms: ffsms.SpaceManipulator, trajectory: opt.Trajectory) -> None:
+def test_joint_limits_hold_at_and_between_nodes(
+    sms: ffsms.SpaceManipulator, trajectory: opt.Trajectory
+) -> None:
     limits = sms.limits
     assert (np.abs(trajectory.joint_rates) <= limits.velocity + 1e-12).all()
     assert (np.abs(trajectory.joint_accelerations) <= limits.acceleration + 1e-9).all()
@@ -76,14 +78,16 @@ def test_every_joint_limit_holds_everywhere(sms: ffsms.SpaceManipulator, traject
     assert (np.abs(trajectory.alpha) <= 1.0 + 1e-6).all()
 
 
-def test_clearances_hold_between_nodes_too(sms: ffsms.SpaceManipulator, trajectory: opt.Trajectory) -> None:
+def test_clearances_hold_between_nodes(sms: ffsms.SpaceManipulator, trajectory: opt.Trajectory) -> None:
     points = Points(sms)
     for t in np.linspace(0.0, 12.0, 2503):
         position, _, _ = trajectory.sample(t)
         assert points.values(sms.configuration(position)).min() >= 0.01
 
 
-def test_it_is_exact_about_itself(sms: ffsms.SpaceManipulator, trajectory: opt.Trajectory) -> None:
+def test_states_and_accelerations_of_a_plan_are_consistent(
+    sms: ffsms.SpaceManipulator, trajectory: opt.Trajectory
+) -> None:
     dt = trajectory.dt
     joints, rates, acc = trajectory.q[:, 7:], trajectory.v[:, 6:], trajectory.joint_accelerations
     np.testing.assert_allclose(np.diff(rates, axis=0), dt * acc, atol=1e-15)
@@ -98,7 +102,7 @@ def test_it_is_exact_about_itself(sms: ffsms.SpaceManipulator, trajectory: opt.T
 def test_the_base_follows_the_momentum_equation(
     sms: ffsms.SpaceManipulator, trajectory: opt.Trajectory
 ) -> None:
-    """Against an adaptive integrator on the paper's own equation, base twist = C_bm joint rates."""
+    """Integrate the paper's equation, base twist = C_bm joint rates, by an adaptive integrator."""
 
     def twist(t: float, y: FloatArray) -> FloatArray:
         position, rates, _ = trajectory.sample(t)
@@ -107,7 +111,7 @@ def test_the_base_follows_the_momentum_equation(
         return (C_bm @ rates)[[0, 1, 5]]
 
     start = trajectory.q[0]
-    stop = 200  # two seconds are enough to tell
+    stop = 200  # two seconds
     base = np.array([start[0], start[1], 0.0])
     for k in range(stop):  # the accelerations jump from step to step
         span = (trajectory.t[k], trajectory.t[k + 1] - 1e-12)
@@ -116,7 +120,9 @@ def test_the_base_follows_the_momentum_equation(
     np.testing.assert_allclose(base, [*trajectory.q[stop, :2], yaw], atol=1e-10)
 
 
-def test_measures_are_those_of_the_state(sms: ffsms.SpaceManipulator, trajectory: opt.Trajectory) -> None:
+def test_measures_of_a_plan_agree_with_its_states(
+    sms: ffsms.SpaceManipulator, trajectory: opt.Trajectory
+) -> None:
     for k in range(0, 1200, 97):
         state = sms.at(trajectory.q[k])
         rates = trajectory.v[k + 1, 6:]
@@ -134,16 +140,16 @@ def test_the_cost_is_close_to_zero_on_both_cases(trajectory: opt.Trajectory) -> 
 
 def test_save_and_load(trajectory: opt.Trajectory, tmp_path: Path) -> None:
     trajectory.save(tmp_path / "trajectory.npz")
-    again = opt.Trajectory.load(tmp_path / "trajectory.npz")
+    loaded = opt.Trajectory.load(tmp_path / "trajectory.npz")
     for name, value in vars(trajectory).items():
         if name != "problem":  # files do not keep it
-            np.testing.assert_equal(getattr(again, name), value, err_msg=name)  # NaN is itself here
-    assert again.problem is None
-    assert again.reached == trajectory.reached
+            np.testing.assert_equal(getattr(loaded, name), value, err_msg=name)  # NaN is itself here
+    assert loaded.problem is None
+    assert loaded.reached == trajectory.reached
     assert [path.name for path in tmp_path.iterdir()] == ["trajectory.npz"]
 
 
-def test_load_says_what_is_wrong(tmp_path: Path) -> None:
+def test_load_reports_wrong_files(tmp_path: Path) -> None:
     with pytest.raises(ResultError, match="no such file"):
         opt.Trajectory.load(tmp_path / "absent.npz")
     (tmp_path / "text.npz").write_text("not a zip")
@@ -161,16 +167,15 @@ def test_same_input_same_output(sms: ffsms.SpaceManipulator) -> None:
     assert np.array_equal(first.alpha, second.alpha)
 
 
-def test_a_target_out_of_reach_is_no_exception(sms: ffsms.SpaceManipulator) -> None:
-    far = opt.plan(sms, sms.configuration([0.4, 0.7, -0.5]), [3.0, 0.0, 0.0], duration=3.0, dt=0.05)
-    assert not far.reached
-    assert far.position_error[-1] > 1.0
+def test_a_plan_to_a_target_out_of_reach_is_not_reached(sms: ffsms.SpaceManipulator) -> None:
+    plan = opt.plan(sms, sms.configuration([0.4, 0.7, -0.5]), [3.0, 0.0, 0.0], duration=3.0, dt=0.05)
+    assert not plan.reached
+    assert plan.position_error[-1] > 1.0
 
 
-def test_a_trajectory_from_a_base_that_is_turned_is_the_turned_trajectory(
+def test_plans_do_not_depend_on_the_inertial_axes(
     sms: ffsms.SpaceManipulator,
 ) -> None:
-    """Nothing may depend on where the inertial axes point."""
     joints, target = np.array([0.4, 0.7, -0.5]), np.array([0.75, 0.5, 0.0])
     turn = pin.SE3(pin.utils.rotate("x", 0.7) @ pin.utils.rotate("z", 1.1), np.array([1.0, -2.0, 0.5]))
     q0 = sms.configuration(joints)
@@ -194,7 +199,9 @@ def test_a_trajectory_from_a_base_that_is_turned_is_the_turned_trajectory(
         ({"q0": np.zeros(3)}, "q0"),
     ],
 )
-def test_bad_arguments_are_named(sms: ffsms.SpaceManipulator, change: dict[str, object], match: str) -> None:
+def test_wrong_arguments_are_named(
+    sms: ffsms.SpaceManipulator, change: dict[str, object], match: str
+) -> None:
     arguments: dict[str, Any] = {"q0": sms.configuration([0, 0, 0]), "target": [1.0, 0.1, 0.0]}
     with pytest.raises(InvalidValue, match=match):
         opt.plan(sms, **(arguments | change))
@@ -206,7 +213,9 @@ def test_a_start_outside_the_limits_names_the_joint(sms: ffsms.SpaceManipulator)
 
 
 @pytest.mark.parametrize("method", ["paper", "resolved-rate", "least-disturbance", "minimum-effort"])
-def test_references_go_there_too_and_cost_more(sms: ffsms.SpaceManipulator, method: str) -> None:
+def test_reference_methods_reach_the_target_at_a_higher_cost(
+    sms: ffsms.SpaceManipulator, method: str
+) -> None:
     q0, target = sms.configuration(np.deg2rad([1.0, 1.0, 1.0])), CASES["case-1"]
     reference = opt.plan(sms, q0, target, dt=0.02, method=method)
     assert reference.reached
@@ -216,7 +225,9 @@ def test_references_go_there_too_and_cost_more(sms: ffsms.SpaceManipulator, meth
 
 
 @pytest.mark.parametrize("method", ["resolved-rate", "least-disturbance", "minimum-effort"])
-def test_an_unhindered_reference_is_its_weighted_inverse(sms: ffsms.SpaceManipulator, method: str) -> None:
+def test_an_unconstrained_reference_equals_its_weighted_inverse(
+    sms: ffsms.SpaceManipulator, method: str
+) -> None:
     """rates = W^-1 J^T (J W^-1 J^T)^-1 v, the closed form of least rates^T W rates with J rates = v."""
     free = ffsms.SpaceManipulator(sms.model, "end_effector", sms.base_size, acceleration=1e4)
     free = free.with_limits(dataclasses.replace(free.limits, velocity=np.full(3, 1e2)))
@@ -247,7 +258,7 @@ def test_an_unknown_method_is_named(sms: ffsms.SpaceManipulator) -> None:
 
 
 @pytest.mark.parametrize("method", opt.METHODS)
-def test_an_arm_that_is_there_stays(sms: ffsms.SpaceManipulator, method: str) -> None:
+def test_an_arm_at_its_target_stays(sms: ffsms.SpaceManipulator, method: str) -> None:
     q0 = sms.configuration([0.4, 0.7, -0.5])
     here = sms.at(q0).end_effector_pose.translation
     plan = opt.plan(sms, q0, here, duration=2.0, dt=0.05, method=method)
@@ -257,7 +268,7 @@ def test_an_arm_that_is_there_stays(sms: ffsms.SpaceManipulator, method: str) ->
     assert not plan.cos_theta.any()
 
 
-def test_plans_see_the_base_of_their_robot() -> None:
+def test_plans_keep_clear_of_the_base_size_of_the_robot() -> None:
     sms = ffsms.load("planar_3r")
     q0 = sms.configuration(np.radians([1.0, 1.0, 1.0]))
     target = [0.45, 0.75, 0.0]

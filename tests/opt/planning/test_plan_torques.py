@@ -1,4 +1,4 @@
-"""The torques of a plan are those of Pinocchio's forward and inverse dynamics, with nothing on the base."""
+"""The torques of a plan agree with Pinocchio's forward and inverse dynamics without a base wrench."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def _drifting(tmp_path: Path) -> opt.Trajectory:
 
 
 def _geared(tmp_path: Path) -> opt.Trajectory:
-    """A plan of an arm whose rotors have an inertia."""
+    """Return a plan of an arm with rotor inertias."""
     model = ffsms.load("satellite_panda").model.copy()
     model.armature = np.concatenate([np.zeros(6), np.linspace(0.1, 3.0, 7)])
     sms = ffsms.SpaceManipulator(model, "panda_hand_tcp", base_size=(1.0, 1.0, 1.0))
@@ -45,11 +45,11 @@ def _sliding(tmp_path: Path) -> opt.Trajectory:
 
 
 @pytest.fixture(
-    scope="module", params=[_planar, _drifting, _geared, _sliding], ids=lambda make: make.__name__
+    scope="module", params=[_planar, _drifting, _geared, _sliding], ids=lambda make_plan: make_plan.__name__
 )
 def plan(request: Any, tmp_path_factory: pytest.TempPathFactory) -> opt.Trajectory:
-    make: Callable[[Path], opt.Trajectory] = request.param
-    return make(tmp_path_factory.mktemp("robots"))
+    make_plan: Callable[[Path], opt.Trajectory] = request.param
+    return make_plan(tmp_path_factory.mktemp("robots"))
 
 
 def _robot(plan: opt.Trajectory) -> ffsms.SpaceManipulator:
@@ -58,18 +58,18 @@ def _robot(plan: opt.Trajectory) -> ffsms.SpaceManipulator:
 
 
 def test_forward_dynamics_give_the_accelerations_of_the_plan(plan: opt.Trajectory) -> None:
-    """ABA with these torques and no wrench on the base, on both ends of the motion and between."""
+    """Apply ABA with these torques and no wrench on the base at every node."""
     sms = _robot(plan)
     data = sms.model.createData()
     assert plan.tau.shape == (len(plan.t), sms.n)
     after = np.vstack([plan.joint_accelerations, plan.joint_accelerations[-1:]])
-    for q, v, tau, wanted in zip(plan.q, plan.v, plan.tau, after, strict=True):
-        found = pin.aba(sms.model, data, q, v, np.concatenate([np.zeros(6), tau]))
-        np.testing.assert_allclose(found[6:], wanted, rtol=0.0, atol=1e-8)
+    for q, v, tau, acceleration in zip(plan.q, plan.v, plan.tau, after, strict=True):
+        result = pin.aba(sms.model, data, q, v, np.concatenate([np.zeros(6), tau]))
+        np.testing.assert_allclose(result[6:], acceleration, rtol=0.0, atol=1e-8)
 
 
 def test_inverse_dynamics_by_differences_give_the_torques(plan: opt.Trajectory) -> None:
-    """RNEA with the base's acceleration by differences along the step: no wrench on the base."""
+    """Apply RNEA with the base's acceleration by differences; the wrench on the base is zero."""
     sms, h = _robot(plan), 1e-5
     data = sms.model.createData()
     for k in (0, len(plan.t) // 3, len(plan.t) - 2):
@@ -84,26 +84,26 @@ def test_inverse_dynamics_by_differences_give_the_torques(plan: opt.Trajectory) 
         np.testing.assert_allclose(force[:6], 0.0, rtol=0.0, atol=1e-5 * size)
 
 
-def test_the_shares_of_the_limits_are_those_of_the_torques(plan: opt.Trajectory) -> None:
+def test_torque_shares_agree_with_the_torques(plan: opt.Trajectory) -> None:
     share = np.abs(plan.tau) / _robot(plan).limits.torque
     assert (plan.torque_share >= share - 1e-12).all()
     np.testing.assert_allclose(plan.torque_share[[0, -1]], share[[0, -1]], rtol=0.0, atol=1e-12)
 
 
-def test_the_torques_are_kept_by_a_file(plan: opt.Trajectory, tmp_path: Path) -> None:
+def test_a_file_keeps_the_torques(plan: opt.Trajectory, tmp_path: Path) -> None:
     plan.save(tmp_path / "plan.npz")
-    again = opt.Trajectory.load(tmp_path / "plan.npz")
-    np.testing.assert_array_equal(again.tau, plan.tau)
-    assert again.base_pose(3).isApprox(plan.base_pose(3), 0.0)
+    loaded = opt.Trajectory.load(tmp_path / "plan.npz")
+    np.testing.assert_array_equal(loaded.tau, plan.tau)
+    assert loaded.base_pose(3).isApprox(plan.base_pose(3), 0.0)
 
 
-def test_the_base_pose_is_that_of_the_state(plan: opt.Trajectory) -> None:
+def test_the_base_pose_agrees_with_the_state(plan: opt.Trajectory) -> None:
     for k in (0, 7, -1):
         assert plan.base_pose(k).isApprox(_robot(plan).at(plan.q[k]).base_pose, 1e-12)
 
 
 @pytest.mark.parametrize("k", [10_000, -10_000, 1.5, None])
-def test_a_node_that_is_not_there_is_refused(plan: opt.Trajectory, k: Any) -> None:
+def test_a_node_out_of_range_is_refused(plan: opt.Trajectory, k: Any) -> None:
     with pytest.raises(InvalidValue, match=r"^k must be a node of the motion, from -"):
         plan.base_pose(k)
 

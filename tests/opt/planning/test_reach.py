@@ -1,4 +1,4 @@
-"""The default planner reaches what can be reached, the same way every time, and says why when it cannot."""
+"""The default planner reaches feasible targets, reproducibly, and reports why it misses others."""
 
 from __future__ import annotations
 
@@ -24,18 +24,18 @@ SEED = 42
 
 
 def targets(sms: ffsms.SpaceManipulator, count: int) -> list[tuple[FloatArray, float]]:
-    """Target and duration of straight joint moves that keep clear, the base reacting."""
+    """Return end positions and durations of collision-free straight joint moves of the floating robot."""
     rng, limits, points = np.random.default_rng(SEED), sms.limits, Points(sms)
-    found: list[tuple[FloatArray, float]] = []
-    while len(found) < count:
+    results: list[tuple[FloatArray, float]] = []
+    while len(results) < count:
         move = rng.uniform(0.9 * limits.lower, 0.9 * limits.upper) - START
         q, _ = roll_out(sms, sms.configuration(START), move, np.zeros((100, 3)), 0.01)
         if min(float(points.values(row).min()) for row in q) < 0.01:
             continue
         least = np.max(np.abs(move) / limits.velocity + limits.velocity / limits.acceleration)
         target = sms.at(q[-1]).end_effector_pose.translation.copy()
-        found.append((target, float(np.round(1.5 * least, 2))))
-    return found
+        results.append((target, float(np.round(1.5 * least, 2))))
+    return results
 
 
 @pytest.mark.parametrize("index", range(12))
@@ -44,31 +44,31 @@ def test_targets_reachable_by_construction_are_reached(planar: ffsms.SpaceManipu
     plan = opt.plan(planar, planar.configuration(START), target, duration)
     check(planar, plan)
     assert plan.cost_integral < 0.35
-    # Neither chatter nor stop-and-go: a handful of turns a joint.
+    # The rates of a joint rarely change sign.
     turns = int(np.sum(plan.joint_rates[1:-1] * plan.joint_rates[2:] < -1e-8))
     assert turns <= 24
 
 
 @pytest.mark.parametrize("index", range(3))
-def test_the_stress_regime_is_reached_too(planar: ffsms.SpaceManipulator, index: int) -> None:
+def test_targets_are_reached_with_kappa_1(planar: ffsms.SpaceManipulator, index: int) -> None:
     target, duration = targets(planar, 3)[index]
     check(planar, opt.plan(planar, planar.configuration(START), target, duration, kappa=1.0))
 
 
-def test_shapes_and_poses(planar: ffsms.SpaceManipulator) -> None:
+def test_targets_are_reached_with_shapes_and_as_poses(planar: ffsms.SpaceManipulator) -> None:
     q0, target = planar.configuration([0.4, 0.7, -0.5]), np.array([0.75, 0.5, 0.0])
     plan = opt.plan(planar, q0, target, 6.0, 0.02, collision="shapes")
     assert plan.reached
     assert plan.cost_integral < 1e-2
     pose = planar.at(plan.q[-1]).end_effector_pose
-    again = opt.plan(planar, q0, pose, 6.0, 0.02)
-    assert again.reached
-    assert again.orientation_error[-1] < 1e-3
-    assert again.position_error[-1] < 2e-3
+    posed = opt.plan(planar, q0, pose, 6.0, 0.02)
+    assert posed.reached
+    assert posed.orientation_error[-1] < 1e-3
+    assert posed.position_error[-1] < 2e-3
 
 
-def test_arms_in_space_are_planned(planar: ffsms.SpaceManipulator) -> None:
-    """Seven joints, and continuous joints: a target known to be in reach."""
+def test_arms_with_seven_and_continuous_joints_reach_targets(planar: ffsms.SpaceManipulator) -> None:
+    """The target is the end of a straight joint move."""
     for name, move in (("satellite_xarm7", 0.4), ("satellite_kinova", 0.4)):
         sms = ffsms.load(name)
         lower = np.where(np.isfinite(sms.limits.lower), sms.limits.lower, -1.0)
@@ -85,33 +85,33 @@ def test_arms_in_space_are_planned(planar: ffsms.SpaceManipulator) -> None:
 
 
 def moves(sms: ffsms.SpaceManipulator, start: FloatArray, count: int) -> list[tuple[Any, float]]:
-    """Poses at the ends of straight joint moves that keep clear, the base reacting; and durations."""
+    """Return end poses and durations of collision-free straight joint moves of the floating robot."""
     rng, limits, points = np.random.default_rng(1), sms.limits, Points(sms)
     middle, half = 0.5 * (limits.lower + limits.upper), 0.5 * (limits.upper - limits.lower)
-    found: list[tuple[Any, float]] = []
-    while len(found) < count:
+    results: list[tuple[Any, float]] = []
+    while len(results) < count:
         move = middle + 0.9 * half * rng.uniform(-1.0, 1.0, sms.n) - start
         q, _ = roll_out(sms, sms.configuration(start), move, np.zeros((120, sms.n)), 1.0 / 120)
         if min(float(points.values(row).min()) for row in q) < 0.01:
             continue
         least = np.max(np.abs(move) / limits.velocity + limits.velocity / limits.acceleration)
-        found.append((sms.at(q[-1]).end_effector_pose, float(np.ceil(150.0 * least) / 100.0)))
-    return found
+        results.append((sms.at(q[-1]).end_effector_pose, float(np.ceil(150.0 * least) / 100.0)))
+    return results
 
 
-# Of the second: its duration leaves little; of the third: a corner of the base, and a nearly singular end.
+# The duration of the second is short; the third pair has a base corner and a nearly singular end.
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "indices"),
     [("satellite_panda", (0,)), ("satellite_panda", (15,)), ("satellite_xarm7", (25, 29))],
 )
-def test_poses_in_space_are_reached_exactly(name: str, indices: tuple[int, ...]) -> None:
+def test_poses_in_space_are_reached(name: str, indices: tuple[int, ...]) -> None:
     sms = ffsms.load(name)
     start = 0.5 * (sms.limits.lower + sms.limits.upper)
     tasks = moves(sms, start, max(indices) + 1)
     for index in indices:
         pose, duration = tasks[index]
-        # The targets are reachable with the points kept clear.
+        # The targets are reachable with clear points.
         plan = opt.plan(sms, sms.configuration(start), pose, duration, collision="points")
         check(sms, plan)
         end = sms.at(plan.q[-1]).end_effector_pose
@@ -121,7 +121,7 @@ def test_poses_in_space_are_reached_exactly(name: str, indices: tuple[int, ...])
 
 @pytest.mark.parametrize("distance", [1e-4, 1e-3, 0.019])
 @pytest.mark.parametrize("name", ["planar_3r", "satellite_panda"])
-def test_a_target_beside_the_start_is_gone_to_directly(name: str, distance: float) -> None:
+def test_the_path_to_a_target_near_the_start_is_short(name: str, distance: float) -> None:
     sms = ffsms.load(name)
     bent = [0.4, 0.7, -0.5] if sms.n == 3 else 0.5 * (sms.limits.lower + sms.limits.upper)
     q0 = sms.configuration(bent)
@@ -133,7 +133,7 @@ def test_a_target_beside_the_start_is_gone_to_directly(name: str, distance: floa
     assert length <= 3.0 * distance
 
 
-def test_a_small_turn_on_the_spot_is_made_on_the_spot() -> None:
+def test_a_small_rotation_keeps_the_position() -> None:
     sms = ffsms.load("satellite_xarm7")
     q0 = sms.configuration(0.5 * (sms.limits.lower + sms.limits.upper))
     here = sms.at(q0).end_effector_pose
@@ -145,21 +145,21 @@ def test_a_small_turn_on_the_spot_is_made_on_the_spot() -> None:
     assert plan.position_error.max() <= 1e-3
 
 
-def digest(plan: opt.Trajectory) -> str:
+def plan_digest(plan: opt.Trajectory) -> str:
     arrays = (plan.q, plan.v, plan.alpha, plan.cost)
     return hashlib.sha256(b"".join(array.tobytes() for array in arrays)).hexdigest()
 
 
 def test_same_input_same_output_bit_for_bit(planar: ffsms.SpaceManipulator) -> None:
-    """In one process with a disturbed heap between runs, and in another process."""
-    rng, first = np.random.default_rng(), []
+    """Compare runs in one process, with a changed heap between them, and a run in another process."""
+    rng, digests = np.random.default_rng(), []
     tasks = targets(planar, 3)
     q0 = planar.configuration(START)
     for _ in range(2):
-        first.append([digest(opt.plan(planar, q0, target, T, 0.02)) for target, T in tasks])
+        digests.append([plan_digest(opt.plan(planar, q0, target, T, 0.02)) for target, T in tasks])
         junk = [rng.normal(size=rng.integers(1, 5000)) for _ in range(200)]
         del junk[::2]
-    assert first[0] == first[1]
+    assert digests[0] == digests[1]
     lines = "\n".join(
         f"print(digest(opt.plan(sms, q0, np.array({[float(x).hex() for x in target]!r} and "
         f"[float.fromhex(x) for x in {[float(x).hex() for x in target]!r}]), {T!r}, 0.02)))"
@@ -177,21 +177,21 @@ def test_same_input_same_output_bit_for_bit(planar: ffsms.SpaceManipulator) -> N
     run = subprocess.run(
         [sys.executable, "-c", code], capture_output=True, text=True, check=True, env=os.environ.copy()
     )
-    assert run.stdout.split() == first[0]
+    assert run.stdout.split() == digests[0]
 
 
-def test_a_target_outside_the_workspace(planar: ffsms.SpaceManipulator) -> None:
+def test_the_note_of_a_target_outside_the_workspace(planar: ffsms.SpaceManipulator) -> None:
     plan = opt.plan(planar, planar.configuration(START), [3.0, 0.0, 0.0], 6.0)
     assert not plan.reached
     assert "workspace" in plan.note
     assert f"{plan.position_error[-1]:.4f} m" in plan.note
     assert plan.position_error[-1] < 1.93  # the stretched arm ends 1.904 m from it
     assert plan.shortest_duration == 0.0
-    for word in ("nearest position", "binding"):
-        assert word in plan.note
+    for part in ("nearest position", "binding"):
+        assert part in plan.note
 
 
-def test_a_duration_too_short(planar: ffsms.SpaceManipulator) -> None:
+def test_a_duration_that_is_too_short(planar: ffsms.SpaceManipulator) -> None:
     target, duration = targets(planar, 1)[0]
     short = opt.plan(planar, planar.configuration(START), target, 0.4 * duration)
     assert not short.reached
@@ -199,14 +199,14 @@ def test_a_duration_too_short(planar: ffsms.SpaceManipulator) -> None:
     assert "limit of 'joint_" in short.note
     assert short.shortest_duration > short.duration
     assert f"{short.shortest_duration:.2f} s would suffice" in short.note
-    # The limits hold in the failed plan too, and the duration does do.
+    # The limits hold in the failed plan, and the reported duration suffices.
     assert (np.abs(short.joint_rates) <= planar.limits.velocity + 1e-12).all()
     longer = opt.plan(planar, planar.configuration(START), target, short.shortest_duration)
     check(planar, longer)
 
 
 @pytest.mark.parametrize("method", ["horizon", "step"])
-def test_a_start_in_collision(planar: ffsms.SpaceManipulator, method: str) -> None:
+def test_a_start_in_collision_is_not_reached(planar: ffsms.SpaceManipulator, method: str) -> None:
     q0 = planar.configuration([1.2, 2.4, 1.6])  # the elbow in the base
     here = planar.at(q0).end_effector_pose.translation
     plan = opt.plan(planar, q0, here, 2.0, method=method)
@@ -219,8 +219,8 @@ def test_a_start_in_collision(planar: ffsms.SpaceManipulator, method: str) -> No
     assert opt.plan(planar, q0, here, 2.0, method=method, collision="off").clear
 
 
-def test_a_target_outside_the_workspace_of_a_held_base(planar: ffsms.SpaceManipulator) -> None:
-    """The distance is from the base's centre of mass, which the thrusters hold."""
+def test_the_note_gives_the_distance_from_a_fixed_base(planar: ffsms.SpaceManipulator) -> None:
+    """The distance is from the base's centre of mass, which thrusters keep at rest."""
     q0 = planar.configuration([0.1, 0.2, 0.3])
     base = planar.at(q0).base_pose.translation
     problem = opt.Problem(planar, q0, base + np.array([6.0, 0.0, 0.0]), 6.0, 0.05, mode="flying")

@@ -1,4 +1,4 @@
-"""The shortest motion, beside the time that the joints' limits alone take."""
+"""The shortest motion, and its lower bound by the joint limits alone."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from ffsms_pin.opt.search.inverse_kinematics import least_time
 from ffsms_pin.system import RobotLimits
 
 
-def test_the_shortest_lies_between_its_bounds() -> None:
+def test_the_shortest_duration_lies_between_its_bounds() -> None:
     sms = ffsms.load("planar_3r")
     q0 = sms.configuration(np.radians([23.0, 40.0, -29.0]))
     terms = [opt.Smooth(), opt.Effort()]
@@ -33,9 +33,9 @@ def test_the_shortest_lies_between_its_bounds() -> None:
 
 
 @pytest.mark.parametrize(
-    ("way", "u0", "u1", "most", "a", "expected"),
+    ("displacement", "u0", "u1", "velocity_limit", "a", "expected"),
     [
-        (1.0, 0.0, 0.0, 10.0, 1.0, 2.0),  # up and down: 2 sqrt(d / a)
+        (1.0, 0.0, 0.0, 10.0, 1.0, 2.0),  # accelerates and brakes: 2 sqrt(d / a)
         (-1.0, 0.0, 0.0, 10.0, 1.0, 2.0),
         (3.0, 0.0, 0.0, 1.0, 1.0, 4.0),  # with a cruise: d / u + u / a
         (0.5, 0.0, 1.0, 10.0, 1.0, 1.0),  # speeds up only
@@ -45,14 +45,16 @@ def test_the_shortest_lies_between_its_bounds() -> None:
     ],
 )
 def test_least_time_of_one_joint(
-    way: float, u0: float, u1: float, most: float, a: float, expected: float
+    displacement: float, u0: float, u1: float, velocity_limit: float, a: float, expected: float
 ) -> None:
-    lower, upper, velocity, acceleration, torque = np.array([[-9.0], [9.0], [most], [a], [np.inf]])
+    lower, upper, velocity, acceleration, torque = np.array([[-9.0], [9.0], [velocity_limit], [a], [np.inf]])
     limits = RobotLimits(lower, upper, velocity, acceleration, torque)
-    assert least_time(limits, np.array([way]), np.array([u0]), np.array([u1])) == pytest.approx(expected)
+    assert least_time(limits, np.array([displacement]), np.array([u0]), np.array([u1])) == pytest.approx(
+        expected
+    )
 
 
-def test_a_bisection_without_a_failure_names_no_duration_that_failed() -> None:
+def test_a_bisection_without_a_failure_reports_no_failed_duration() -> None:
     sms = ffsms.load("planar_3r")
     q0 = sms.configuration([0.1, 0.2, 0.3])
     here = sms.at(q0).end_effector_pose.translation
@@ -62,7 +64,7 @@ def test_a_bisection_without_a_failure_names_no_duration_that_failed() -> None:
     assert "none was found" not in plan.note
 
 
-def test_a_tolerance_of_one_is_none() -> None:
+def test_a_tolerance_of_one_is_refused() -> None:
     sms = ffsms.load("planar_3r")
     problem = opt.Problem(sms, sms.configuration([0.1, 0.2, 0.3]), [0.9, 0.9, 0.0])
     with pytest.raises(InvalidValue, match="tolerance"):
@@ -70,20 +72,20 @@ def test_a_tolerance_of_one_is_none() -> None:
 
 
 def test_the_shortest_keeps_the_note_of_its_plan(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A motion that arrives within the reach, and misses the tolerance, says so after the search as well."""
+    """The note of a motion within the reach and outside the tolerance is kept by the search."""
     sms = ffsms.load("planar_3r")
     q0 = sms.configuration(np.radians([23.0, 40.0, -29.0]))
     problem = opt.Problem(sms, q0, [0.6, 0.6, 0.0], 6.0, 0.05, [opt.Smooth()], [opt.JointLimits()])
     module = importlib.import_module("ffsms_pin.opt.search.search")
-    found = module.solve(problem)
-    told = "the end is off by 14.8 mm; its tolerance is 1 mm"
-    monkeypatch.setattr(module, "solve", lambda *_: replace(found, note=told))
-    monkeypatch.setattr(module.Search, "run", lambda *_: replace(found, met=False))
+    solution = module.solve(problem)
+    note = "the end is off by 14.8 mm; its tolerance is 1 mm"
+    monkeypatch.setattr(module, "solve", lambda *_: replace(solution, note=note))
+    monkeypatch.setattr(module.Search, "run", lambda *_: replace(solution, met=False))
     plan = opt.shortest(problem, tolerance=0.9)
-    assert plan.note.startswith(f"{told}; the shortest motion found")
+    assert plan.note.startswith(f"{note}; the shortest motion found")
 
 
-def test_a_plan_that_keeps_its_torques_is_not_told_that_it_breaks_them() -> None:
+def test_a_plan_within_its_torque_limits_is_not_reported_as_violating_them() -> None:
     sms = ffsms.load("planar_3r")
     q0 = sms.configuration(np.radians([23.0, 40.0, -29.0]))
     weak = replace(sms.limits, torque=np.full(3, 0.0185), acceleration=np.full(3, np.inf))

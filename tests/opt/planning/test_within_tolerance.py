@@ -1,4 +1,4 @@
-"""`within_tolerance` and the note: what is meant by reached, why not, and numbers that fail inside."""
+"""`within_tolerance`, `reached` and their notes, also after numerical failures."""
 
 from __future__ import annotations
 
@@ -23,9 +23,7 @@ def start(planar: ffsms.SpaceManipulator) -> Any:
     return planar.configuration(np.radians([1.0, 1.0, 1.0]))
 
 
-def test_within_the_default_tolerance_there_is_nothing_to_note(
-    planar: ffsms.SpaceManipulator, start: Any
-) -> None:
+def test_a_plan_within_the_default_tolerance_has_no_note(planar: ffsms.SpaceManipulator, start: Any) -> None:
     plan = opt.plan(planar, start, TARGET)
     assert plan.reached
     assert plan.within_tolerance
@@ -41,8 +39,8 @@ def test_reached_but_not_within_a_narrow_tolerance(planar: ffsms.SpaceManipulato
     assert "binding" in plan.note or "no limit is active" in plan.note
 
 
-def test_the_note_names_the_joint_limit_that_binds(planar: ffsms.SpaceManipulator, start: Any) -> None:
-    """Of a target 3 mm beyond the last one that joint 1, at its limit, leaves within reach."""
+def test_the_note_names_the_active_joint_limit(planar: ffsms.SpaceManipulator, start: Any) -> None:
+    """The target is 3 mm beyond the end effector with all joints at their limits."""
     limits = planar.limits
     upper = limits.upper.copy()
     upper[:] = 0.3
@@ -52,11 +50,11 @@ def test_the_note_names_the_joint_limit_that_binds(planar: ffsms.SpaceManipulato
     beyond = corner + 0.003 * (corner - inside) / np.linalg.norm(corner - inside)
     plan = opt.plan(narrow, start, beyond, duration=20.0)
     if plan.within_tolerance:
-        pytest.fail("the target was meant to be out of reach")
+        pytest.fail("the target is within reach")
     assert "position limit of 'joint_" in plan.note
 
 
-def test_marches_say_by_how_much_they_miss(planar: ffsms.SpaceManipulator, start: Any) -> None:
+def test_step_methods_report_the_position_error(planar: ffsms.SpaceManipulator, start: Any) -> None:
     plan = opt.plan(planar, start, [1.5, 0.15, 0.0], method="resolved-rate")
     assert not plan.reached
     assert not plan.within_tolerance
@@ -72,7 +70,7 @@ def test_marches_say_by_how_much_they_miss(planar: ffsms.SpaceManipulator, start
         ([-0.8, 0.3, 0.0], 20.0, "binding: "),
     ],
 )
-def test_marches_say_why_they_miss(
+def test_step_methods_report_why_they_miss(
     planar: ffsms.SpaceManipulator, start: Any, target: list[float], duration: float, why: str, method: str
 ) -> None:
     plan = opt.plan(planar, start, target, duration, 0.05, method=method)
@@ -81,17 +79,17 @@ def test_marches_say_why_they_miss(
 
 
 @pytest.mark.parametrize("on", ["inertial", "base"])
-def test_an_attitude_that_no_posture_has_is_out_of_the_workspace(
+def test_an_attitude_of_no_posture_is_reported_as_out_of_the_workspace(
     planar: ffsms.SpaceManipulator, start: Any, on: str
 ) -> None:
-    """A planar arm does not leave its plane; as far as a search tells."""
+    """The attitude is out of the arm's plane."""
     tilted = pin.SE3(pin.exp3(np.array([0.8, 0.0, 0.0])), np.array([0.9, 0.3, 0.0]))
     plan = opt.plan(planar, start, opt.Pose(tilted, on=on), 20.0, 0.1)
     assert not plan.within_tolerance
     assert "binding: probably the workspace" in plan.note
 
 
-def test_velocities_and_attitudes_count_where_they_are_asked_for(
+def test_velocities_and_attitudes_count_if_the_goal_has_them(
     planar: ffsms.SpaceManipulator, start: Any
 ) -> None:
     here = planar.at(start).end_effector_pose
@@ -102,12 +100,12 @@ def test_velocities_and_attitudes_count_where_they_are_asked_for(
         "20 mm/s": opt.Pose(here, twist=[0.02, 0.0, 0.0, 0.0, 0.0, 0.0]),
         "1.15 deg/s": opt.Pose(here, twist=[0.0, 0.0, 0.0, 0.0, 0.0, 0.02]),
     }
-    for words, goal in goals.items():
+    for note_part, goal in goals.items():
         problem = opt.Problem(planar, start, goal)
         still = measure(problem, np.zeros((problem.steps + 1, 3)))
-        assert still.within_tolerance == (words == "")
-        assert words in still.note
-        assert bool(still.note) == bool(words)
+        assert still.within_tolerance == (note_part == "")
+        assert note_part in still.note
+        assert bool(still.note) == bool(note_part)
 
 
 def test_an_end_within_the_tolerance_that_comes_too_late_is_noted(
@@ -124,7 +122,7 @@ def test_an_end_within_the_tolerance_that_comes_too_late_is_noted(
     assert "too late" in plan.note
 
 
-def test_files_keep_it(planar: ffsms.SpaceManipulator, start: Any, tmp_path: Path) -> None:
+def test_files_keep_within_tolerance(planar: ffsms.SpaceManipulator, start: Any, tmp_path: Path) -> None:
     problem = opt.Problem(planar, start, TARGET)
     missed = measure(problem, np.zeros((problem.steps + 1, 3)))
     for plan in (opt.plan(planar, start, TARGET), missed):
@@ -132,10 +130,10 @@ def test_files_keep_it(planar: ffsms.SpaceManipulator, start: Any, tmp_path: Pat
         assert opt.Trajectory.load(tmp_path / "plan.npz").within_tolerance == plan.within_tolerance
 
 
-@pytest.mark.parametrize("wide", [1e9, 200.0, np.inf])
-def test_joint_ranges_of_many_turns_count_as_unlimited(wide: float) -> None:
+@pytest.mark.parametrize("bound", [1e9, 200.0, np.inf])
+def test_joint_ranges_of_many_turns_count_as_unlimited(bound: float) -> None:
     arm = ffsms.load("space_arm_7")
-    limits = dataclasses.replace(arm.limits, lower=np.full(7, -wide), upper=np.full(7, wide))
+    limits = dataclasses.replace(arm.limits, lower=np.full(7, -bound), upper=np.full(7, bound))
     robot = arm.with_limits(limits)
     assert np.isinf(robot.limits.upper).all()
     q0 = robot.configuration([0.1, 0.5, -0.4, 0.9, 0.3, 0.6, 0.2])
@@ -151,7 +149,7 @@ def test_two_turns_to_each_side_are_a_limit(planar: ffsms.SpaceManipulator) -> N
 
 
 class Failing(opt.Term):
-    """A part whose numbers fail once so many motions have been finished."""
+    """A term that fails after `after` evaluations of its share."""
 
     name = "failing"
 
@@ -172,11 +170,11 @@ class Failing(opt.Term):
 
 @pytest.mark.parametrize("error", [np.linalg.LinAlgError("Singular matrix"), FloatingPointError("underflow")])
 @pytest.mark.parametrize("after", [0, 1])
-def test_numbers_that_fail_inside_are_a_plan_with_a_note(
+def test_a_numerical_failure_gives_a_plan_with_a_note(
     planar: ffsms.SpaceManipulator, start: Any, error: Exception, after: int
 ) -> None:
     terms = [opt.Coupling(), opt.Smooth(), opt.Effort(), Failing(after, error)]
-    # Never within this tolerance, so the search does not end with the first motion.
+    # The tolerance is unreachable, so the search does not end with the first motion.
     goal = opt.Position([0.45, 0.75, 0.0], tolerance=1e-12)
     plan = opt.solve(opt.Problem(planar, start, goal, terms=terms))
     assert "numerical failure" in plan.note
@@ -188,7 +186,7 @@ def test_numbers_that_fail_inside_are_a_plan_with_a_note(
 
 
 @pytest.mark.parametrize("after", [0, 1])
-def test_what_is_not_a_number_does_not_become_a_plan(
+def test_residuals_that_are_not_numbers_give_a_finite_plan(
     planar: ffsms.SpaceManipulator, start: Any, after: int
 ) -> None:
     goal = opt.Position([0.45, 0.75, 0.0], tolerance=1e-12)
@@ -198,7 +196,7 @@ def test_what_is_not_a_number_does_not_become_a_plan(
     assert plan.note
 
 
-def test_a_failure_in_a_library_call_is_a_plan_with_a_note(
+def test_a_failed_library_call_gives_a_plan_with_a_note(
     planar: ffsms.SpaceManipulator, start: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def fails(*_: Any) -> Any:
@@ -211,7 +209,7 @@ def test_a_failure_in_a_library_call_is_a_plan_with_a_note(
     assert not plan.within_tolerance
 
 
-def test_other_errors_of_a_part_are_not_hidden(planar: ffsms.SpaceManipulator, start: Any) -> None:
+def test_other_errors_of_a_term_are_raised(planar: ffsms.SpaceManipulator, start: Any) -> None:
     terms = [Failing(0, TypeError("a mistake"))]
     with pytest.raises(PartError, match="a mistake"):
         opt.solve(opt.Problem(planar, start, TARGET, terms=terms))

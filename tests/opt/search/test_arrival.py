@@ -1,4 +1,4 @@
-"""The goal as residuals: slopes by control points, and errors as shares of what is allowed."""
+"""The residuals of a goal: derivatives by control points, and errors as shares of the tolerance."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def sms(request: pytest.FixtureRequest) -> ffsms.SpaceManipulator:
 
 
 def goals(sms: ffsms.SpaceManipulator, q0: Any) -> dict[str, opt.Goal]:
-    """Kinds of goals, away from where the end effector starts."""
+    """Return goals of several kinds away from the end effector's start."""
     here = sms.at(q0).end_effector_pose
     turned = pin.exp3(np.array([0.3, 0.2, -0.1])) @ here.rotation
     there = pin.SE3(turned, here.translation + np.array([0.2, 0.1, 0.1]))
@@ -40,39 +40,41 @@ def goals(sms: ffsms.SpaceManipulator, q0: Any) -> dict[str, opt.Goal]:
 
 
 @pytest.mark.parametrize("name", ["position", "velocity", "pose", "twist", "moving"])
-def test_slopes_and_errors(sms: ffsms.SpaceManipulator, name: str, rng: np.random.Generator) -> None:
+def test_derivatives_and_errors_of_goals(
+    sms: ffsms.SpaceManipulator, name: str, rng: np.random.Generator
+) -> None:
     middle = np.clip(np.full(sms.n, 0.2), sms.limits.lower, sms.limits.upper)
     q0 = sms.configuration(middle, pin.SE3(pin.exp3(np.array([0.3, -0.2, 0.5])), np.array([0.1, 0.2, 0.3])))
     goal = goals(sms, q0)[name]
     problem = opt.Problem(sms, q0, goal, 8.0, joint_rates=0.1 * rng.normal(size=sms.n), terms=[], limits=[])
     spline = spline_of(problem, free_end=True)
     p = 0.1 * rng.normal(size=(1, spline.size, sms.n))
-    at = motions(problem, spline, p)
-    found = arrival(goal, at)
-    # In space the turn of the base follows by a quadrature of its own, which is only nearly so.
+    rollouts = motions(problem, spline, p)
+    result = arrival(goal, rollouts)
+    # In space the base attitude follows by quadrature, so the derivatives are approximate.
     check_arrival(problem, spline, p, exact=sms.n == 3)
 
-    place, end = goal.place(8.0), at.last
-    errors = [float(np.linalg.norm(place.position - at.end_effector[:, 0, end]))]
+    place, end = goal.place(8.0), rollouts.last
+    errors = [float(np.linalg.norm(place.position - rollouts.end_effector[:, 0, end]))]
     if place.rotation is not None:
-        errors.append(float(np.linalg.norm(pin.log3(place.rotation @ at.attitude[:, :, 0, end].T))))
+        errors.append(float(np.linalg.norm(pin.log3(place.rotation @ rollouts.attitude[:, :, 0, end].T))))
     if place.velocity is not None:
-        errors.append(float(np.linalg.norm(place.velocity - at.velocity[:, 0, end])))
+        errors.append(float(np.linalg.norm(place.velocity - rollouts.velocity[:, 0, end])))
     if place.angular_velocity is not None:
-        errors.append(float(np.linalg.norm(place.angular_velocity - at.angular_velocity[:, 0, end])))
+        errors.append(float(np.linalg.norm(place.angular_velocity - rollouts.angular_velocity[:, 0, end])))
     assert len(errors) == {"position": 1, "velocity": 2, "pose": 2}.get(name, 4)
-    assert found.end_share[0] == pytest.approx(max(errors) / goal.tolerance, rel=1e-9)
+    assert result.end_share[0] == pytest.approx(max(errors) / goal.tolerance, rel=1e-9)
 
 
-def test_near_enough_is_worth_nothing(planar: ffsms.SpaceManipulator) -> None:
+def test_residuals_vanish_well_within_the_tolerance(planar: ffsms.SpaceManipulator) -> None:
     """Within 0.4 of the tolerance and 0.9 of the reach all residuals are zero."""
     q0 = planar.configuration([0.4, 0.7, -0.5])
     here = planar.at(q0).end_effector_pose.translation
-    for off, zero in ((3.9e-4, True), (4.1e-4, False)):
-        goal = opt.Position(here + np.array([off, 0.0, 0.0]))
+    for offset, zero in ((3.9e-4, True), (4.1e-4, False)):
+        goal = opt.Position(here + np.array([offset, 0.0, 0.0]))
         problem = opt.Problem(planar, q0, goal, 6.0, 0.02)
         spline = spline_of(problem)
-        found = arrival(goal, motions(problem, spline, np.zeros((1, spline.size, 3))))
-        assert all(not one.value.any() for one in found.end) == zero
-        assert not any(one.value.any() for one in found.tail)
-        assert found.end_share[0] == pytest.approx(off / 1e-3)
+        result = arrival(goal, motions(problem, spline, np.zeros((1, spline.size, 3))))
+        assert all(not residual.value.any() for residual in result.end) == zero
+        assert not any(residual.value.any() for residual in result.tail)
+        assert result.end_share[0] == pytest.approx(offset / 1e-3)

@@ -1,4 +1,4 @@
-"""The quadratic programme of a step of the descent: its rows, its solution, and starts at limits."""
+"""The quadratic program of a descent step: its rows, its solution, and starts at limits."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from ffsms_pin.opt.search.inverse_kinematics import AT_REST, braking
 
 
 @pytest.mark.parametrize("moving", [False, True])
-def test_steps_keep_the_limits_and_are_the_best_that_do(
+def test_steps_keep_the_limits_and_are_optimal(
     planar: ffsms.SpaceManipulator, moving: bool, rng: np.random.Generator
 ) -> None:
     problem = moving_problem(planar) if moving else planar_problem(planar)
@@ -39,36 +39,36 @@ def test_steps_keep_the_limits_and_are_the_best_that_do(
         def value(step: FloatArray, H: FloatArray = H, g: FloatArray = g) -> float:
             return float(0.5 * step @ H @ step + g @ step)
 
-        at = matrix @ p.ravel()
-        found = minimize(
+        start_values = matrix @ p.ravel()
+        reference = minimize(
             value,
             np.zeros(size),
             jac=lambda step, H=H, g=g: H @ step + g,
             method="SLSQP",
             constraints={
                 "type": "ineq",
-                "fun": lambda s, at=at: np.concatenate(
-                    [qp.upper - at - matrix @ s, at + matrix @ s - qp.lower]
+                "fun": lambda s, start_values=start_values: np.concatenate(
+                    [qp.upper - start_values - matrix @ s, start_values + matrix @ s - qp.lower]
                 ),
                 "jac": lambda s: np.vstack([-matrix, matrix]),
             },
             options={"maxiter": 300, "ftol": 1e-12},
         )
-        assert value(x.ravel()) <= found.fun + 1e-4 * (1.0 + abs(found.fun))
+        assert value(x.ravel()) <= reference.fun + 1e-4 * (1.0 + abs(reference.fun))
 
 
 @pytest.mark.parametrize("moving", [False, True])
-def test_control_points_within_the_rows_are_motions_within_the_limits(
+def test_control_points_within_the_rows_give_motions_within_the_limits(
     planar: ffsms.SpaceManipulator, moving: bool, rng: np.random.Generator
 ) -> None:
-    """And some that break the rows are motions that break the limits: the rows are not idle."""
+    """All drawn control points violate limits before the projection."""
     problem = moving_problem(planar) if moving else planar_problem(planar)
     problem = dataclasses.replace(problem, limits=[opt.JointLimits()])
     spline = spline_of(problem)
-    qp, broken = ControlQP(problem, spline), 0
+    qp, violations = ControlQP(problem, spline), 0
     for _ in range(10):
         p = rng.uniform(-1.0, 1.0, (spline.size, 3))
-        broken += bool(told(problem, node_rates(problem, spline, p)).broken)
+        violations += bool(told(problem, node_rates(problem, spline, p)).broken)
         x = qp.solve(
             np.eye(p.size), (-p).ravel(), np.zeros_like(p) if not moving else braking(problem, spline)
         )
@@ -77,7 +77,7 @@ def test_control_points_within_the_rows_are_motions_within_the_limits(
         assert not plan.broken, plan.note
         assert np.abs(plan.joint_rates[-1]).max() <= AT_REST + 1e-6
         assert np.abs(x).max() > 0.05
-    assert broken == 10
+    assert violations == 10
 
 
 def test_locked_joints_stay(planar: ffsms.SpaceManipulator, rng: np.random.Generator) -> None:
@@ -87,11 +87,11 @@ def test_locked_joints_stay(planar: ffsms.SpaceManipulator, rng: np.random.Gener
     x = qp.solve(np.eye(size), rng.normal(size=size), np.zeros((spline.size, 3)))
     assert not x[:, 1].any()
     assert np.abs(x[:, [0, 2]]).min() > 0.0
-    none = ControlQP(planar_problem(planar, locked=planar.joint_names), spline)
-    assert not none.solve(np.eye(size), rng.normal(size=size), np.zeros((spline.size, 3))).any()
+    all_locked = ControlQP(planar_problem(planar, locked=planar.joint_names), spline)
+    assert not all_locked.solve(np.eye(size), rng.normal(size=size), np.zeros((spline.size, 3))).any()
 
 
-def test_the_arm_brakes_as_hard_as_it_may(planar: ffsms.SpaceManipulator) -> None:
+def test_braking_lowers_the_initial_rates_to_zero(planar: ffsms.SpaceManipulator) -> None:
     problem = moving_problem(planar)
     spline = spline_of(problem)
     p = braking(problem, spline)
@@ -102,15 +102,15 @@ def test_the_arm_brakes_as_hard_as_it_may(planar: ffsms.SpaceManipulator) -> Non
 
 
 def test_a_start_beyond_a_limit_stays_feasible(planar: ffsms.SpaceManipulator) -> None:
-    """Rates at the start that no braking keeps within the joint's range: the rows give way as far as that."""
+    """Braking cannot keep the joint within its range, so the rows are relaxed by that much."""
     near = planar.configuration([planar.limits.upper[0] - 1e-3, 0.0, 0.0])
     problem = opt.Problem(planar, near, [0.7, 0.5, 0.0], 6.0, 0.02, joint_rates=[0.2, 0.0, 0.0])
     spline = spline_of(problem)
     qp, p = ControlQP(problem, spline), braking(problem, spline)
     matrix = np.kron(qp.matrix, np.eye(3))
-    at = matrix @ p.ravel()
-    assert (at <= qp.upper).all()
-    assert (at >= qp.lower).all()
+    start_values = matrix @ p.ravel()
+    assert (start_values <= qp.upper).all()
+    assert (start_values >= qp.lower).all()
     size = p.size
     x = qp.solve(np.eye(size), np.ones(size), p)
     assert np.isfinite(x).all()
@@ -129,7 +129,7 @@ def test_active_limits_are_named(planar: ffsms.SpaceManipulator) -> None:
     assert {joint for _, joint in names} == {1}
 
 
-def test_no_limits_no_rows_but_rest(planar: ffsms.SpaceManipulator) -> None:
+def test_a_qp_without_limits_has_rows_of_rest_only(planar: ffsms.SpaceManipulator) -> None:
     problem = planar_problem(planar, limits=[])
     qp = ControlQP(problem, spline_of(problem))
     assert qp.kinds == ["rest"]

@@ -1,4 +1,4 @@
-"""Why a plan failed: the start, the workspace, or a duration that would suffice."""
+"""Diagnosis of failed plans: the start, the workspace, or a duration that would suffice."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ from ffsms_pin.opt.search.inverse_kinematics import JointGoals, reach_range, str
 
 
 def test_reach_range_of_the_planar_arm(planar: ffsms.SpaceManipulator) -> None:
-    """Longest stretched out; the arm is symmetric, so that is at zero angles."""
-    least, most = reach_range(planar_problem(planar))
+    """The symmetric arm is stretched out at zero angles."""
+    least, largest = reach_range(planar_problem(planar))
     stretched = planar.at(planar.configuration([0.0, 0.0, 0.0])).end_effector_pose.translation
-    assert most == pytest.approx(float(np.linalg.norm(stretched)), abs=1e-3)
+    assert largest == pytest.approx(float(np.linalg.norm(stretched)), abs=1e-3)
     assert 0.0 <= least < 0.1
     locked = planar_problem(planar, locked=["joint_2", "joint_3"])
     _, shorter = reach_range(locked)
-    assert shorter < most - 0.03
+    assert shorter < largest - 0.03
 
 
 def test_no_cache_keeps_a_problem_alive(planar: ffsms.SpaceManipulator) -> None:
@@ -38,16 +38,16 @@ def test_no_cache_keeps_a_problem_alive(planar: ffsms.SpaceManipulator) -> None:
     assert reference() is None
 
 
-def test_what_lies_outside_the_workspace(planar: ffsms.SpaceManipulator) -> None:
+def test_the_workspace_moves_with_the_momentum(planar: ffsms.SpaceManipulator) -> None:
     assert within_workspace(planar_problem(planar))
     assert not within_workspace(planar_problem(planar, goal=[3.0, 0.0, 0.0]))
-    # A system that drifts there carries the arm with it: 2.1 m in six seconds.
+    # The system drifts 2.1 m towards the target in six seconds.
     mass = planar_problem(planar).stack.mass
     drifting = planar_problem(planar, goal=[3.0, 0.0, 0.0], momentum=[0.35 * mass, 0, 0, 0, 0, 0])
     assert within_workspace(drifting)
 
 
-def test_a_start_that_breaks_a_clearance(planar: ffsms.SpaceManipulator) -> None:
+def test_a_start_below_the_clearance_is_refused(planar: ffsms.SpaceManipulator) -> None:
     assert refused(planar_problem(planar)) is None
     problem = planar_problem(planar)
     inside = dataclasses.replace(problem, q0=planar.configuration([1.2, 2.4, 1.6]))
@@ -58,7 +58,7 @@ def test_a_start_that_breaks_a_clearance(planar: ffsms.SpaceManipulator) -> None
     assert plan.broken.keys() == {"clearance"}
     for limits in ([opt.JointLimits()], [opt.Clearance(collision="off")]):
         assert refused(dataclasses.replace(inside, limits=limits)) is None
-    # Joints that move at the start do not hide it.
+    # Joints that move at the start are refused too.
     moving = dataclasses.replace(inside, joint_rates=[0.1, 0.0, 0.0])
     assert refused(moving) is not None
 
@@ -66,26 +66,28 @@ def test_a_start_that_breaks_a_clearance(planar: ffsms.SpaceManipulator) -> None
 @pytest.mark.parametrize(
     ("enough", "named"), [(7.0, 7.5), (9.0, 9.0), (9.1, 12.0), (17.0, 18.0), (19.0, 0.0)]
 )
-def test_the_first_longer_duration_that_does_is_named(
+def test_the_first_sufficient_duration_is_reported(
     planar: ffsms.SpaceManipulator, enough: float, named: float
 ) -> None:
     problem = planar_problem(planar)
     failed = told(problem, np.zeros((problem.steps + 1, 3)))
     goals = JointGoals(problem.joints0[None] + [0.1, 0.0, 0.0], np.zeros(1))
-    tried: list[float] = []
+    durations: list[float] = []
 
     def attempt(other: opt.Problem, joints: FloatArray) -> bool:
         assert other.steps == problem.steps
         np.testing.assert_array_equal(joints, goals.joints)
-        tried.append(other.duration)
+        durations.append(other.duration)
         return other.duration >= enough
 
     plan = explain(problem, failed, goals, [("rate", 1)], attempt)
     assert "rate limit of 'joint_2'" in plan.note
-    assert tried == [one for one in (7.5, 9.0, 12.0, 18.0) if one <= (named or 18.0)]
+    assert durations == [duration for duration in (7.5, 9.0, 12.0, 18.0) if duration <= (named or 18.0)]
     assert plan.shortest_duration == named
-    known = f"a duration of {named:.2f} s would suffice" if named else "no sufficient duration is known"
-    assert known in plan.note
+    duration_note = (
+        f"a duration of {named:.2f} s would suffice" if named else "no sufficient duration is known"
+    )
+    assert duration_note in plan.note
 
 
 def test_without_a_straight_move_the_longest_duration_alone_is_searched(
@@ -93,19 +95,19 @@ def test_without_a_straight_move_the_longest_duration_alone_is_searched(
 ) -> None:
     problem = planar_problem(planar)
     failed = told(problem, np.zeros((problem.steps + 1, 3)))
-    tried: list[float] = []
+    durations: list[float] = []
 
     def attempt(other: opt.Problem, joints: FloatArray) -> bool:
         assert not len(joints)
-        tried.append(other.duration)
+        durations.append(other.duration)
         return True
 
     goals = JointGoals(np.empty((0, 3)), np.empty(0))
     assert explain(problem, failed, goals, [("rate", 1)], attempt).shortest_duration == 18.0
-    assert tried == [18.0]
+    assert durations == [18.0]
 
 
-def test_a_duration_that_the_straight_move_needs_is_named_where_three_times_is_too_short(
+def test_the_duration_of_the_straight_move_is_reported_if_three_times_is_too_short(
     planar: ffsms.SpaceManipulator,
 ) -> None:
     problem = planar_problem(planar, duration=1.0)
@@ -117,18 +119,18 @@ def test_a_duration_that_the_straight_move_needs_is_named_where_three_times_is_t
     assert plan.shortest_duration == pytest.approx(1.1 * least / 0.9)
 
 
-# At 0.4 rad/s: one that takes 7.3 s, one that there is time for, one that comes too near to itself.
+# At 0.4 rad/s: a move of 7.3 s, a move within the duration, and a move in self-collision.
 @pytest.mark.parametrize(
-    ("way", "asked"), [([0.0, -2.6, 0.0], True), ([0.0, 0.0, 1.0], False), ([0.0, 2.1, 2.8], False)]
+    ("displacement", "longer"), [([0.0, -2.6, 0.0], True), ([0.0, 0.0, 1.0], False), ([0.0, 2.1, 2.8], False)]
 )
-def test_straight_moves_that_want_time_ask_for_more(
-    planar: ffsms.SpaceManipulator, way: list[float], asked: bool
+def test_straight_moves_that_are_too_fast_give_a_longer_duration(
+    planar: ffsms.SpaceManipulator, displacement: list[float], longer: bool
 ) -> None:
     problem = planar_problem(planar)
     failed = told(problem, np.zeros((problem.steps + 1, 3)))
-    goals = JointGoals(problem.joints0[None] + way, np.zeros(1))
+    goals = JointGoals(problem.joints0[None] + displacement, np.zeros(1))
     plan = explain(problem, failed, goals, [], lambda other, joints: other.duration > 8.0)
-    assert (plan.shortest_duration > 0.0) == asked
+    assert (plan.shortest_duration > 0.0) == longer
 
 
 def test_a_moving_goal_has_no_other_deadline(planar: ffsms.SpaceManipulator) -> None:
@@ -142,7 +144,7 @@ def test_a_moving_goal_has_no_other_deadline(planar: ffsms.SpaceManipulator) -> 
     assert explain(problem, failed, goals, [], attempt).shortest_duration == 0.0
 
 
-def test_a_landing_aims_by_as_much_as_the_plan_missed(planar: ffsms.SpaceManipulator) -> None:
+def test_the_corrected_goal_is_displaced_by_the_position_error(planar: ffsms.SpaceManipulator) -> None:
     problem = planar_problem(planar, goal=[0.75, 0.5, 0.0])
     plan = opt.solve(problem)
     assert plan.reached
@@ -151,47 +153,47 @@ def test_a_landing_aims_by_as_much_as_the_plan_missed(planar: ffsms.SpaceManipul
     missed = told(moved, plan.joint_rates)
     goal = corrected_goal(moved, moved.goal, missed)
     assert goal is not None
-    wanted = moved.goal.place(6.0).position
-    np.testing.assert_allclose(goal.place(6.0).position - wanted, wanted - plan.end_effector[-1], atol=1e-12)
-    # The next miss adds to it.
-    again = corrected_goal(moved, goal, missed)
-    assert again is not None
+    target = moved.goal.place(6.0).position
+    np.testing.assert_allclose(goal.place(6.0).position - target, target - plan.end_effector[-1], atol=1e-12)
+    # The next error adds to the displacement.
+    second = corrected_goal(moved, goal, missed)
+    assert second is not None
     np.testing.assert_allclose(
-        again.place(6.0).position - wanted, 2.0 * (wanted - plan.end_effector[-1]), atol=1e-12
+        second.place(6.0).position - target, 2.0 * (target - plan.end_effector[-1]), atol=1e-12
     )
-    assert arrival_error(moved.goal, missed) == pytest.approx(np.linalg.norm(wanted - plan.end_effector[-1]))
-    # What is asked of the motion otherwise stays.
+    assert arrival_error(moved.goal, missed) == pytest.approx(np.linalg.norm(target - plan.end_effector[-1]))
+    # Tolerance and reach stay.
     assert (goal.tolerance, goal.reach) == (moved.goal.tolerance, moved.goal.reach)
 
 
-def test_a_landing_that_is_far_from_the_goal_in_the_last_tenth_asks_for_less(
+def test_a_correction_lowers_the_reach_after_a_late_arrival(
     planar: ffsms.SpaceManipulator,
 ) -> None:
     problem = planar_problem(planar, goal=[0.75, 0.5, 0.0])
     plan = opt.solve(problem)
     error = plan.position_error.copy()
     error[-20] = 1.2 * plan.reach
-    late = dataclasses.replace(plan, position_error=error)
-    assert not late.reached
-    goal = corrected_goal(problem, problem.goal, late)
+    arrived_late = dataclasses.replace(plan, position_error=error)
+    assert not arrived_late.reached
+    goal = corrected_goal(problem, problem.goal, arrived_late)
     assert goal is not None
     assert goal.reach == pytest.approx(0.95 / 1.2 * plan.reach)
     assert goal.tolerance == problem.goal.tolerance
-    again = corrected_goal(problem, goal, late)
-    assert again is not None
-    assert again.reach == pytest.approx((0.95 / 1.2) ** 2 * plan.reach)
-    # A broken limit alone asks for no more there.
+    second = corrected_goal(problem, goal, arrived_late)
+    assert second is not None
+    assert second.reach == pytest.approx((0.95 / 1.2) ** 2 * plan.reach)
+    # A violated limit alone leaves the reach.
     broken = corrected_goal(problem, problem.goal, dataclasses.replace(plan, clear=False))
     assert broken is not None
     assert broken.reach == plan.reach
-    # One that misses the end is first brought there.
+    # After a missed end the reach stays.
     error[-1] = 5e-3
     missed = corrected_goal(problem, problem.goal, dataclasses.replace(plan, position_error=error))
     assert missed is not None
     assert missed.reach == plan.reach
 
 
-def test_a_landing_turns_back_by_as_much_as_the_plan_is_turned(planar: ffsms.SpaceManipulator) -> None:
+def test_the_corrected_goal_is_rotated_by_the_attitude_error(planar: ffsms.SpaceManipulator) -> None:
     here = planar.at(planar.configuration([0.4, 0.7, -0.5])).end_effector_pose
     problem = planar_problem(planar, goal=here)
     rates = np.zeros((problem.steps + 1, 3))
@@ -199,8 +201,8 @@ def test_a_landing_turns_back_by_as_much_as_the_plan_is_turned(planar: ffsms.Spa
     plan = told(problem, rates)
     goal = corrected_goal(problem, problem.goal, plan)
     assert goal is not None
-    wanted = goal.place(6.0).rotation
-    assert wanted is not None
+    target = goal.place(6.0).rotation
+    assert target is not None
     end = planar.at(plan.q[-1]).end_effector_pose.rotation
-    # As far beyond the wanted attitude as the end is short of it.
-    np.testing.assert_allclose(wanted @ here.rotation.T, here.rotation @ end.T, atol=1e-12)
+    # The rotation beyond the target equals the rotation short of it.
+    np.testing.assert_allclose(target @ here.rotation.T, here.rotation @ end.T, atol=1e-12)

@@ -1,4 +1,4 @@
-"""Joints do not travel far where the target is near."""
+"""Joint travel to a near target."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ import ffsms_pin as ffsms
 from ffsms_pin import opt
 
 
-def test_a_march_is_taken_where_the_cheapest_motion_is_a_detour() -> None:
-    """A target 17 cm away: both motions cost next to nothing, but one turns the joints three times as far."""
+def test_a_rollout_is_chosen_if_the_cheapest_motion_is_a_detour() -> None:
+    """The target is 17 cm away; without rollouts the joints travel more than three times as far."""
     sms = ffsms.load("satellite_panda")
     q0 = sms.configuration([0.56, -0.59, -1.38, -2.22, 1.35, 1.79, 1.29])
     target = sms.at(q0).end_effector_pose.translation + np.array([0.13, 0.02, 0.1])

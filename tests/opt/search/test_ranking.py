@@ -1,4 +1,4 @@
-"""Which finished motion is the plan."""
+"""The choice of the plan among finished motions."""
 
 from __future__ import annotations
 
@@ -15,51 +15,53 @@ from ffsms_pin.opt.search.search import Search, SearchOptions
 
 
 @pytest.fixture(scope="module")
-def arrived(planar: ffsms.SpaceManipulator) -> opt.Trajectory:
+def reached_plan(planar: ffsms.SpaceManipulator) -> opt.Trajectory:
     plan = opt.solve(planar_problem(planar, goal=[0.75, 0.5, 0.0]))
     assert plan.reached
     return plan
 
 
 def chosen(problem: opt.Problem, plan: opt.Trajectory, shares: list[dict[str, float]]) -> int:
-    """Which of some motions that arrive, and differ in what their terms come to, is taken."""
+    """Return the index of the chosen motion among arriving motions with these shares of terms."""
     options = SearchOptions()
     model = Model.make(problem, options.coarse)
     still = linearise(model, np.zeros((1, model.spline.size, 3)), LAST_WEIGHTS)
-    found = [still._replace(plan=dataclasses.replace(plan, shares=one)) for one in shares]
-    best = Search(problem, options).best(found)
-    return next(i for i, one in enumerate(found) if one is best)
+    candidates = [still._replace(plan=dataclasses.replace(plan, shares=share)) for share in shares]
+    best = Search(problem, options).best(candidates)
+    return next(i for i, candidate in enumerate(candidates) if candidate is best)
 
 
 def shares(coupling: float, effort: float, **more: float) -> dict[str, float]:
     return {"coupling": coupling, "smooth": 0.0, "effort": effort} | more
 
 
-def test_of_motions_of_about_the_same_cost_the_one_of_least_effort(
-    planar: ffsms.SpaceManipulator, arrived: opt.Trajectory
+def test_the_least_effort_is_chosen_among_motions_of_similar_cost(
+    planar: ffsms.SpaceManipulator, reached_plan: opt.Trajectory
 ) -> None:
     for duration in (6.0, 24.0):  # the tolerance does not grow with the duration
         problem = planar_problem(planar, goal=[0.75, 0.5, 0.0], duration=duration)
-        assert chosen(problem, arrived, [shares(0.0, 9e-3), shares(7e-4, 5e-3), shares(9e-4, 1e-3)]) == 1
-    # What the tie-breakers come to does not count as cost.
+        assert chosen(problem, reached_plan, [shares(0.0, 9e-3), shares(7e-4, 5e-3), shares(9e-4, 1e-3)]) == 1
+    # The shares of tie-breakers do not count as cost.
     problem = planar_problem(planar, goal=[0.75, 0.5, 0.0])
-    assert chosen(problem, arrived, [shares(1e-3, 1e-3), shares(1e-4, 0.1)]) == 1
+    assert chosen(problem, reached_plan, [shares(1e-3, 1e-3), shares(1e-4, 0.1)]) == 1
 
 
-def test_terms_that_are_no_tie_breakers_are_cost(
-    planar: ffsms.SpaceManipulator, arrived: opt.Trajectory
+def test_terms_that_are_no_tie_breakers_count_as_cost(
+    planar: ffsms.SpaceManipulator, reached_plan: opt.Trajectory
 ) -> None:
     terms = [opt.Coupling(), opt.Smooth(), opt.Effort(), opt.BaseTurn()]
     problem = planar_problem(planar, goal=[0.75, 0.5, 0.0], terms=terms)
     motions = [shares(0.0, 1e-3, **{"base turn": 5e-3}), shares(2e-3, 2e-3, **{"base turn": 1e-3})]
-    assert chosen(problem, arrived, motions) == 1
-    # Neither is a great weight on effort.
+    assert chosen(problem, reached_plan, motions) == 1
+    # An effort with a large weight counts as cost.
     terms = [opt.Coupling(), opt.Smooth(), opt.Effort(1e-2)]
     problem = planar_problem(planar, goal=[0.75, 0.5, 0.0], terms=terms)
-    assert chosen(problem, arrived, [shares(0.0, 0.1), shares(2e-3, 0.05)]) == 1
+    assert chosen(problem, reached_plan, [shares(0.0, 0.1), shares(2e-3, 0.05)]) == 1
 
 
-def test_without_costs_the_least_effort(planar: ffsms.SpaceManipulator, arrived: opt.Trajectory) -> None:
+def test_motions_without_cost_terms_are_ranked_by_tie_breakers(
+    planar: ffsms.SpaceManipulator, reached_plan: opt.Trajectory
+) -> None:
     problem = planar_problem(planar, goal=[0.75, 0.5, 0.0], terms=[opt.Smooth(), opt.Effort()])
     motions = [{"smooth": 2e-3, "effort": 1e-3}, {"smooth": 1e-3, "effort": 1e-3}]
-    assert chosen(problem, arrived, motions) == 1
+    assert chosen(problem, reached_plan, motions) == 1

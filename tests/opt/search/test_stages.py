@@ -1,4 +1,4 @@
-"""Which motions go on to the next stage."""
+"""The choice of motions for the next stage."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from ffsms_pin.opt.search.gauss_newton import LAST_WEIGHTS, Model, distinct_best
 from ffsms_pin.opt.search.inverse_kinematics import straight_moves
 
 
-def test_a_motion_through_a_body_goes_on_after_the_others(planar: ffsms.SpaceManipulator) -> None:
+def test_motions_in_collision_are_ranked_after_the_others(planar: ffsms.SpaceManipulator) -> None:
     problem = planar_problem(planar)
     model = Model.make(problem, COARSE)
     goals = problem.joints0 + np.array([[0.3, 0.0, 0.0], [0.0, 0.4, 0.0], [0.0, 0.4, 0.01], [0.0, 0.0, 0.5]])
@@ -20,11 +20,11 @@ def test_a_motion_through_a_body_goes_on_after_the_others(planar: ffsms.SpaceMan
     motions.limit_share[:] = motions.blocked_share[:] = 0.0
 
     def order(keep: int) -> list[float]:
-        return [float(one) for one in distinct_best(motions, keep).merit]
+        return [float(merit) for merit in distinct_best(motions, keep).merit]
 
-    # The second and the third have come together.
+    # The second and the third motion are nearly equal.
     assert order(4) == [1.0, 1.1, 1.3]
-    # A waypoint that is not passed yet, say, does not matter.
+    # Violated limits other than collisions, such as missed waypoints, do not matter.
     motions.limit_share[:] = [2.5, 0.9, 0.0, 1.2]
     assert order(4) == [1.0, 1.1, 1.3]
     motions.blocked_share[:] = [2.5, 0.9, 0.0, 1.2]

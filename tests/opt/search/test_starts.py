@@ -1,4 +1,4 @@
-"""Where the search starts: joint goals, straight moves, and marches."""
+"""Initial motions of the search: joint goals, straight moves and rollouts."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ from ffsms_pin.opt.step.stepwise import cheap_rollouts, sides_of, with_rest_at_e
 from ffsms_pin.robot.base_motion import roll_out
 
 
-def test_halton_points_are_the_known_ones() -> None:
+def test_halton_points_agree_with_the_published_sequence() -> None:
     np.testing.assert_allclose(
         halton(0, 4, 2), [[1 / 2, 1 / 3], [1 / 4, 2 / 3], [3 / 4, 1 / 9], [1 / 8, 4 / 9]]
     )
     np.testing.assert_array_equal(halton(2, 2, 2), halton(0, 4, 2)[2:])
 
 
-def test_seeds_are_spread_over_the_joints_or_near_the_start(planar: ffsms.SpaceManipulator) -> None:
+def test_seeds_are_spread_over_the_joint_ranges_or_near_the_start(planar: ffsms.SpaceManipulator) -> None:
     problem = planar_problem(planar)
     low, high = joint_range(problem)
     seeds, near = spread_postures(problem, 0, 32), spread_postures(problem, 0, 32, 0.3)
@@ -40,17 +40,17 @@ def test_seeds_are_spread_over_the_joints_or_near_the_start(planar: ffsms.SpaceM
     np.testing.assert_allclose(spread_postures(locked, 0, 8)[:, 1], problem.joints0[1], atol=1e-15)
 
 
-@pytest.mark.parametrize("posed", [False, True])
-def test_straight_moves_end_where_the_shooting_says(planar: ffsms.SpaceManipulator, posed: bool) -> None:
+@pytest.mark.parametrize("with_attitude", [False, True])
+def test_straight_moves_end_at_the_joint_goals(planar: ffsms.SpaceManipulator, with_attitude: bool) -> None:
     problem, tolerance = planar_problem(planar), 1e-3
-    if posed:
-        # Where a straight move ends, the base reacting: such a pose can be taken.
+    if with_attitude:
+        # The end of a straight move of the floating robot is reachable.
         q, _ = roll_out(planar, problem.q0, np.array([0.5, -0.9, 0.8]), np.zeros((400, 3)), 1.0 / 400)
         problem = planar_problem(planar, goal=planar.at(q[-1]).end_effector_pose)
     place = problem.goal.place(6.0)
     goals = joint_goals(problem, spread_postures(problem, 0, 12))
     near = goals.distance < tolerance
-    assert near.sum() >= (1 if posed else 4)
+    assert near.sum() >= (1 if with_attitude else 4)
     for joints in goals.joints[near]:
         move = joints - problem.joints0
         q, _ = roll_out(planar, problem.q0, move, np.zeros((400, 3)), 1.0 / 400)
@@ -59,17 +59,17 @@ def test_straight_moves_end_where_the_shooting_says(planar: ffsms.SpaceManipulat
         if place.rotation is not None:
             assert np.linalg.norm(pin.log3(place.rotation @ end.rotation.T)) < 3e-3
     spline = spline_of(problem)
-    only = planar_problem(planar, limits=[opt.JointLimits()])
+    joints_only = planar_problem(planar, limits=[opt.JointLimits()])
     for p, goal in zip(straight_moves(problem, spline, goals.joints), goals.joints, strict=True):
-        plan = told(only, node_rates(problem, spline, p))
+        plan = told(joints_only, node_rates(problem, spline, p))
         assert not plan.broken
-        move, wanted = plan.joint_positions[-1] - problem.joints0, goal - problem.joints0
-        shares = move / wanted  # below one for the joints that the time is too short for
+        move, requested = plan.joint_positions[-1] - problem.joints0, goal - problem.joints0
+        shares = move / requested  # below 1 for joints without enough time
         assert (shares > 0.0).all()
         assert (shares < 1.0 + 1e-3).all()
 
 
-def test_straight_moves_of_an_arm_that_moves_begin_with_its_rates(planar: ffsms.SpaceManipulator) -> None:
+def test_straight_moves_begin_with_the_initial_rates(planar: ffsms.SpaceManipulator) -> None:
     problem = moving_problem(planar, limits=[opt.JointLimits()])
     spline = spline_of(problem)
     goals = problem.joints0 + np.array([[0.2, -0.1, 0.15], [-0.2, 0.1, -0.3]])
@@ -80,43 +80,43 @@ def test_straight_moves_of_an_arm_that_moves_begin_with_its_rates(planar: ffsms.
         np.testing.assert_allclose(plan.joint_positions[-1], goal, atol=2e-3)
 
 
-def test_shooting_moves_no_locked_joint(planar: ffsms.SpaceManipulator) -> None:
+def test_joint_goals_keep_locked_joints(planar: ffsms.SpaceManipulator) -> None:
     problem = planar_problem(planar, locked=["joint_1"])
     goals = joint_goals(problem, spread_postures(problem, 0, 8))
     np.testing.assert_array_equal(goals.joints[:, 0], np.full(8, problem.joints0[0]))
 
 
-def test_goals_that_leave_the_base_as_it_was_are_preferred(planar: ffsms.SpaceManipulator) -> None:
-    turned = {}
+def test_joint_goals_respect_a_limit_on_the_final_base_attitude(planar: ffsms.SpaceManipulator) -> None:
+    medians = {}
     for name, limits in (("free", []), ("held", [opt.BaseLimits(final_attitude=0.01)])):
         problem = planar_problem(planar, limits=[opt.JointLimits(), *limits])
         goals = joint_goals(problem, spread_postures(problem, 0, 12))
         turns = []
         for joints in goals.joints:
             q, _ = roll_out(planar, problem.q0, joints - problem.joints0, np.zeros((100, 3)), 0.01)
-            back = planar.at(problem.q0).base_pose.rotation.T
-            turns.append(np.linalg.norm(pin.log3(back @ planar.at(q[-1]).base_pose.rotation)))
-        turned[name] = float(np.median(turns))
-    assert turned["held"] < 0.8 * turned["free"]
+            start_rotation = planar.at(problem.q0).base_pose.rotation.T
+            turns.append(np.linalg.norm(pin.log3(start_rotation @ planar.at(q[-1]).base_pose.rotation)))
+        medians[name] = float(np.median(turns))
+    assert medians["held"] < 0.8 * medians["free"]
 
 
-def test_the_straight_time_is_that_of_the_slowest_joint(planar: ffsms.SpaceManipulator) -> None:
+def test_the_straight_time_is_set_by_the_slowest_joint(planar: ffsms.SpaceManipulator) -> None:
     problem, limits = planar_problem(planar), planar.limits
-    way = np.array([0.0, 1.2, 0.1])
+    displacement = np.array([0.0, 1.2, 0.1])
     expected = 1.2 / limits.velocity[1] + limits.velocity[1] / limits.acceleration[1]
-    assert straight_time(problem, problem.joints0 + way) == pytest.approx(expected)
+    assert straight_time(problem, problem.joints0 + displacement) == pytest.approx(expected)
     short = 0.1 * limits.velocity[0] ** 2 / limits.acceleration[0]
     expected = 2.0 * np.sqrt(short / limits.acceleration[0])
     assert straight_time(problem, problem.joints0 + np.array([short, 0.0, 0.0])) == pytest.approx(expected)
 
 
-def test_free_marches_keep_the_limits_and_stop_at_their_budget(planar: ffsms.SpaceManipulator) -> None:
+def test_rollouts_keep_the_limits_and_stop_at_their_budget(planar: ffsms.SpaceManipulator) -> None:
     problem = planar_problem(planar, duration=12.0, dt=0.05)
     sides = sides_of(problem)
-    marches = list(cheap_rollouts(problem, 10.0, sides))
-    assert len(marches) == 2
+    rollouts = list(cheap_rollouts(problem, 10.0, sides))
+    assert len(rollouts) == 2
     costs = []
-    for rates in marches:
+    for rates in rollouts:
         plan = told(problem, rates)
         assert not plan.broken, plan.note
         costs.append(plan.cost_integral)
@@ -126,7 +126,7 @@ def test_free_marches_keep_the_limits_and_stop_at_their_budget(planar: ffsms.Spa
     assert list(cheap_rollouts(problem, -1.0, sides)) == []
 
 
-def test_a_march_in_space_ends_at_rest_on_its_cone() -> None:
+def test_a_rollout_in_space_arrives_at_rest_at_low_cost() -> None:
     sms = ffsms.load("satellite_panda")
     q0 = sms.configuration(0.5 * (sms.limits.lower + sms.limits.upper))
     target = sms.at(q0).end_effector_pose.translation + np.array([-0.1, 0.2, 0.1])
@@ -138,7 +138,7 @@ def test_a_march_in_space_ends_at_rest_on_its_cone() -> None:
     assert np.abs(plan.joint_rates[-1]).max() < 1e-3
 
 
-def test_landing_slows_all_joints_alike(planar: ffsms.SpaceManipulator) -> None:
+def test_braking_to_rest_scales_all_joints_equally(planar: ffsms.SpaceManipulator) -> None:
     problem = planar_problem(planar, duration=2.0, dt=0.05)
     rates = np.tile([0.02, -0.01, 0.005], (problem.steps + 1, 1))
     slowed = with_rest_at_end(problem, rates)
