@@ -1,4 +1,4 @@
-"""An arm with a payload that nobody knows of, after the deadline of a motion that is planned again."""
+"""A re-planned arm with an unmodelled payload, after the deadline."""
 
 from __future__ import annotations
 
@@ -26,10 +26,12 @@ def plan(problem: opt.Problem) -> opt.Trajectory:
     return opt.solve(problem)
 
 
-def flown(problem: opt.Problem, plan: opt.Trajectory) -> tuple[ffsms.Tracking, opt.Replanning]:
+def simulate_with_payload(
+    problem: opt.Problem, plan: opt.Trajectory
+) -> tuple[ffsms.Tracking, opt.Replanning]:
     reference = opt.Replanning(problem, hold=HOLD, plan=plan)
     payload = simulation.Capture(0.0, 10.0, 0.1 * np.eye(3))
-    law = ComputedTorque(problem.sms, K_p=49.0, K_d=14.0, adaptive=False)  # nor does the law find out
+    law = ComputedTorque(problem.sms, K_p=49.0, K_d=14.0, adaptive=False)
     tracking = ffsms.simulate(
         problem.sms,
         reference,
@@ -41,32 +43,32 @@ def flown(problem: opt.Problem, plan: opt.Trajectory) -> tuple[ffsms.Tracking, o
     return tracking, reference
 
 
-def late(tracking: ffsms.Tracking) -> float:
+def error_after_deadline(tracking: ffsms.Tracking) -> float:
     return float(tracking.position_error[tracking.t > DEADLINE + 1.0].max())
 
 
 @pytest.mark.long
 @pytest.mark.slow
-def test_commands_wait_for_joints_that_lag(
+def test_commands_wait_for_delayed_joints(
     problem: opt.Problem, plan: opt.Trajectory, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    calm, _ = flown(problem, plan)
-    rates = np.abs(calm.v[:, 6:]) / problem.sms.limits.velocity
-    assert rates[calm.t > DEADLINE].max() < 1.0
-    assert calm.position_error[-1] < 0.01
+    waiting, _ = simulate_with_payload(problem, plan)
+    rates = np.abs(waiting.v[:, 6:]) / problem.sms.limits.velocity
+    assert rates[waiting.t > DEADLINE].max() < 1.0
+    assert waiting.position_error[-1] < 0.01
     monkeypatch.setattr(replanning, "_LAG", np.inf)
     monkeypatch.setattr(replanning, "_PATIENCE", np.inf)
-    hasty, _ = flown(problem, plan)
-    assert late(hasty) > 2.0 * late(calm)
+    impatient, _ = simulate_with_payload(problem, plan)
+    assert error_after_deadline(impatient) > 2.0 * error_after_deadline(waiting)
 
 
 @pytest.mark.slow
-def test_corrections_that_make_it_worse_end_at_the_best_posture(
+def test_diverging_corrections_end_at_the_best_posture(
     problem: opt.Problem, plan: opt.Trajectory, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(replanning, "_LAG", np.inf)
     monkeypatch.setattr(replanning, "_PATIENCE", 0.2)
-    tracking, reference = flown(problem, plan)
+    tracking, reference = simulate_with_payload(problem, plan)
     assert "did not converge" in reference.note
     moving = np.abs(tracking.v[tracking.t > DEADLINE + HOLD - 0.5, 6:]).max()
     assert moving < 0.1

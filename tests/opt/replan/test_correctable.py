@@ -1,4 +1,4 @@
-"""What an arm can correct, the dead band, the jerk limit, and momentum from noisy samples."""
+"""Correctable errors, the dead band, the jerk limit, and momentum from noisy samples."""
 
 from __future__ import annotations
 
@@ -33,32 +33,32 @@ def test_a_spatial_arm_can_correct_everything() -> None:
     assert correctable.goal(goal, q, 0.0) == (goal, 0.0)
 
 
-def test_a_planar_arm_corrects_what_is_in_its_plane(planar: ffsms.SpaceManipulator) -> None:
+def test_a_planar_arm_corrects_errors_in_its_plane(planar: ffsms.SpaceManipulator) -> None:
     correctable = Correctable(planar)
-    # In an attitude of the base that is not the inertial one: the plane turns with it.
+    # The base is rotated, and the arm's plane with it.
     base = pin.SE3(pin.rpy.rpyToMatrix(0.3, -0.5, 0.2), np.array([0.1, 0.2, 0.3]))
     q = planar.configuration(START, base)
     here = planar.at(q).end_effector_pose
     across, along = base.rotation[:, 2], base.rotation @ np.array([0.6, 0.8, 0.0])
     target = here.translation + 0.2 * along + 0.004 * across
     turned = here.rotation @ pin.rpy.rpyToMatrix(0.0, 0.0, 0.3)
-    goal, left = correctable.goal(opt.Pose(pin.SE3(turned, target)), q, 1.0)
-    assert left == pytest.approx(0.004)
+    goal, miss = correctable.goal(opt.Pose(pin.SE3(turned, target)), q, 1.0)
+    assert miss == pytest.approx(0.004)
     place = goal.place(1.0)
     np.testing.assert_allclose(place.position, here.translation + 0.2 * along, atol=1e-12)
     assert place.rotation is not None
     np.testing.assert_allclose(place.rotation, turned, atol=1e-12)
-    # A tilt out of the plane is not corrected either.
+    # A tilt out of the plane is not corrected.
     tilted = opt.Pose(pin.SE3(turned @ pin.rpy.rpyToMatrix(1e-3, 0.0, 0.0), target))
     place = correctable.goal(tilted, q, 1.0)[0].place(1.0)
     assert place.rotation is not None
     assert np.abs(pin.log3(place.rotation @ here.rotation.T) @ np.c_[along]).max() < 1e-9
-    # Goals in the plane stay the very same objects, so nothing changes for them.
+    # Goals in the plane are returned unchanged.
     plain = opt.Position(here.translation + 0.1 * along)
     assert correctable.goal(plain, q, 1.0) == (plain, 0.0)
 
 
-def test_a_target_across_the_plane_is_approached_and_told(planar: ffsms.SpaceManipulator) -> None:
+def test_the_miss_of_a_target_off_the_plane_is_reported(planar: ffsms.SpaceManipulator) -> None:
     reference = opt.StepPlanner(planar, dt=0.05).track([0.9, 0.3, 0.01], 4.0)
     law, q0 = ComputedTorque(planar, 100.0, 20.0), planar.configuration(START)
     tracking = simulate(planar, reference, law, dt=5e-3, q0=q0)
@@ -68,9 +68,9 @@ def test_a_target_across_the_plane_is_approached_and_told(planar: ffsms.SpaceMan
 
 
 def test_the_dead_band_has_two_edges() -> None:
-    banded, rests = ReplanOptions(dead_band=1e-3), [False]
+    with_band, rests = ReplanOptions(dead_band=1e-3), [False]
     for distance in (2e-3, 0.9e-3, 0.3e-3, 0.9e-3, 1.1e-3, 0.9e-3):
-        rests.append(banded.rests(distance, None, rests[-1]))
+        rests.append(with_band.rests(distance, None, rests[-1]))
     assert rests[1:] == [False, False, True, True, False, False]
     options = ReplanOptions()
     assert not options.rests(0.0, None, False)
@@ -79,63 +79,69 @@ def test_the_dead_band_has_two_edges() -> None:
     assert ReplanOptions(dead_band=5e-3).band(None) == 5e-3
 
 
-def commands(planar: ffsms.SpaceManipulator, **given: object) -> tuple[Array, Tracking]:
-    """Accelerations (N, 3) that were commanded, one a planning step, on a wrong plant, and the motion."""
+def simulate_commands(planar: ffsms.SpaceManipulator, **options: object) -> tuple[Array, Tracking]:
+    """Return commanded accelerations (N, 3) by planning step on a wrong plant, and the recording."""
     q0 = planar.configuration(START)
     plan = opt.plan(planar, q0, [0.75, 0.5, 0.0], 6.0, dt=0.02, method="resolved-rate")
     problem = opt.Problem(planar, q0, plan.target, 6.0, 0.02)
-    options = ReplanOptions(period=0.3, **given)  # type: ignore[arg-type]
-    reference = opt.Replanning(problem, 1.0, plan, options)
+    replan_options = ReplanOptions(period=0.3, **options)  # type: ignore[arg-type]
+    reference = opt.Replanning(problem, 1.0, plan, replan_options)
     law, plant = ComputedTorque(planar, 100.0, 20.0), perturb(planar, arm_mass=1.2)
-    found: list[Array] = []
+    accelerations: list[Array] = []
 
-    class Written(Observer):
+    class CommandRecorder(Observer):
         duration, target, momentum = reference.duration, reference.target, None
         sample = staticmethod(reference.sample)
 
         @staticmethod
         def observe(t: float, q: Array, v: Array) -> None:
             reference.observe(t, q, v)
-            if not found or round(t / 0.02, 6) == round(t / 0.02):
-                found.append(reference.sample(t)[2])
+            if not accelerations or round(t / 0.02, 6) == round(t / 0.02):
+                accelerations.append(reference.sample(t)[2])
 
-    tracking = simulate(planar, Written(), law, dt=5e-3, q0=q0, plant=plant)
-    return np.array(found), tracking
+    tracking = simulate(planar, CommandRecorder(), law, dt=5e-3, q0=q0, plant=plant)
+    return np.array(accelerations), tracking
 
 
 @pytest.mark.slow
 def test_commands_keep_a_jerk_limit_on_request(planar: ffsms.SpaceManipulator) -> None:
-    free, _ = commands(planar)
-    held, tracking = commands(planar, jerk=[4.0, 4.0, 5.0])
-    jerk = np.abs(np.diff(held, axis=0)).max(axis=0) / 0.02
+    free, _ = simulate_commands(planar)
+    limited, tracking = simulate_commands(planar, jerk=[4.0, 4.0, 5.0])
+    jerk = np.abs(np.diff(limited, axis=0)).max(axis=0) / 0.02
     assert (jerk <= np.array([4.0, 4.0, 5.0]) + 1e-4).all()
     assert np.abs(np.diff(free, axis=0)).max() / 0.02 > 10.0
     assert tracking.position_error[-1] < 2e-3
-    assert (np.abs(held) <= planar.limits.acceleration + 1e-9).all()
+    assert (np.abs(limited) <= planar.limits.acceleration + 1e-9).all()
 
 
 def test_wrong_numbers_of_replanning_are_refused(
     planar: ffsms.SpaceManipulator, refused: Callable[..., FfsmsError]
 ) -> None:
     problem = opt.Problem(planar, planar.configuration(START), [0.75, 0.5, 0.0], 6.0, 0.02)
-    given: dict[str, Any] = {"jerk": [1.0, 2.0], "dead_band": -1.0}
-    for word, value in given.items():
-        made = partial(ReplanOptions, **{word: value})
-        refused(lambda made=made: opt.Replanning(problem, options=made()), InvalidValue, word)
+    wrong: dict[str, Any] = {"jerk": [1.0, 2.0], "dead_band": -1.0}
+    for name, value in wrong.items():
+        make_options = partial(ReplanOptions, **{name: value})
+        refused(
+            lambda make_options=make_options: opt.Replanning(problem, options=make_options()),
+            InvalidValue,
+            name,
+        )
 
 
 @pytest.mark.parametrize("noisy", [True, False])
-def test_a_noisy_first_sample_is_one_of_many(noisy: bool, planar: ffsms.SpaceManipulator) -> None:
+def test_a_noisy_estimate_weights_the_first_sample_as_any_other(
+    noisy: bool, planar: ffsms.SpaceManipulator
+) -> None:
     plant = perturb(planar, arm_mass=[1.2, 0.9, 1.1])
     rng, steps = np.random.default_rng(3), 400
     accelerations = 0.4 * np.sin(np.linspace(0.0, 12.0, steps)[:, None] * rng.uniform(0.5, 2.0, 3))
     q, rates = roll_out(plant, plant.configuration(np.ones(3)), np.zeros(3), accelerations, 0.02, None)
     estimate = ScaleFactors(planar)
     estimate.noisy = noisy
-    for k, (at, u) in enumerate(zip(q, rates, strict=True)):
-        v = plant.velocity(at, u)
+    for k, (configuration, u) in enumerate(zip(q, rates, strict=True)):
+        v = plant.velocity(configuration, u)
         if k == 0:
             v[:6] += 3e-3  # three standard deviations of one sample
-        estimate.update(0.0, at, v)
-    off = np.abs(estimate.solve() - [1.2, 0.9, 1.1, 1.0]).max()
-    assert off < 0.1 if noisy else off > 0.15
+        estimate.update(0.0, configuration, v)
+    error = np.abs(estimate.solve() - [1.2, 0.9, 1.1, 1.0]).max()
+    assert error < 0.1 if noisy else error > 0.15

@@ -1,4 +1,4 @@
-"""Planning again in the loop while wheels hold the attitude."""
+"""Re-planning in the closed loop with a controlled base attitude."""
 
 from __future__ import annotations
 
@@ -41,45 +41,49 @@ def plan(problem: opt.Problem) -> opt.Trajectory:
     return opt.solve(problem)
 
 
-def followed(problem: opt.Problem, reference: Any, plant: ffsms.SpaceManipulator) -> Tracking:
+def simulate_reference(problem: opt.Problem, reference: Any, plant: ffsms.SpaceManipulator) -> Tracking:
     law = Coordinated(problem.sms, 100.0, 20.0, bandwidth=2.5)
     return ffsms.simulate(problem.sms, reference, law, 1e-2, q0=problem.q0, plant=plant, base_controller=law)
 
 
-def turned(run: Tracking) -> float:
-    """The largest angle from the attitude at the start [deg]."""
+def largest_rotation(run: Tracking) -> float:
+    """Return the largest angle from the initial attitude [deg]."""
     first = pin.Quaternion(run.q[0, 3:7])
     return float(np.degrees(max(first.angularDistance(pin.Quaternion(row)) for row in run.q[::10, 3:7])))
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("arm", "base"), [(1.2, 0.9), (0.8, 1.1)])
-def test_a_wrong_model_arrives_by_planning_again(
+def test_replanning_arrives_with_a_wrong_model(
     problem: opt.Problem, plan: opt.Trajectory, arm: float, base: float
 ) -> None:
-    """With an attitude law in the loop; what is planned once misses by millimetres."""
+    """A plan without re-planning misses by more than 5 mm."""
     plant = perturb(problem.sms, arm_mass=arm, base_mass=base)
     reference = opt.Replanning(problem, plan=plan)
-    again = followed(problem, reference, plant)
-    assert again.position_error[-1] < 5e-4
-    assert turned(again) < 0.1
+    replanned = simulate_reference(problem, reference, plant)
+    assert replanned.position_error[-1] < 5e-4
+    assert largest_rotation(replanned) < 0.1
     assert reference.failed_steps == 0
     assert reference.note == ""
-    assert again.note == ""
-    once = followed(problem, plan, plant)
+    assert replanned.note == ""
+    once = simulate_reference(problem, plan, plant)
     assert once.position_error[-1] > 5e-3
 
 
-def test_the_right_model_keeps_to_its_plan(problem: opt.Problem, plan: opt.Trajectory) -> None:
+def test_replanning_with_the_right_model_stays_near_its_plan(
+    problem: opt.Problem, plan: opt.Trajectory
+) -> None:
     reference = opt.Replanning(problem, plan=plan)
-    run = followed(problem, reference, problem.sms)
+    run = simulate_reference(problem, reference, problem.sms)
     assert run.position_error[-1] < 5e-4
-    # Each re-plan goes on descending: it is not the plan to the digit.
+    # Each re-plan continues the descent, so the motion differs from the plan.
     largest = np.abs(plan.wheel_momentum).max()
     assert np.abs(run.wheel_momentum).max() == pytest.approx(largest, rel=0.3)
 
 
-def test_the_rest_has_the_wheels_as_they_then_are(problem: opt.Problem, plan: opt.Trajectory) -> None:
+def test_the_remaining_problem_has_the_current_wheel_momenta(
+    problem: opt.Problem, plan: opt.Trajectory
+) -> None:
     k = 70
     rest = rest_of(
         problem, problem.sms, k * DT, plan.q[k], plan.joint_positions[k], plan.joint_rates[k], plan.q[0, :7]
@@ -88,36 +92,36 @@ def test_the_rest_has_the_wheels_as_they_then_are(problem: opt.Problem, plan: op
     np.testing.assert_allclose(rest.wheel_momentum, plan.wheel_momentum[k], atol=1e-12)
     np.testing.assert_allclose(rest.wheel_total, problem.wheel_total, atol=1e-12)
     assert [limit.name for limit in rest.limits] == [limit.name for limit in problem.limits]
-    # What is left of the plan is what the rest makes of it.
-    again = measure(rest, plan.joint_rates[k:])
-    np.testing.assert_allclose(again.wheel_momentum, plan.wheel_momentum[k:], atol=1e-9)
+    # The remaining problem gives the plan's remaining momenta.
+    replanned = measure(rest, plan.joint_rates[k:])
+    np.testing.assert_allclose(replanned.wheel_momentum, plan.wheel_momentum[k:], atol=1e-9)
 
 
-def test_masses_are_learnt_from_the_linear_momentum(problem: opt.Problem) -> None:
-    """Wheels take angular momentum, so only the linear one says anything; thrusters push from outside."""
+def test_masses_are_estimated_from_the_linear_momentum(problem: opt.Problem) -> None:
+    """Wheels exchange angular momentum, so linear momentum alone is used; thrusters change both."""
     plant = perturb(problem.sms, arm_mass=1.2)
-    turns = np.linspace(0.0, np.pi, problem.steps + 1)[:, None]
-    rates = np.array([0.3, 0.4, 0.5]) * np.sin(turns * [2.0, 4.0, 6.0]) * np.sin(turns)  # moves every link
-    run = followed(problem, measure(problem, rates), plant)
+    phase = np.linspace(0.0, np.pi, problem.steps + 1)[:, None]
+    rates = np.array([0.3, 0.4, 0.5]) * np.sin(phase * [2.0, 4.0, 6.0]) * np.sin(phase)  # moves every link
+    run = simulate_reference(problem, measure(problem, rates), plant)
 
-    def learnt(mode: str) -> FloatArray:
+    def estimated_factors(mode: str) -> FloatArray:
         estimate = ScaleFactors(problem.sms, mode)
         for q, v in zip(run.q[::5], run.v[::5], strict=True):
             assert not estimate.update(0.0, q, v)
         return estimate.solve()
 
-    # The first link moves too little beside the base to be told from it.
-    np.testing.assert_allclose(learnt("rotation-floating")[1:3], 1.2, atol=0.03)
-    np.testing.assert_array_equal(learnt("rotation-flying"), np.ones(4))
-    wrong = ScaleFactors(problem.sms, "floating")
+    # The first link hardly moves relative to the base, so its mass is not identifiable.
+    np.testing.assert_allclose(estimated_factors("rotation-floating")[1:3], 1.2, atol=0.03)
+    np.testing.assert_array_equal(estimated_factors("rotation-flying"), np.ones(4))
+    floating = ScaleFactors(problem.sms, "floating")
     for q, v in zip(run.q[::5], run.v[::5], strict=True):
-        wrong.update(0.0, q, v)
-    assert np.abs(wrong.solve()[1:3] - 1.2).max() > 0.1
+        floating.update(0.0, q, v)
+    assert np.abs(floating.solve()[1:3] - 1.2).max() > 0.1
 
 
 @pytest.mark.parametrize("mode", ["rotation-flying", "flying"])
-def test_thrusters_hold_while_it_is_planned_again(mode: str) -> None:
-    """A loop whose base really is held: the plant is followed by its model in the mode."""
+def test_replanning_with_thrusters_that_hold_the_base(mode: str) -> None:
+    """The plant is the model in the same mode."""
     sms = ffsms.load("planar_3r")
     q0 = sms.configuration(np.radians([1.0, 1.0, 1.0]))
     problem = opt.Problem(sms, q0, TARGET, 4.0, DT, mode=mode)
@@ -128,13 +132,13 @@ def test_thrusters_hold_while_it_is_planned_again(mode: str) -> None:
         reference.observe(k * DT, q, v)
         _, rates, accelerations = reference.sample(k * DT)
         q, rates = advance(sms, q, rates, accelerations, DT, None, mode)
-    missed = sms.at(q).end_effector_pose.translation - TARGET
-    assert np.linalg.norm(missed) < 2e-3
+    error = sms.at(q).end_effector_pose.translation - TARGET
+    assert np.linalg.norm(error) < 2e-3
     assert reference.note == ""
 
 
-def test_a_push_while_wheels_hold_the_attitude(problem: opt.Problem, plan: opt.Trajectory) -> None:
-    """The rest is planned for the drift of the system; the old motion would miss by centimetres."""
+def test_replanning_compensates_the_drift_after_a_push(problem: opt.Problem, plan: opt.Trajectory) -> None:
+    """The drift until the deadline exceeds 2 cm."""
     sms, k = problem.sms, len(plan.t) // 4
     t, drift = float(plan.t[k]), np.array([0.004, -0.003, 0.0])
     reference = opt.Replanning(problem, plan=plan)

@@ -45,12 +45,12 @@ def test_the_default_leaves_a_reserve_for_a_client(
     for goal in (opt.Meet(client), POINT):
         planner = RestPlanner(opt.Problem(planar, q, goal), options)
         planned.append(planner._with_reserve().limits.velocity / planar.limits.velocity)
-    of_point = 1.0 if reserve is None else share
-    np.testing.assert_allclose(planned, [[share] * 3, [of_point] * 3], rtol=1e-12)
+    point_share = 1.0 if reserve is None else share
+    np.testing.assert_allclose(planned, [[share] * 3, [point_share] * 3], rtol=1e-12)
 
 
 @pytest.mark.parametrize("value", [-0.1, 1.0, np.nan, "0.1"])
-def test_a_reserve_that_is_no_share(value: Any) -> None:
+def test_a_reserve_outside_0_to_1_is_refused(value: Any) -> None:
     with pytest.raises(InvalidValue, match="rate_reserve"):
         opt.ReplanOptions(rate_reserve=value)
 

@@ -1,4 +1,4 @@
-"""Paths in the loop: wrong masses and noise, followed by re-planning."""
+"""Paths in the closed loop, re-planned with wrong masses, noise, pushes and faults."""
 
 from __future__ import annotations
 
@@ -24,36 +24,38 @@ def q0(planar: Any) -> Any:
     return planar.configuration([0.3, 0.6, 0.5])
 
 
-def path(begin: Any, **words: Any) -> opt.Path:
+def path(begin: Any, **options: Any) -> opt.Path:
     """Return a circle of 50 mm through a position, three quarters of it in six seconds."""
     return opt.Path(
         lambda t: begin + 0.05 * np.array([np.cos(0.25 * np.pi * t) - 1.0, np.sin(0.25 * np.pi * t), 0.0]),
         approach_time=2.0,
-        **words,
+        **options,
     )
 
 
-def flown(planar: Any, q0: Any, reference: Any, plant: Any = None, **words: Any) -> ffsms.Tracking:
+def simulate_reference(
+    planar: Any, q0: Any, reference: Any, plant: Any = None, **options: Any
+) -> ffsms.Tracking:
     law = ComputedTorque(planar, K_p=100.0, K_d=20.0)
-    conditions = ffsms.Conditions(**words)
+    conditions = ffsms.Conditions(**options)
     return ffsms.simulate(planar, reference, law, 5e-3, q0=q0, plant=plant, conditions=conditions)
 
 
-def test_wrong_masses(planar: Any, q0: Any) -> None:
-    """Masses wrong by 20 %: a plan made once leaves the path by centimetres, re-planning keeps it."""
+def test_replanning_follows_a_path_with_wrong_masses(planar: Any, q0: Any) -> None:
+    """With masses wrong by 20 %, a plan without re-planning leaves the path by more than 5 mm."""
     problem = opt.Problem(planar, q0, path(planar.at(q0).end_effector_pose.translation), DURATION)
     plant = ffsms.perturb(planar, arm_mass=1.2, base_mass=0.8)
     plan = opt.solve(problem)
-    once = flown(planar, q0, plan, plant)
-    again = flown(planar, q0, opt.Replanning(problem, plan=plan), plant)
-    late = again.t >= 1.0
+    once = simulate_reference(planar, q0, plan, plant)
+    replanned = simulate_reference(planar, q0, opt.Replanning(problem, plan=plan), plant)
+    late = replanned.t >= 1.0
     assert once.position_error[late].max() > 5e-3
-    assert again.position_error[late].max() < 0.25 * WITHIN
-    assert again.arrived, again.note
+    assert replanned.position_error[late].max() < 0.25 * WITHIN
+    assert replanned.arrived, replanned.note
 
 
-def test_noise(planar: Any, q0: Any) -> None:
-    """Noisy, late measurements of the base, and wrong masses."""
+def test_replanning_follows_a_path_with_noisy_late_measurements(planar: Any, q0: Any) -> None:
+    """The masses are wrong too."""
     problem = opt.Problem(planar, q0, path(planar.at(q0).end_effector_pose.translation), DURATION)
     plant = ffsms.perturb(planar, arm_mass=1.2, base_mass=0.8)
     noisy = Sensors(
@@ -65,26 +67,25 @@ def test_noise(planar: Any, q0: Any) -> None:
         base_rate_noise=1e-4,
         base_latency=0.02,
     )
-    run = flown(planar, q0, opt.Replanning(problem), plant, sensors=noisy, estimator=True)
+    run = simulate_reference(planar, q0, opt.Replanning(problem), plant, sensors=noisy, estimator=True)
     assert run.position_error[run.t >= 1.0].max() < WITHIN
     assert run.arrived, run.note
 
 
-def test_on_the_base_and_held(planar: Any, q0: Any) -> None:
-    """A path that rides on the base; after the deadline its end is held."""
+def test_a_path_on_the_base_is_followed_and_its_end_kept(planar: Any, q0: Any) -> None:
     base = pin.XYZQUATToSE3(q0[:7])
     begin = base.actInv(planar.at(q0).end_effector_pose.translation)
     problem = opt.Problem(planar, q0, path(begin, frame="base"), DURATION)
     plant = ffsms.perturb(planar, arm_mass=1.2, base_mass=0.8)
-    run = flown(planar, q0, opt.Replanning(problem, hold=1.0), plant)
+    run = simulate_reference(planar, q0, opt.Replanning(problem, hold=1.0), plant)
     assert run.t[-1] == pytest.approx(DURATION + 1.0)
     assert run.position_error[run.t >= 1.0].max() < WITHIN
     assert run.position_error[-1] < 1e-4
 
 
 @pytest.mark.parametrize("mode", ["floating", "rotation-flying", "flying"])
-def test_a_push_during_a_path(planar: Any, q0: Any, mode: str) -> None:
-    """A push may change the momentum of the free part of the base's motion only."""
+def test_replanning_of_a_path_accepts_a_push(planar: Any, q0: Any, mode: str) -> None:
+    """A push changes the momentum of the uncontrolled base coordinates alone."""
     problem = opt.Problem(
         planar, q0, path(planar.at(q0).end_effector_pose.translation), DURATION, 0.05, mode=mode
     )
@@ -97,29 +98,27 @@ def test_a_push_during_a_path(planar: Any, q0: Any, mode: str) -> None:
     assert np.isfinite(reference.sample(0.1)[1]).all()
 
 
-def test_a_start_that_is_measured(planar: Any, q0: Any) -> None:
-    """`StepPlanner.track` begins wherever the robot is: the approach leads from there."""
+def test_tracking_a_path_starts_at_the_measured_state(planar: Any, q0: Any) -> None:
+    """The approach of `StepPlanner.track` leads from the measured state to the path."""
     begin = planar.at(q0).end_effector_pose.translation
     away = planar.configuration([0.3, 0.6, 0.4])
     reference = opt.StepPlanner(planar, dt=0.01).track(path(begin), DURATION)
-    run = flown(planar, away, reference)
+    run = simulate_reference(planar, away, reference)
     assert run.arrived, run.note
     assert run.position_error[run.t >= 2.5].max() < WITHIN
     assert run.position_error[0] < 1e-6
 
 
-def test_a_joint_that_locks(planar: Any, q0: Any) -> None:
-    """Two joints are enough for a position: the path is kept without the third."""
+def test_a_path_is_followed_after_a_joint_locks(planar: Any, q0: Any) -> None:
+    """Two joints suffice for positions in the plane."""
     problem = opt.Problem(planar, q0, path(planar.at(q0).end_effector_pose.translation), DURATION)
     fault = JointFault(4.0, "joint_3")
-    run = flown(planar, q0, opt.Replanning(problem), events=fault)
-    assert run.position_error[run.t >= 5.0].max() < WITHIN, (
-        run.note
-    )  # it stops all at once, which swings the arm
+    run = simulate_reference(planar, q0, opt.Replanning(problem), events=fault)
+    assert run.position_error[run.t >= 5.0].max() < WITHIN, run.note  # the sudden stop swings the arm
 
 
-def test_fastest_path_needs_its_plan(planar: Any, q0: Any) -> None:
-    """The times of the path are those of the plan; without it the path would be followed at an even speed."""
+def test_replanning_a_fastest_path_requires_its_plan(planar: Any, q0: Any) -> None:
+    """The plan has the time law of the path."""
     begin = planar.at(q0).end_effector_pose.translation
     line = opt.Path([begin, begin + np.array([-0.05, 0.0, 0.0])], timing="fastest")
     problem = opt.Problem(planar, q0, line, DURATION)
@@ -127,7 +126,7 @@ def test_fastest_path_needs_its_plan(planar: Any, q0: Any) -> None:
         opt.Replanning(problem)
     plan = opt.solve(problem)
     assert plan.problem is not None
-    run = flown(planar, q0, opt.Replanning(plan.problem, plan=plan))
+    run = simulate_reference(planar, q0, opt.Replanning(plan.problem, plan=plan))
     assert run.t[-1] == pytest.approx(plan.duration, abs=5e-3)
     assert plan.duration < 0.5 * DURATION
     assert run.position_error.max() < WITHIN
@@ -136,8 +135,8 @@ def test_fastest_path_needs_its_plan(planar: Any, q0: Any) -> None:
 @pytest.mark.parametrize(
     ("option", "value"), [("search_again", 2.0), ("dead_band", 1e-4), ("settle", 0.2), ("rate_reserve", 0.1)]
 )
-def test_options_that_no_path_has(planar: Any, q0: Any, option: str, value: float) -> None:
-    """Each is refused by its name, as weights of single steps are."""
+def test_options_without_effect_on_paths_are_refused(planar: Any, q0: Any, option: str, value: float) -> None:
+    """Weights of single steps are refused too."""
     problem = opt.Problem(planar, q0, path(planar.at(q0).end_effector_pose.translation), DURATION)
     with pytest.raises(InvalidValue, match=f"{option} is not for an opt.Path"):
         opt.Replanning(problem, options=opt.ReplanOptions(**{option: value}))
@@ -145,33 +144,33 @@ def test_options_that_no_path_has(planar: Any, q0: Any, option: str, value: floa
         opt.Replanning(problem, weights=opt.StepWeights())
 
 
-def test_newest_estimate_of_a_client(planar: Any, q0: Any) -> None:
-    """A client that is measured better on the way takes the path with it, from the first look on."""
+def test_replanning_follows_the_newest_estimate_of_a_client(planar: Any, q0: Any) -> None:
+    """The path moves with the estimate from the first measurement on."""
     pose = planar.at(q0).end_effector_pose
     true = ffsms.Client(20.0, [1.0, 1.0, 1.0], pose=pose, twist=[0.002, 0.001, 0.0, 0.0, 0.0, 0.01])
-    off = pin.SE3(np.eye(3), pose.translation + np.array([0.005, -0.004, 0.0]))
-    first = ffsms.Client(20.0, [1.0, 1.0, 1.0], pose=off, twist=[0.0, 0.0, 0.0, 0.0, 0.0, 0.012])
+    wrong_pose = pin.SE3(np.eye(3), pose.translation + np.array([0.005, -0.004, 0.0]))
+    first = ffsms.Client(20.0, [1.0, 1.0, 1.0], pose=wrong_pose, twist=[0.0, 0.0, 0.0, 0.0, 0.0, 0.012])
     camera = Camera(position_noise=0.005, velocity_noise=0.005, rate_noise=0.005)
     estimate = ClientEstimate(first, 0.0, camera)
 
-    class Watching(opt.Replanning):
-        """A re-planning that takes in what it sees twice a second."""
+    class MeasuringReplanning(opt.Replanning):
+        """A re-planning with two measurements of the client a second."""
 
-        looked = 0.0
+        last_measurement = 0.0
 
         def observe(self, t: float, q: Any, v: Any) -> None:
-            if t >= self.looked + 0.5:
-                self.looked = t
-                seen = ffsms.Client(20.0, [1.0, 1.0, 1.0], pose=true.pose(t), twist=true.twist(t))
-                estimate.observe(seen, t)
+            if t >= self.last_measurement + 0.5:
+                self.last_measurement = t
+                measured = ffsms.Client(20.0, [1.0, 1.0, 1.0], pose=true.pose(t), twist=true.twist(t))
+                estimate.observe(measured, t)
             super().observe(t, q, v)
 
     problem = opt.Problem(planar, q0, path(np.zeros(3), frame=estimate), DURATION)
-    run = flown(planar, q0, Watching(problem))
-    wanted = opt.Problem(planar, q0, path(np.zeros(3), frame=true), DURATION).goal
-    missed = [
-        np.linalg.norm(wanted.place(t).position - planar.at(q).end_effector_pose.translation)
+    run = simulate_reference(planar, q0, MeasuringReplanning(problem))
+    goal = opt.Problem(planar, q0, path(np.zeros(3), frame=true), DURATION).goal
+    errors = [
+        np.linalg.norm(goal.place(t).position - planar.at(q).end_effector_pose.translation)
         for t, q in zip(run.t[::20], run.q[::20], strict=True)
     ]
-    assert missed[20] > 3e-3  # where the first look has it, half way through the approach
-    assert max(missed[60:]) < WITHIN
+    assert errors[20] > 3e-3  # half way through the approach, after the first measurement
+    assert max(errors[60:]) < WITHIN

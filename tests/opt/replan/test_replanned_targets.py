@@ -1,4 +1,4 @@
-"""Re-planning in the loop: targets that move or are held, poses, limits of the base, a drift."""
+"""Re-planning in the closed loop: moving targets, poses, base limits and momentum."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ DEGREE = np.pi / 180.0
 
 
 @pytest.mark.slow
-def test_moving_target_is_met_with_its_velocity_and_held(planar: ffsms.SpaceManipulator) -> None:
+def test_a_moving_target_is_met_with_its_velocity(planar: ffsms.SpaceManipulator) -> None:
     def target(t: float) -> Array:
         angle = 0.05 * t
         return np.array([0.62 * np.cos(angle) + 0.25, 0.62 * np.sin(angle) - 0.05, 0.0])
@@ -31,20 +31,20 @@ def test_moving_target_is_met_with_its_velocity_and_held(planar: ffsms.SpaceMani
     k = int(np.searchsorted(tracking.t, 8.0))
     assert tracking.position_error[k] < 2e-3
     velocity = planar.at(tracking.q[k], tracking.v[k]).J_star[:3] @ tracking.v[k, 6:]
-    wanted = (target(8.01) - target(7.99)) / 0.02
-    np.testing.assert_allclose(velocity, wanted, atol=5e-3)
-    assert np.linalg.norm(wanted) > 0.03
+    velocity_target = (target(8.01) - target(7.99)) / 0.02
+    np.testing.assert_allclose(velocity, velocity_target, atol=5e-3)
+    assert np.linalg.norm(velocity_target) > 0.03
     assert tracking.position_error[tracking.t > 8.5].max() < 1e-3
 
 
-def test_a_goal_that_asks_for_a_velocity_is_passed_with_it(planar: ffsms.SpaceManipulator) -> None:
-    wanted = np.array([0.0, 0.03, 0.0])
-    goal = opt.Position([0.75, 0.5, 0.0], velocity=wanted)
+def test_a_goal_with_a_velocity_is_passed_with_it(planar: ffsms.SpaceManipulator) -> None:
+    velocity_target = np.array([0.0, 0.03, 0.0])
+    goal = opt.Position([0.75, 0.5, 0.0], velocity=velocity_target)
     _, tracking = run(planar, goal, 6.0, hold=2.0, plant=perturb(planar, arm_mass=1.1))
     k = int(np.searchsorted(tracking.t, 6.0))
     assert tracking.position_error[k] < 2e-3
     velocity = planar.at(tracking.q[k], tracking.v[k]).J_star[:3] @ tracking.v[k, 6:]
-    np.testing.assert_allclose(velocity, wanted, atol=2e-3)
+    np.testing.assert_allclose(velocity, velocity_target, atol=2e-3)
     assert tracking.position_error[-1] < 2e-3  # and returns
 
 
@@ -70,7 +70,7 @@ def test_pose_targets_are_tracked(planar: ffsms.SpaceManipulator) -> None:
     assert reference.failed_steps == 0
 
 
-def test_bad_targets_and_times_are_refused(
+def test_wrong_targets_and_times_are_refused(
     planar: ffsms.SpaceManipulator, refused: Callable[..., FfsmsError]
 ) -> None:
     planner = opt.StepPlanner(planar)
@@ -81,14 +81,14 @@ def test_bad_targets_and_times_are_refused(
 
 
 @pytest.mark.slow
-def test_limits_of_the_base_are_kept_in_the_loop() -> None:
-    """Also on a wrong plant, and counted from where the base was at the start."""
+def test_base_limits_are_kept_in_the_closed_loop() -> None:
+    """The plant is wrong; the limit counts from the initial base pose."""
     sms, limit = ffsms.load("satellite_xarm7"), 1.0 * DEGREE
     base = pin.SE3(pin.rpy.rpyToMatrix(0.4, -0.7, 1.1), np.array([0.5, -0.2, 0.3]))
     q0 = sms.configuration([0.2, -0.5, 0.3, 1.2, 0.2, 0.9, 0.1], base)
     target = sms.at(q0).end_effector_pose.translation + base.rotation @ np.array([-0.1, 0.25, 0.15])
     plant = perturb(sms, arm_mass=1.1)
-    most, miss = {}, {}
+    largest, miss = {}, {}
     for limits in (None, opt.BaseLimits(attitude=limit)):
         reference = opt.StepPlanner(sms, 0.02, base_limits=limits).track(target, 6.0)
         law = ComputedTorque(sms, 100.0, 20.0, coulomb=0.0, viscous=0.0)
@@ -96,17 +96,17 @@ def test_limits_of_the_base_are_kept_in_the_loop() -> None:
         track = simulate(sms, reference, law, dt=5e-3, q0=q0, plant=plant, conditions=smooth)
         first = pin.XYZQUATToSE3(q0[:7]).rotation.T
         turns = [pin.log3(first @ pin.XYZQUATToSE3(q[:7]).rotation) for q in track.q]
-        most[limits], miss[limits] = float(np.linalg.norm(turns, axis=1).max()), track.position_error[-1]
-    free, held = most.values()
+        largest[limits], miss[limits] = float(np.linalg.norm(turns, axis=1).max()), track.position_error[-1]
+    free, limited = largest.values()
     assert free > 1.2 * limit
-    assert 0.5 * limit < held <= limit
+    assert 0.5 * limit < limited <= limit
     assert max(miss.values()) < 2e-3
 
 
 @pytest.mark.long
 @pytest.mark.slow
-def test_a_limit_of_the_base_that_bends_the_way() -> None:
-    """Half a metre with the base within 3 degrees, on a wrong plant."""
+def test_a_base_limit_that_changes_the_path_is_kept() -> None:
+    """Move by 0.5 m with the base within 3 degrees on a wrong plant."""
     sms, limit = ffsms.load("satellite_panda"), 3.0 * DEGREE
     q0 = sms.configuration(0.5 * (sms.limits.lower + sms.limits.upper))
     target = sms.at(q0).end_effector_pose.translation + np.array([-0.15, 0.35, -0.25])
@@ -119,8 +119,7 @@ def test_a_limit_of_the_base_that_bends_the_way() -> None:
     assert track.position_error[-1] < 5e-3
 
 
-def test_a_drifting_satellite(planar: ffsms.SpaceManipulator) -> None:
-    """With a total momentum that it is told, and beside it without."""
+def test_a_target_is_reached_with_momentum(planar: ffsms.SpaceManipulator) -> None:
     q0 = planar.configuration([0.3, 0.6, 0.5])
     target = planar.at(q0).end_effector_pose.translation + np.array([-0.2, 0.15, 0.0])
     momentum = planar.at(q0, 0.01 * np.eye(9)[5]).momentum

@@ -1,4 +1,4 @@
-"""`StepPlanner`: a short name for the step with the paper's limits."""
+"""`StepPlanner`, the stepper with the paper's limits."""
 
 from __future__ import annotations
 
@@ -21,19 +21,19 @@ from ffsms_pin.opt.step.stepper import Stepper
 TARGET = np.array([0.45, 0.75, 0.0])
 
 
-def test_it_is_the_stepper_with_the_limits_of_the_paper(planar: ffsms.SpaceManipulator) -> None:
+def test_the_step_planner_is_a_stepper_with_the_limits_of_the_paper(planar: ffsms.SpaceManipulator) -> None:
     q, rates = planar.configuration([0.4, 0.7, -0.5]), np.array([0.1, -0.1, 0.2])
     limits = [JointLimits(), TorqueLimits(), Clearance(0.02), BaseLimits(attitude=0.1), AlphaBox()]
     stepper = Stepper(planar, 0.02, 5.0, limits, momentum=0.01 * np.ones(6))
     planner = opt.StepPlanner(
         planar, 0.02, 5.0, 0.02, base_limits=opt.BaseLimits(attitude=0.1), momentum=0.01 * np.ones(6)
     )
-    for one, other in zip(
+    for array, expected in zip(
         planner.build(q, rates, TARGET, 5.0), stepper.build(q, rates, TARGET, 5.0), strict=True
     ):
-        np.testing.assert_array_equal(one, other)
-    ours, plain = planner.step(q, rates, TARGET, 5.0), stepper.step(q, rates, TARGET, 5.0)
-    np.testing.assert_array_equal(ours.joint_rates, plain.joint_rates)
+        np.testing.assert_array_equal(array, expected)
+    step, expected_step = planner.step(q, rates, TARGET, 5.0), stepper.step(q, rates, TARGET, 5.0)
+    np.testing.assert_array_equal(step.joint_rates, expected_step.joint_rates)
     np.testing.assert_array_equal(
         planner.advance(q, rates, TARGET, 4.9).joint_rates, stepper.advance(q, rates, TARGET, 4.9).joint_rates
     )
@@ -46,14 +46,14 @@ def test_it_is_the_stepper_with_the_limits_of_the_paper(planar: ffsms.SpaceManip
     assert planner.dt == 0.05
 
 
-def test_its_defaults_are_those_of_the_contract() -> None:
+def test_defaults_of_the_step_planner() -> None:
     signature = inspect.signature(opt.StepPlanner)
-    defaults = {name: one.default for name, one in signature.parameters.items() if name != "sms"}
+    defaults = {name: parameter.default for name, parameter in signature.parameters.items() if name != "sms"}
     assert (defaults["dt"], defaults["kappa"], defaults["clearance"]) == (0.01, 10.0, 0.01)
     assert (defaults["collision"], defaults["aim"]) == ("points", "step")
 
 
-def test_limits_and_terms_of_ones_own(planar: ffsms.SpaceManipulator) -> None:
+def test_custom_limits_and_terms_are_used(planar: ffsms.SpaceManipulator) -> None:
     q, rates = planar.configuration([0.4, 0.7, -0.5]), np.zeros(3)
     planner = opt.StepPlanner(planar, limits=[opt.JointLimits()], terms=[opt.BaseTurn(0.2)])
     assert len(planner.build(q, rates, TARGET, 5.0).l) == 3
@@ -62,7 +62,7 @@ def test_limits_and_terms_of_ones_own(planar: ffsms.SpaceManipulator) -> None:
     assert [term.name for term in problem.terms] == ["coupling", "smooth", "effort", "base turn"]
 
 
-def test_tracking_takes_over_the_settings(planar: ffsms.SpaceManipulator) -> None:
+def test_tracking_keeps_the_settings(planar: ffsms.SpaceManipulator) -> None:
     planner = opt.StepPlanner(
         planar, 0.02, 5.0, base_limits=opt.BaseLimits(attitude=0.1), momentum=np.ones(6)
     )
@@ -77,7 +77,9 @@ def test_tracking_takes_over_the_settings(planar: ffsms.SpaceManipulator) -> Non
     np.testing.assert_allclose(moving.target(2.0), TARGET + 0.02)
 
 
-def test_what_is_wrong_is_refused(planar: ffsms.SpaceManipulator, refused: Callable[..., FfsmsError]) -> None:
+def test_wrong_settings_are_refused(
+    planar: ffsms.SpaceManipulator, refused: Callable[..., FfsmsError]
+) -> None:
     wrong: Any = 0.1
     refused(lambda: opt.StepPlanner(planar, base_limits=wrong), InvalidValue, "base_limits")
     refused(

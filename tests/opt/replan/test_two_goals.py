@@ -1,4 +1,4 @@
-"""A closed loop with goals for both arms, to its end."""
+"""A closed loop with goals for both arms."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ HALF = [0.3, 0.5, 0.2, -1.0, 0.2, 0.6, 0.1]
 
 
 def _tool(sms: ffsms.SpaceManipulator, q: Any, name: str) -> Any:
-    """Pose of a frame by Pinocchio."""
+    """Return the pose of a frame by Pinocchio."""
     data = sms.model.createData()
     pin.framesForwardKinematics(sms.model, data, q)
     return data.oMf[sms.model.getFrameId(name)].copy()
@@ -40,7 +40,7 @@ def test_both_tools_arrive_in_a_loop_with_wrong_masses() -> None:
         assert np.linalg.norm(_tool(sms, q, "left_tool").translation - left) <= 1e-3
         assert np.linalg.norm(pose.translation - right.translation) <= 1e-3
         assert np.linalg.norm(pin.log3(pose.rotation.T @ right.rotation)) <= 2e-3
-    # Neither tool is pulled away from where it is in the last tenth.
+    # Both tools stay within 2 cm of their goals in the last tenth.
     for k in np.flatnonzero(tracking.t >= 7.2):
         assert np.linalg.norm(_tool(sms, tracking.q[k], "left_tool").translation - left) <= 0.02
         assert np.linalg.norm(_tool(sms, tracking.q[k], "right_tool").translation - right.translation) <= 0.02

@@ -1,4 +1,4 @@
-"""A warm re-plan of the rest of a motion: what it keeps, and what it changes nothing of."""
+"""Warm-started re-planning of the rest of a motion."""
 
 from __future__ import annotations
 
@@ -28,8 +28,8 @@ def problem(panda: ffsms.SpaceManipulator) -> opt.Problem:
     middle = 0.5 * (panda.limits.lower + panda.limits.upper)
     base = pin.SE3(pin.rpy.rpyToMatrix(0.4, -0.7, 1.1), np.array([0.5, -0.2, 0.3]))
     q0 = panda.configuration(middle, base)
-    way = base.rotation @ np.array([-0.15, 0.2, -0.2])
-    target = panda.at(q0).end_effector_pose.translation + way
+    displacement = base.rotation @ np.array([-0.15, 0.2, -0.2])
+    target = panda.at(q0).end_effector_pose.translation + displacement
     return opt.Problem(panda, q0, target, DURATION, DT)
 
 
@@ -40,90 +40,94 @@ def plan(problem: opt.Problem) -> opt.Trajectory:
     return plan
 
 
-def again(
-    problem: opt.Problem, plan: opt.Trajectory, t: float, **given: Any
+def replan_rest(
+    problem: opt.Problem, plan: opt.Trajectory, t: float, **changes: Any
 ) -> tuple[opt.Problem, JointPlan]:
-    """The rest of a problem from a node of its plan on, re-planned; `given` replaces what is known."""
+    """Return the remaining problem from a node of its plan and its re-plan; `changes` replaces the state."""
     k = round(t / problem.dt)
-    known = {
+    values = {
         "sms": problem.sms,
         "q": plan.q[k],
         "joints": plan.joint_positions[k],
         "rates": plan.joint_rates[k],
         "base_start": plan.q[0, :7],
         "locked": (),
-        **given,
+        **changes,
     }
-    rest = rest_of(problem, t=t, **known)
+    rest = rest_of(problem, t=t, **values)
     last = JointPlan.of_trajectory(plan)
-    return rest, replanned(rest, t, known["joints"], last, OPTIONS)
+    return rest, replanned(rest, t, values["joints"], last, OPTIONS)
 
 
 @pytest.mark.parametrize("t", [0.8, 3.2, 6.4, 7.6])
-def test_nothing_changes_where_nothing_is_wrong(t: float, problem: opt.Problem, plan: opt.Trajectory) -> None:
+def test_replanning_an_undisturbed_motion_keeps_it(
+    t: float, problem: opt.Problem, plan: opt.Trajectory
+) -> None:
     k = round(t / DT)
-    rest, found = again(problem, plan, t)
-    assert np.abs(found.positions - plan.joint_positions[k:]).max() < 0.03
+    rest, replanned_motion = replan_rest(problem, plan, t)
+    assert np.abs(replanned_motion.positions - plan.joint_positions[k:]).max() < 0.03
     assert np.ptp(plan.joint_positions[k:], axis=0).max() > {0.8: 0.3, 3.2: 0.1}.get(t, 0.0)
-    finished = measure(rest, found.rates)
+    finished = measure(rest, replanned_motion.rates)
     assert finished.clear
     assert finished.position_error[-1] < 1e-3
-    assert found.miss == pytest.approx(finished.position_error[-1], abs=2e-4)
-    assert found.start == t
+    assert replanned_motion.miss == pytest.approx(finished.position_error[-1], abs=2e-4)
+    assert replanned_motion.start == t
 
 
-def test_the_command_goes_on_without_a_jump(problem: opt.Problem, plan: opt.Trajectory) -> None:
-    _, found = again(problem, plan, 2.0)
-    np.testing.assert_array_equal(found.rates[0], plan.joint_rates[100])
-    np.testing.assert_array_equal(found.positions[0], plan.joint_positions[100])
-    assert (np.abs(np.diff(found.rates, axis=0)) <= DT * problem.sms.limits.acceleration + 1e-9).all()
+def test_replanned_commands_are_continuous(problem: opt.Problem, plan: opt.Trajectory) -> None:
+    _, replanned_motion = replan_rest(problem, plan, 2.0)
+    np.testing.assert_array_equal(replanned_motion.rates[0], plan.joint_rates[100])
+    np.testing.assert_array_equal(replanned_motion.positions[0], plan.joint_positions[100])
+    assert (
+        np.abs(np.diff(replanned_motion.rates, axis=0)) <= DT * problem.sms.limits.acceleration + 1e-9
+    ).all()
 
 
-def test_a_base_that_is_elsewhere_is_made_up_for(problem: opt.Problem, plan: opt.Trajectory) -> None:
+def test_replanning_corrects_an_error_of_the_base_pose(problem: opt.Problem, plan: opt.Trajectory) -> None:
     k, q = 150, plan.q[150].copy()
     base = pin.XYZQUATToSE3(q[:7]) * pin.exp6(np.array([0.01, -0.02, 0.01, 0.02, 0.01, -0.03]))
     q[:7] = pin.SE3ToXYZQUAT(base)
-    rest, found = again(problem, plan, k * DT, q=q)
+    rest, replanned_motion = replan_rest(problem, plan, k * DT, q=q)
     assert measure(rest, plan.joint_rates[k:]).position_error[-1] > 0.02
-    assert measure(rest, found.rates).position_error[-1] < 1.2e-3
+    assert measure(rest, replanned_motion.rates).position_error[-1] < 1.2e-3
 
 
-def test_another_mass_is_made_up_for(problem: opt.Problem, plan: opt.Trajectory) -> None:
+def test_replanning_corrects_an_error_of_mass(problem: opt.Problem, plan: opt.Trajectory) -> None:
     other = perturb(problem.sms, arm_mass=1.3)
-    rest, found = again(problem, plan, 1.0, sms=other)
+    rest, replanned_motion = replan_rest(problem, plan, 1.0, sms=other)
     assert measure(rest, plan.joint_rates[50:]).position_error[-1] > 5e-3
-    assert measure(rest, found.rates).position_error[-1] < 1.2e-3
+    assert measure(rest, replanned_motion.rates).position_error[-1] < 1.2e-3
 
 
-def test_locked_joints_stay_exactly(problem: opt.Problem, plan: opt.Trajectory) -> None:
+def test_replanning_keeps_locked_joints_exactly(problem: opt.Problem, plan: opt.Trajectory) -> None:
     j = 0
     name, rates = problem.sms.joint_names[j], plan.joint_rates[100].copy()
     assert abs(rates[j]) > 1e-3
     rates[j] = 0.0
-    rest, found = again(problem, plan, 2.0, rates=rates, locked=[name])
-    np.testing.assert_array_equal(found.rates[:, j], 0.0)
-    np.testing.assert_array_equal(found.positions[:, j], plan.joint_positions[100, j])
-    assert np.abs(found.rates[:, 2]).max() > 1e-3
-    # A joint less is no small change, some 0.1 m at the end: what one re-plan does not find the next ones do.
+    rest, replanned_motion = replan_rest(problem, plan, 2.0, rates=rates, locked=[name])
+    np.testing.assert_array_equal(replanned_motion.rates[:, j], 0.0)
+    np.testing.assert_array_equal(replanned_motion.positions[:, j], plan.joint_positions[100, j])
+    assert np.abs(replanned_motion.rates[:, 2]).max() > 1e-3
+    # Locking a joint moves the end by about 0.1 m, which takes several re-plans to correct.
     assert measure(rest, np.where(rest.free, plan.joint_rates[100:], 0.0)).position_error[-1] > 0.08
     for _ in range(3):
-        found = replanned(rest, 2.0, plan.joint_positions[100], found, OPTIONS)
-        np.testing.assert_array_equal(found.rates[:, j], 0.0)
-    assert found.miss < 2e-3
+        replanned_motion = replanned(rest, 2.0, plan.joint_positions[100], replanned_motion, OPTIONS)
+        np.testing.assert_array_equal(replanned_motion.rates[:, j], 0.0)
+    assert replanned_motion.miss < 2e-3
 
 
-def test_a_start_with_moving_joints_keeps_limits(problem: opt.Problem, plan: opt.Trajectory) -> None:
-    """Rates at which nothing was planned: some joints at their limits of rate, others backwards."""
+def test_replanning_from_other_rates_keeps_limits(problem: opt.Problem, plan: opt.Trajectory) -> None:
+    """Some joints start at their rate limits, others move backwards."""
     limits = problem.sms.limits
     rates = 0.5 * limits.velocity * np.array([1, -1, 0.4, -0.3, 1, -1, 1])
     rates[0] = limits.velocity[0]
-    rest, found = again(problem, plan, 1.0, rates=rates)
-    finished = measure(rest, found.rates)
+    rest, replanned_motion = replan_rest(problem, plan, 1.0, rates=rates)
+    finished = measure(rest, replanned_motion.rates)
     assert "joints" not in finished.broken
-    assert (np.abs(np.diff(found.rates, axis=0)) <= DT * limits.acceleration + 1e-9).all()
-    assert limits.violation(found.positions).max() == 0.0
-    np.testing.assert_array_equal(found.rates[0], rates)
-    np.testing.assert_allclose(found.rates[-1], 0.0, atol=1e-3)
+    assert (np.abs(np.diff(replanned_motion.rates, axis=0)) <= DT * limits.acceleration + 1e-9).all()
+    assert limits.violation(replanned_motion.positions).max() == 0.0
+    np.testing.assert_array_equal(replanned_motion.rates[0], rates)
+    np.testing.assert_allclose(replanned_motion.rates[-1], 0.0, atol=1e-3)
 
 
 def test_base_limits_count_from_the_start_of_the_whole_motion(
@@ -132,25 +136,25 @@ def test_base_limits_count_from_the_start_of_the_whole_motion(
     start = pin.XYZQUATToSE3(plan.q[0, :7]).rotation
     turns = [np.linalg.norm(pin.log3(start.T @ pin.XYZQUATToSE3(q[:7]).rotation)) for q in plan.q]
     limit, k = 0.9 * float(max(turns)), 120
-    held = replace(problem, limits=[*problem.limits, opt.BaseLimits(attitude=limit)])
-    # The free plan breaks it, and is told so at the right size, although its rest alone turns the base less.
-    rest, _ = again(held, plan, k * DT)
+    limited = replace(problem, limits=[*problem.limits, opt.BaseLimits(attitude=limit)])
+    # The violation is measured from the start of the whole motion.
+    rest, _ = replan_rest(limited, plan, k * DT)
     assert measure(rest, plan.joint_rates[k:]).broken["base"] == pytest.approx(max(turns) - limit, rel=0.05)
-    within = opt.solve(held)
-    assert within.reached
-    rest, found = again(held, within, k * DT)
-    finished = measure(rest, found.rates)
+    limited_plan = opt.solve(limited)
+    assert limited_plan.reached
+    rest, replanned_motion = replan_rest(limited, limited_plan, k * DT)
+    finished = measure(rest, replanned_motion.rates)
     assert finished.broken == {}
-    most = [np.linalg.norm(pin.log3(start.T @ pin.XYZQUATToSE3(q[:7]).rotation)) for q in finished.q]
-    assert 0.8 * limit < max(most) <= limit
+    rotations = [np.linalg.norm(pin.log3(start.T @ pin.XYZQUATToSE3(q[:7]).rotation)) for q in finished.q]
+    assert 0.8 * limit < max(rotations) <= limit
     assert finished.position_error[-1] < 2e-3
 
 
-def test_a_moving_goal_is_seen_from_the_later_time(planar: ffsms.SpaceManipulator) -> None:
-    asked: list[float] = []
+def test_a_moving_goal_is_shifted_in_time(planar: ffsms.SpaceManipulator) -> None:
+    times: list[float] = []
 
     def path(t: float) -> Array:
-        asked.append(t)
+        times.append(t)
         return np.array([0.7 + 0.01 * t, 0.3, 0.0])
 
     goal = Changed(opt.Moving(path), time_offset=2.0)
@@ -158,9 +162,9 @@ def test_a_moving_goal_is_seen_from_the_later_time(planar: ffsms.SpaceManipulato
     velocity = goal.place(1.0).velocity
     assert velocity is not None
     np.testing.assert_allclose(velocity, [0.01, 0.0, 0.0], atol=1e-9)
-    asked.clear()
+    times.clear()
     goal.places(np.array([0.0, 1.0]))
-    assert asked == [2.0, 3.0]  # and no more
+    assert times == [2.0, 3.0]
     q0 = planar.configuration([0.5, 0.5, 0.5])
     whole = opt.Problem(planar, q0, opt.Moving(path), 6.0, 0.02)
     rest = rest_of(whole, planar, 2.0, q0, planar.layout.positions(q0), np.zeros(3), q0[:7])
@@ -168,23 +172,23 @@ def test_a_moving_goal_is_seen_from_the_later_time(planar: ffsms.SpaceManipulato
     np.testing.assert_allclose(rest.goal.place(4.0).position, whole.goal.place(6.0).position)
 
 
-def test_a_limit_of_ones_own_counts_from_the_start(planar: ffsms.SpaceManipulator) -> None:
+def test_a_custom_base_limit_counts_from_the_start(planar: ffsms.SpaceManipulator) -> None:
     q0 = planar.configuration([0.5, 0.5, 0.5])
     whole = opt.Problem(
         planar, q0, [0.8, 0.3, 0.0], 6.0, 0.02, limits=[opt.JointLimits(), opt.BaseLimits(translation=0.05)]
     )
-    away = np.array([1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
-    rest = rest_of(whole, planar, 2.0, q0, planar.layout.positions(q0), np.zeros(3), away)
+    other_base = np.array([1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
+    rest = rest_of(whole, planar, 2.0, q0, planar.layout.positions(q0), np.zeros(3), other_base)
     joints, base = rest.limits
     assert isinstance(joints, opt.JointLimits)
     assert isinstance(base, opt.BaseLimits)
     assert (base.name, base.margin) == ("base", opt.BaseLimits().margin)
     still = measure(rest, np.zeros((rest.steps + 1, 3)))
-    shift = np.linalg.norm(pin.XYZQUATToSE3(q0[:7]).act(planar.base_com) - away[:3] - planar.base_com)
+    shift = np.linalg.norm(pin.XYZQUATToSE3(q0[:7]).act(planar.base_com) - other_base[:3] - planar.base_com)
     assert still.broken["base"] == pytest.approx(shift - 0.05)
 
 
-def test_joint_plan_is_linear_in_rates() -> None:
+def test_a_joint_plan_interpolates_rates_linearly() -> None:
     rng = np.random.default_rng(2)
     rates = rng.normal(size=(6, 2))
     plan = JointPlan(1.0, 0.1, np.array([0.3, -0.2]), rates, 0.0)

@@ -1,4 +1,4 @@
-"""The fastest time law along a path, against a linear programme on a fine grid and against closed forms."""
+"""The fastest time law along a path, against a linear program on a fine grid and against closed forms."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def wave(pose: Any) -> Any:
 
 
 def least_time(rows: LimitRows) -> float:
-    """Return the least time by a linear programme: the squares of ds/dt as large as all rows allow."""
+    """Return the least time by a linear program that maximizes the squares of ds/dt."""
     count, steps = len(rows.shares), np.diff(rows.shares)
     i = np.arange(count - 1)
     shape = (count - 1, count)
@@ -52,17 +52,17 @@ def least_time(rows: LimitRows) -> float:
                 shape=shape,
             )
             blocks.append(u + csr_array((rows.b[end, j], (i, end)), shape=shape))
-    most = np.repeat(rows.c, 2 * (count - 1))
+    largest = np.repeat(rows.c, 2 * (count - 1))
     upper = rows.largest.copy()
     upper[[0, -1]] = 0.0
-    result = linprog(-np.ones(count), vstack(blocks), most, bounds=np.stack([0.0 * upper, upper], axis=1))
+    result = linprog(-np.ones(count), vstack(blocks), largest, bounds=np.stack([0.0 * upper, upper], axis=1))
     assert result.success
     speeds = np.sqrt(np.maximum(result.x, 0.0))
     return float(np.sum(2.0 * steps / (speeds[1:] + speeds[:-1])))
 
 
-def test_one_joint_from_rest_to_rest() -> None:
-    """Bang-bang: 2 sqrt(length / acceleration); with a rate limit a cruise between."""
+def test_the_time_law_of_one_joint_agrees_with_closed_forms() -> None:
+    """The time is 2 sqrt(length / acceleration), or a trapezoidal profile with a rate limit."""
     shares = np.linspace(0.0, 1.0, 401)
     a = np.tile([1.0, -1.0], (401, 1))
     rows = LimitRows(shares, a, 0.0 * a, np.array([0.5, 0.5]), np.full(401, 1e6))
@@ -76,21 +76,23 @@ def test_one_joint_from_rest_to_rest() -> None:
 
 
 @pytest.mark.parametrize("curve", [circle, wave])
-def test_near_the_optimum_of_a_fine_grid(planar: Any, q0: Any, curve: Any) -> None:
-    """Within 5 % of it, with every limit kept; by a solver of another kind on 2000 intervals."""
+def test_the_time_law_is_near_the_optimum_of_a_fine_grid(planar: Any, q0: Any, curve: Any) -> None:
+    """The duration is within 5 % of a linear program on 2000 intervals, and all limits are kept."""
     path = opt.Path(curve(planar.at(q0).end_effector_pose), parameter=(0.0, 1.0), timing="fastest")
     problem = opt.Problem(planar, q0, path, duration=30.0)
     plan = opt.solve(problem)
     assert plan.reached, plan.note
     assert plan.shortest_duration == plan.duration < 30.0
-    way = _joint_path(problem, problem.goal)
-    assert way is not None
+    joint_path = _joint_path(problem, problem.goal)
+    assert joint_path is not None
     fine = np.linspace(0.0, 1.0, 2001)
     finer = {
-        name: np.stack([np.interp(fine, way.times, row) for row in getattr(way, name)[:, 0]])[:, None]
+        name: np.stack([np.interp(fine, joint_path.times, row) for row in getattr(joint_path, name)[:, 0]])[
+            :, None
+        ]
         for name in ("joints", "rates")
     }
-    motion: Any = SimpleNamespace(stack=way.stack, times=fine, **finer)
+    motion: Any = SimpleNamespace(stack=joint_path.stack, times=fine, **finer)
     bounds = [opt.JointLimits().speed_bound(motion), opt.TorqueLimits().speed_bound(motion)]
     best = least_time(limit_rows(fine, bounds, margin=0.0))
     assert 0.995 * best < plan.duration < 1.05 * best
@@ -103,11 +105,11 @@ def test_near_the_optimum_of_a_fine_grid(planar: Any, q0: Any, curve: Any) -> No
     )
     _, poses = rolled_out_by_pinocchio(planar, plan)
     samples = np.array([curve(planar.at(q0).end_effector_pose)(x) for x in np.linspace(0.0, 1.0, 4001)])
-    off = [np.linalg.norm(samples - pose.translation, axis=1).min() for pose in poses[::7]]
-    assert max(off) < 2e-4
+    distances = [np.linalg.norm(samples - pose.translation, axis=1).min() for pose in poses[::7]]
+    assert max(distances) < 2e-4
 
 
-def test_torques_bind(planar: Any, q0: Any) -> None:
+def test_torque_limits_lengthen_the_duration(planar: Any, q0: Any) -> None:
     """Weak joints take longer, and no torque exceeds its limit."""
     path = opt.Path(circle(planar.at(q0).end_effector_pose), parameter=(0.0, 1.0), timing="fastest")
     quick = opt.plan(planar, q0, path, duration=30.0)
@@ -118,8 +120,8 @@ def test_torques_bind(planar: Any, q0: Any) -> None:
     assert 0.9 < plan.torque_share.max() <= 1.0
 
 
-def test_limits_that_are_left_out_do_not_bind(planar: Any, q0: Any) -> None:
-    """The torques, with no limit on rates; with neither there is no least time."""
+def test_limits_that_are_left_out_do_not_apply(planar: Any, q0: Any) -> None:
+    """Plan with joint limits alone and with torque limits alone; without both there is no least time."""
     path = opt.Path(circle(planar.at(q0).end_effector_pose), parameter=(0.0, 1.0), timing="fastest")
     quick = opt.plan(planar, q0, path, duration=30.0)
     weak = planar.with_limits(replace(planar.limits, torque=0.3 * np.abs(quick.tau).max(axis=0)))
@@ -137,8 +139,8 @@ def test_limits_that_are_left_out_do_not_bind(planar: Any, q0: Any) -> None:
         opt.solve(opt.Problem(planar, q0, path, duration=30.0, limits=[opt.Clearance()]))
 
 
-def test_after_an_approach(planar: Any, q0: Any) -> None:
-    """The path begins where the approach ends, at rest."""
+def test_the_fastest_path_begins_after_the_approach(planar: Any, q0: Any) -> None:
+    """The approach ends at rest at the start of the path."""
     pose = planar.at(q0).end_effector_pose
 
     def curve(x: float) -> Any:
@@ -151,8 +153,8 @@ def test_after_an_approach(planar: Any, q0: Any) -> None:
     assert np.linalg.norm(plan.end_effector[round(3.0 / plan.dt)] - curve(0.0)) < 1e-4
 
 
-def test_too_little_time(planar: Any, q0: Any) -> None:
-    """The note says what the path takes; a plan in that time is made."""
+def test_the_note_gives_the_duration_of_the_fastest_path(planar: Any, q0: Any) -> None:
+    """A plan in the reported duration is reached."""
     path = opt.Path(circle(planar.at(q0).end_effector_pose), parameter=(0.0, 1.0), timing="fastest")
     plan = opt.plan(planar, q0, path, duration=2.0)
     assert not plan.reached
@@ -161,14 +163,14 @@ def test_too_little_time(planar: Any, q0: Any) -> None:
 
 
 def test_shortest_refuses_paths(planar: Any, q0: Any) -> None:
-    """The remedy is the timing of the path."""
+    """The error names the timing of the path as remedy."""
     path = opt.Path(circle(planar.at(q0).end_effector_pose), parameter=(0.0, 1.0))
     with pytest.raises(InvalidValue, match='timing="fastest"'):
         opt.shortest(opt.Problem(planar, q0, path, duration=10.0))
 
 
-def test_where_the_way_depends_on_the_speed(planar: Any, q0: Any) -> None:
-    """Times, a client, momentum: refused with the remedy."""
+def test_paths_that_depend_on_time_or_momentum_refuse_the_fastest_timing(planar: Any, q0: Any) -> None:
+    """The message names the remedy."""
     curve = circle(planar.at(q0).end_effector_pose)
     with pytest.raises(InvalidValue, match='timing can be "fastest" only for a geometric curve'):
         opt.Path(curve, timing="fastest")
@@ -182,40 +184,40 @@ def test_where_the_way_depends_on_the_speed(planar: Any, q0: Any) -> None:
         opt.plan(planar, q0, path, duration=30.0, momentum=[0.1, 0.0, 0.0, 0.0, 0.0, 0.0])
 
 
-def test_locked_joints_stay(panda: Any, bent: Any) -> None:
-    """The joints' way along a path moves no locked joint, at its first point neither."""
+def test_locked_joints_stay_on_the_fastest_path(panda: Any, bent: Any) -> None:
+    """A locked joint stays at all points of the path, including the first."""
     tool = panda.at(bent).end_effector_pose
     line = [tool.translation, tool.act(np.array([0.15, 0.05, 0.0]))]
     path = opt.Path(line, timing="fastest")
     problem = opt.Problem(panda, bent, path, duration=20.0, locked=["panda_joint3"])
-    way = _joint_path(problem, problem.goal)
-    assert way is not None
-    assert np.abs(way.rates[2]).max() < 1e-9
-    assert np.ptp(way.joints[2]) < 1e-9
-    assert np.abs(np.diff(way.rates, axis=-1)).max() < 0.02  # no jump
+    joint_path = _joint_path(problem, problem.goal)
+    assert joint_path is not None
+    assert np.abs(joint_path.rates[2]).max() < 1e-9
+    assert np.ptp(joint_path.joints[2]) < 1e-9
+    assert np.abs(np.diff(joint_path.rates, axis=-1)).max() < 0.02  # no jump
 
 
-def test_only_horizon_knows_the_fastest_timing(planar: Any, q0: Any) -> None:
-    """Methods that march would follow the path at an even speed."""
+def test_step_methods_refuse_the_fastest_timing(planar: Any, q0: Any) -> None:
+    """Step methods would follow the path at a constant speed."""
     path = opt.Path(circle(planar.at(q0).end_effector_pose), parameter=(0.0, 1.0), timing="fastest")
     with pytest.raises(InvalidValue, match='does not support timing="fastest"'):
         opt.plan(planar, q0, path, duration=30.0, method="resolved-rate")
 
 
-def test_angular_speed_of_the_base_binds(planar: Any, q0: Any) -> None:
-    """The base turns no faster than it may, and as fast as it may where nothing else binds."""
+def test_a_limit_on_the_base_rate_lengthens_the_duration(planar: Any, q0: Any) -> None:
+    """The largest base rate is close to its limit and not above it."""
     path = opt.Path(circle(planar.at(q0).end_effector_pose), parameter=(0.0, 1.0), timing="fastest")
     free = opt.plan(planar, q0, path, duration=30.0)
-    most = 0.5 * float(np.abs(free.v[:, 3:6]).max())
-    plan = opt.plan(planar, q0, path, duration=30.0, base_limits=opt.BaseLimits(attitude_rate=most))
+    largest = 0.5 * float(np.abs(free.v[:, 3:6]).max())
+    plan = opt.plan(planar, q0, path, duration=30.0, base_limits=opt.BaseLimits(attitude_rate=largest))
     assert plan.reached, plan.note
     speed = np.linalg.norm(plan.v[:, 3:6], axis=1)
-    assert 0.97 * most < speed.max() <= most
+    assert 0.97 * largest < speed.max() <= largest
     assert plan.duration > 1.1 * free.duration
 
 
-def test_momenta_and_torques_of_wheels_bind(panda: Any, bent: Any) -> None:
-    """Each makes the motion slower by itself; wheels that turn at the start have less room on one side."""
+def test_wheel_momentum_and_wheel_torque_lengthen_the_duration(panda: Any, bent: Any) -> None:
+    """Each limit slows the motion by itself; an initial wheel momentum slows it further."""
     tool = panda.at(bent).end_effector_pose
     line = opt.Path([tool.translation, tool.act(np.array([0.15, 0.05, 0.0]))], timing="fastest")
 
@@ -242,7 +244,7 @@ def test_momenta_and_torques_of_wheels_bind(panda: Any, bent: Any) -> None:
     assert fastest(0.5 * used, 1e3, start).duration > 1.1 * slow.duration
 
 
-def test_box_of_alpha_binds(panda: Any, bent: Any) -> None:
+def test_the_fastest_path_keeps_the_box_of_alpha(panda: Any, bent: Any) -> None:
     """No principal direction of the coupling moves faster than the paper's box allows."""
     quick = panda.with_limits(replace(panda.limits, velocity=0.0 * panda.limits.velocity + 10.0))
     tool = quick.at(bent).end_effector_pose
