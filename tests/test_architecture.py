@@ -71,7 +71,7 @@ def test_a_run_of_a_packaged_scenario_enters_at_most_sixty_five_files(tmp_path: 
     assert len(files) <= 65, sorted(files)
 
 
-def test_few_imports_of_other_packages_stand_inside_functions() -> None:
+def test_few_imports_of_other_packages_are_inside_functions() -> None:
     late = list(late_imports())
     assert len(late) < 40, late
 

@@ -31,7 +31,7 @@ class Seen(opt.Term):
         return []
 
 
-def test_one_thread_inside_and_as_many_as_before_afterwards(planar: ffsms.SpaceManipulator) -> None:
+def test_plans_use_one_blas_thread_and_restore_the_previous_number(planar: ffsms.SpaceManipulator) -> None:
     seen, q0 = Seen(), planar.configuration([0.4, 0.7, -0.5])
     with threadpool_limits(2, user_api="blas"):
         before = blas_threads()

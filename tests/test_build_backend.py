@@ -20,7 +20,7 @@ def backend() -> ModuleType:
 
 @pytest.mark.skipif(os.name == "nt", reason="CMake looks for Microsoft's compiler itself")
 class TestChoice:
-    def test_a_machine_without_a_compiler_takes_the_one_from_pip(
+    def test_without_a_compiler_the_build_requires_ziglang(
         self, backend: ModuleType, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
     ) -> None:
         monkeypatch.delenv("CXX", raising=False)
@@ -28,7 +28,7 @@ class TestChoice:
         for requires in (backend.get_requires_for_build_wheel, backend.get_requires_for_build_editable):
             assert [one for one in requires() if one.startswith("ziglang")]
 
-    def test_a_compiler_that_is_there_or_named_is_taken(
+    def test_an_installed_or_named_compiler_is_used(
         self, backend: ModuleType, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
     ) -> None:
         monkeypatch.setenv("PATH", str(tmp_path))
@@ -43,7 +43,7 @@ class TestChoice:
             compiler.unlink()
         assert backend.needs_zig()
 
-    def test_the_commands_pass_everything_on(self, backend: ModuleType, tmp_path: Path) -> None:
+    def test_the_compiler_commands_pass_all_arguments(self, backend: ModuleType, tmp_path: Path) -> None:
         """If zig is not installed, Python's error shows that the arguments were passed on."""
         folder = backend.zig_tools(tmp_path / "with space")
         assert {path.name for path in folder.iterdir()} == {"c++", "ar", "ranlib"}

@@ -15,7 +15,7 @@ Refused = Callable[..., FfsmsError]
 
 
 @pytest.mark.parametrize("value", [1e9, -1e9, 0, 0.5, np.float32(2.0), np.int64(-3), np.array(4.0)])
-def test_a_sane_number_passes(value: Any) -> None:
+def test_numbers_up_to_1e9_pass(value: Any) -> None:
     assert checks.number("x", value) == float(value)
     assert type(checks.number("x", value)) is float
 
@@ -23,7 +23,7 @@ def test_a_sane_number_passes(value: Any) -> None:
 @pytest.mark.parametrize(
     "value", [1.01e9, -1e10, 1e300, np.inf, np.nan, 10**400, True, np.True_, "1", None, 1j, [1.0]]
 )
-def test_any_other_is_refused(refused: Refused, value: Any) -> None:
+def test_other_values_are_refused(refused: Refused, value: Any) -> None:
     refused(lambda: checks.number("x", value), InvalidValue, "x must")
     refused(lambda: checks.per_joint("x", value, 2), InvalidValue, "x must")
     if not isinstance(value, (bool, np.bool_)):  # in an array numpy converts it to a number
@@ -31,7 +31,7 @@ def test_any_other_is_refused(refused: Refused, value: Any) -> None:
         refused(lambda: checks.matrix("x", [[0.0, value]], 1, 2), InvalidValue, "x must")
 
 
-def test_positive_numbers_lie_in_a_range_that_can_be_divided_by(refused: Refused) -> None:
+def test_positive_numbers_have_a_smallest_and_a_largest_value(refused: Refused) -> None:
     for value in (1e-12, 1e12, 1):
         assert checks.positive("x", value) == float(value)
     for value in (0, -1.0):
@@ -40,14 +40,14 @@ def test_positive_numbers_lie_in_a_range_that_can_be_divided_by(refused: Refused
         refused(lambda value=value: checks.positive("x", value, "s"), InvalidValue, "1e-12", "1e+12", "[s]")
 
 
-def test_steps_are_reckoned_before_anything_is_allocated(refused: Refused) -> None:
+def test_the_number_of_steps_is_limited(refused: Refused) -> None:
     assert checks.step_count("dt", 1.0, 0.3) == 3
     assert checks.step_count("dt", 1.0, 5.0) == 1
     refused(lambda: checks.step_count("dt", 1e9, 1e-3), InvalidValue, "dt", "1e+12 steps")
     assert checks.step_count("dt", 1e9, 1.0, most=10**9) == 10**9
 
 
-def test_kinds_words_and_whole_numbers(refused: Refused) -> None:
+def test_types_choices_and_whole_numbers(refused: Refused) -> None:
     checks.instance("x", None, dict, optional=True)
     refused(lambda: checks.instance("x", np.array(0.0), Iterable), InvalidValue, "x must be an iterable")
     refused(lambda: checks.instance("x", None, dict), InvalidValue, "x must be a dict, got None")
@@ -62,6 +62,6 @@ def test_kinds_words_and_whole_numbers(refused: Refused) -> None:
 @pytest.mark.parametrize(
     "matrix", [np.diag([1, 1, -1]), 2 * np.eye(3), np.zeros((3, 3)), 1e300 * np.eye(3), np.eye(2)]
 )
-def test_only_rotations_are_rotations(refused: Refused, matrix: Any) -> None:
+def test_matrices_that_are_no_rotations_are_refused(refused: Refused, matrix: Any) -> None:
     assert (checks.rotation("x", np.eye(3)) == np.eye(3)).all()
     refused(lambda: checks.rotation("x", matrix), InvalidValue, "x must")

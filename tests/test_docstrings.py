@@ -14,7 +14,7 @@ HEADLESS = re.compile(
 KINDS = ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef
 
 
-def test_no_docstring_begins_without_its_noun_or_verb() -> None:
+def test_docstrings_begin_with_a_verb_or_a_noun() -> None:
     found = [
         f"{path.relative_to(ROOT)}: {text.splitlines()[0]}"
         for path in [*ROOT.glob("ffsms_pin/**/*.py"), *ROOT.glob("opt/**/*.py")]
@@ -24,7 +24,7 @@ def test_no_docstring_begins_without_its_noun_or_verb() -> None:
     assert found == []
 
 
-def test_what_begins_without_either_is_found() -> None:
+def test_the_pattern_matches_docstrings_without_verb_or_noun() -> None:
     for text in ("What is left", "Of values", "Planned numbers", "Whether it rests"):
         assert HEADLESS.match(text)
     for text in ("Return the slack", "The slack", "Bring the arm to rest", "Check a name", "A goal"):

@@ -58,7 +58,7 @@ def failing(error: Exception) -> Callable[..., Any]:
 
 @pytest.mark.parametrize("error", [np.linalg.LinAlgError("no convergence"), RuntimeError("assertion failed")])
 @pytest.mark.parametrize("door", DOORS)
-def test_a_numerical_failure_is_an_error_of_ours_or_a_plan_with_a_note(
+def test_a_numerical_failure_is_a_library_error_or_a_plan_with_a_note(
     monkeypatch: pytest.MonkeyPatch, planar: ffsms.SpaceManipulator, door: str, error: Exception
 ) -> None:
     name, call = DOORS[door]
@@ -74,7 +74,7 @@ def test_a_numerical_failure_is_an_error_of_ours_or_a_plan_with_a_note(
     assert failure.value.__cause__ is error
 
 
-def test_what_a_users_own_function_raises_passes_as_it_is(planar: ffsms.SpaceManipulator) -> None:
+def test_errors_of_custom_controllers_are_passed_on(planar: ffsms.SpaceManipulator) -> None:
     class Own(PD):
         def torque(self, *_: Any) -> Any:
             return np.linalg.inv(np.zeros((3, 3)))
@@ -144,9 +144,7 @@ UNPHYSICAL: dict[str, tuple[Callable[[Path], Any], type[FfsmsError], tuple[str, 
 
 
 @pytest.mark.parametrize("case", UNPHYSICAL)
-def test_numbers_that_no_body_has_are_refused_where_they_are_read(
-    tmp_path: Path, refused: Refused, case: str
-) -> None:
+def test_unphysical_bodies_are_refused(tmp_path: Path, refused: Refused, case: str) -> None:
     make, kind, words = UNPHYSICAL[case]
     refused(lambda: make(tmp_path), kind, *words)
 

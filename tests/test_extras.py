@@ -50,7 +50,7 @@ def test_the_error_names_the_extra(hidden: str, code: str, extra: str, tmp_path:
 
 
 @pytest.mark.slow
-def test_the_core_plans_tracks_and_runs_a_case_without_any(tmp_path: Path) -> None:
+def test_a_scenario_runs_without_optional_packages(tmp_path: Path) -> None:
     hidden = ("matplotlib", "meshcat", "umsgpack", "example_robot_data")
     code = "from ffsms_pin.cli import main; sys.exit(main(['run', 'case-1', '--out', 'here']))"
     done = without(hidden, code, tmp_path)

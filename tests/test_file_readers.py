@@ -99,7 +99,7 @@ def told(read: Callable[[], Any]) -> Any:
 
 @pytest.mark.parametrize("what", ["device", "pipe", "huge"])
 @pytest.mark.parametrize("name", READERS)
-def test_it_is_refused_at_once(name: str, what: str, tmp_path: Path) -> None:
+def test_devices_pipes_and_huge_files_are_refused(name: str, what: str, tmp_path: Path) -> None:
     path = tmp_path / "given"
     if what == "device":
         path.symlink_to("/dev/zero")  # reading never ends
@@ -125,7 +125,7 @@ def test_a_file_of_the_largest_size_is_read(tmp_path: Path) -> None:
     assert not is_mjcf(Path("/dev/zero"))
 
 
-def test_a_small_file_takes_little_memory_whatever_may_be_read(tmp_path: Path) -> None:
+def test_reading_a_small_file_allocates_little_memory(tmp_path: Path) -> None:
     path = tmp_path / "file"
     path.write_bytes(b"12345")
     tracemalloc.start()

@@ -67,7 +67,7 @@ def test_the_mode_is_kept_and_a_new_file_gets_the_umask(tmp_path: Path) -> None:
     assert private.read_text() == "secret"
 
 
-def test_what_is_no_regular_file_is_refused(tmp_path: Path, refused: Refused) -> None:
+def test_only_regular_files_are_overwritten(tmp_path: Path, refused: Refused) -> None:
     os.mkfifo(tmp_path / "pipe")
     (tmp_path / "folder").mkdir()
     (tmp_path / "null").symlink_to("/dev/null")
@@ -110,7 +110,7 @@ def test_a_writer_that_is_killed_leaves_the_old_file(tmp_path: Path) -> None:
     assert path.read_text() == "new"
 
 
-def test_a_name_as_long_as_it_may_be(tmp_path: Path) -> None:
+def test_a_file_with_the_longest_name_is_written(tmp_path: Path) -> None:
     write_content(tmp_path / ("ü" * 127), "x")
     assert len(os.listdir(tmp_path)) == 1
 

@@ -28,7 +28,7 @@ Refused = Callable[..., FfsmsError]
 TURNED = pin.SE3(pin.rpy.rpyToMatrix(0.1, -0.2, 0.3), np.array([0.4, 0.5, -0.1]))
 
 
-def test_laws_and_plants_are_on_top() -> None:
+def test_control_laws_and_perturb_are_in_the_top_level_namespace() -> None:
     assert ffsms.perturb is simulation.perturb
     assert ffsms.ComputedTorque is control.ComputedTorque
 
@@ -43,13 +43,13 @@ def test_laws_and_plants_are_on_top() -> None:
         ("my_robot", ["check the path"]),
     ],
 )
-def test_an_arm_by_its_own_name_names_the_one_on_a_satellite(
+def test_loading_a_bare_arm_suggests_the_arm_on_a_satellite(
     name: str, words: list[str], refused: Refused
 ) -> None:
     refused(lambda: ffsms.load(name), ModelNotFound, f"no robot '{name}'", *words)
 
 
-def test_the_command_line_advises_no_function() -> None:
+def test_command_line_advice_names_no_function() -> None:
     with pytest.raises(ModelNotFound) as caught:
         ffsms.load("panda")
     words = in_options(str(caught.value))
@@ -74,7 +74,7 @@ def test_a_homogeneous_matrix_is_a_pose(planar: ffsms.SpaceManipulator) -> None:
     assert opt.Meet(ffsms.Client(10.0, [1.0, 1.0, 1.0]), T).grasp.isApprox(TURNED, 0.0)
 
 
-def test_matrices_are_goals_of_many_plans(planar: ffsms.SpaceManipulator) -> None:
+def test_plan_many_accepts_homogeneous_matrices(planar: ffsms.SpaceManipulator) -> None:
     q0 = planar.configuration([0.1, 0.2, 0.3])
     here = planar.at(q0).end_effector_pose.homogeneous
     for target, count in ((here, 1), (np.stack([here, here]), 2)):
@@ -99,7 +99,9 @@ def test_a_matrix_that_is_no_pose_is_refused(
         planar.configuration([0.1, 0.2, 0.3], T)
 
 
-def test_a_client_as_a_target_names_the_goal(planar: ffsms.SpaceManipulator, refused: Refused) -> None:
+def test_the_error_for_a_client_as_target_names_meet(
+    planar: ffsms.SpaceManipulator, refused: Refused
+) -> None:
     client, q0 = ffsms.Client(10.0, [1.0, 1.0, 1.0]), planar.configuration([0.1, 0.2, 0.3])
     refused(lambda: opt.plan(planar, q0, client), InvalidValue, "target", "opt.Meet(client, grasp)")
     refused(lambda: opt.Problem(planar, q0, client), InvalidValue, "goal", "opt.Meet(client, grasp)")
@@ -107,7 +109,7 @@ def test_a_client_as_a_target_names_the_goal(planar: ffsms.SpaceManipulator, ref
     refused(lambda: opt.plan(planar, q0, [0.5, 0.5, 0.0], also=also), InvalidValue, "opt.Meet(client, grasp)")
 
 
-def test_obstacles_are_made_of_their_sizes() -> None:
+def test_spheres_and_boxes_as_obstacles() -> None:
     ball = opt.Obstacle.sphere(0.2, at=[1.0, 2.0, 3.0], margin=0.05, name="antenna", on="base")
     assert (ball.margin, ball.name, ball.on) == (0.05, "antenna", "base")
     assert ball.distance(np.array([1.0, 2.0, 3.5]), 0.0) == pytest.approx(0.3)
@@ -146,7 +148,7 @@ def test_cylinders_capsules_and_meshes_as_obstacles(tmp_path: Path) -> None:
         (lambda: opt.Obstacle.sphere(0.1, on="moon"), "obstacle.on must be"),
     ],
 )
-def test_sizes_of_no_obstacle_are_refused(make: Callable[[], Any], words: str) -> None:
+def test_invalid_obstacles_are_refused(make: Callable[[], Any], words: str) -> None:
     with pytest.raises(InvalidValue, match=words):
         make()
 
@@ -159,14 +161,14 @@ def test_sizes_of_no_obstacle_are_refused(make: Callable[[], Any], words: str) -
         ("satellite_kinova", [0.0, 3.0, 3.0, 90.0, 0.0, 0.0], "j2s6s200_joint_4"),
     ],
 )
-def test_angles_in_degrees_are_noticed(robot: str, joints: list[float], named: str) -> None:
+def test_angles_in_degrees_cause_a_warning(robot: str, joints: list[float], named: str) -> None:
     sms = ffsms.load(robot)
     with pytest.warns(FfsmsWarning, match=rf"'{named}' .*looks like degrees.*np\.radians") as told:
         sms.configuration(joints)
     assert [warning.filename for warning in told] == [__file__]
 
 
-def test_positions_within_limits_and_some_turns_are_no_degrees() -> None:
+def test_positions_within_limits_and_full_turns_cause_no_warning() -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         ffsms.load("satellite_ur5").configuration([6.0, -6.0, 3.0, 4.0, 5.0, -5.0])
@@ -175,7 +177,7 @@ def test_positions_within_limits_and_some_turns_are_no_degrees() -> None:
         ffsms.load("planar_3r").configuration([2.0, 0.0, -3.14309])  # slightly beyond its limit
 
 
-def test_messages_of_python_name_no_option_and_those_of_commands_no_function(tmp_path: Path) -> None:
+def test_python_errors_name_no_option_and_command_errors_name_no_function(tmp_path: Path) -> None:
     """Test the messages of Python and of the command line for the same errors."""
     cases: list[tuple[Callable[[], object], list[str], str, str]] = [
         (lambda: ffsms.load("panda"), ["info", "panda"], "ffsms_pin.mount('panda')", "[robot.mount]"),
@@ -199,7 +201,7 @@ def test_messages_of_python_name_no_option_and_those_of_commands_no_function(tmp
         assert "sms." not in run.stderr
 
 
-def test_a_warning_on_the_command_line_is_one_line(tmp_path: Path) -> None:
+def test_a_warning_of_a_command_is_a_single_line(tmp_path: Path) -> None:
     path, _ = find_arm("ur5")
     command = ["export", str(path), "--urdf", str(tmp_path / "out.urdf")]
     run = subprocess.run([sys.executable, "-m", "ffsms_pin", *command], capture_output=True, text=True)
@@ -210,7 +212,7 @@ def test_a_warning_on_the_command_line_is_one_line(tmp_path: Path) -> None:
     assert run.stdout.splitlines() == [f"URDF: {tmp_path / 'out.urdf'}; its end effector is 'tool0'"]
 
 
-def test_messages_of_a_slide_are_in_metres(tmp_path: Path, refused: Refused) -> None:
+def test_messages_of_prismatic_joints_are_in_metres(tmp_path: Path, refused: Refused) -> None:
     sms = sliding(tmp_path)
     beyond = sms.configuration([1.2, 0.1])
     refused(

@@ -29,7 +29,7 @@ def test_mypy_reports_misspelt_names(tmp_path: Path, monkeypatch: pytest.MonkeyP
     assert lines == ["3", "5", "7"], said
 
 
-def test_python_says_what_was_meant() -> None:
+def test_attribute_errors_allow_python_to_suggest_a_name() -> None:
     library: Any = ffsms
     with pytest.raises(AttributeError, match="simulte") as caught:
         library.simulte  # noqa: B018 - the access is the test

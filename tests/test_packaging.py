@@ -58,7 +58,7 @@ def test_the_wheel_plans_from_any_folder(installed: Path, tmp_path: Path) -> Non
 
 
 @pytest.mark.slow
-def test_the_wheel_carries_what_it_needs(installed: Path) -> None:
+def test_the_wheel_contains_its_data_files(installed: Path) -> None:
     package = installed / "ffsms_pin"
     files = ("urdf/planar_3r.urdf", "opt/problem.py", "scenarios/case-2.toml")
     for name in ("py.typed", *files):
@@ -70,7 +70,7 @@ def test_the_wheel_carries_what_it_needs(installed: Path) -> None:
 
 
 @pytest.mark.slow
-def test_what_an_index_shows_has_no_link_that_leads_nowhere(installed: Path) -> None:
+def test_links_of_the_package_description_are_absolute(installed: Path) -> None:
     (info,) = installed.glob("ffsms_pin-*.dist-info")
     metadata = message_from_string((info / "METADATA").read_text(encoding="utf-8"))
     assert metadata["Version"] == ffsms_pin.__version__

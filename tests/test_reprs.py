@@ -50,7 +50,7 @@ def test_reprs() -> None:
     assert repr(opt.Replanning(made["problem"])).startswith("Replanning(Problem(planar_3r to ")
 
 
-def test_a_plan_and_a_run_say_how_they_ended() -> None:
+def test_reprs_of_plans_and_recordings_have_their_errors() -> None:
     plan, tracking = objects()["plan"], objects()["tracking"]
     found = re.fullmatch(
         r"Trajectory\(2 s in 20 steps, (not reached|reached), ([\d.]+) mm off, cost (\S+) s\)", repr(plan)
@@ -69,13 +69,13 @@ def test_a_plan_and_a_run_say_how_they_ended() -> None:
     assert float(found[2]) == pytest.approx(1e3 * np.abs(tracking.joint_error).max(), rel=0.01)
 
 
-def test_no_parts_of_the_inside_are_shown() -> None:
+def test_reprs_have_no_private_attributes() -> None:
     sms = objects()["sms"]
     for part in (opt.Clearance(), opt.JointLimits(), opt.JointLimits().for_robot(sms)):
         assert "_" not in repr(part)
 
 
-def test_how_far_the_base_moves() -> None:
+def test_base_translation_is_relative_to_the_start() -> None:
     plan = objects()["plan"]
     assert plan.base_translation.shape == (21, 3)
     np.testing.assert_array_equal(plan.base_translation[0], 0.0)
@@ -83,7 +83,7 @@ def test_how_far_the_base_moves() -> None:
     assert np.abs(plan.base_translation[-1]).max() > 1e-4
 
 
-def test_a_run_says_whether_it_reached_and_how_the_base_moved() -> None:
+def test_a_recording_has_its_success_and_its_base_motion() -> None:
     tracking = objects()["tracking"]
     late = tracking.t >= 0.9 * tracking.t[-1] - 1e-9
     for error, reached in ((0.0199, True), (0.0201, False)):

@@ -76,7 +76,7 @@ def test_a_member_that_would_unpack_to_gigabytes_is_not_read(
     np.testing.assert_array_equal(load(path).t, values["t"])
 
 
-def test_zeros_that_fit_are_refused_for_their_size_alone(
+def test_highly_compressed_zeros_are_refused_for_their_size(
     swung: Tracking, tmp_path: Path, refused: Refused, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Test files with consistent shapes: one of zeros, which is refused, and a recording, which is loaded."""
@@ -96,7 +96,7 @@ def test_zeros_that_fit_are_refused_for_their_size_alone(
     assert len(Tracking.load(tmp_path / "whole.npz").t) == len(swung.t)
 
 
-def test_a_head_that_lies_is_refused(swung: Tracking, tmp_path: Path, refused: Refused) -> None:
+def test_a_wrong_array_header_is_refused(swung: Tracking, tmp_path: Path, refused: Refused) -> None:
     values = arrays_in(swung)
     for said in ((10**9,), (2, 3), (-1, -2), (10**30,), (0,)):
         path = tmp_path / "lie.npz"
@@ -126,13 +126,13 @@ def test_objects_and_code_are_not_read(swung: Tracking, tmp_path: Path, refused:
     assert not (tmp_path / "harm").exists()
 
 
-def test_a_pipe_is_not_waited_for(tmp_path: Path, refused: Refused) -> None:
+def test_pipes_and_devices_are_no_result_files(tmp_path: Path, refused: Refused) -> None:
     os.mkfifo(tmp_path / "pipe")
     refused(lambda: Tracking.load(tmp_path / "pipe"), ResultError, "not a regular file")
     refused(lambda: opt.Trajectory.load(Path("/dev/zero")), ResultError, "not a regular file")
 
 
-def test_a_plan_whose_arrays_do_not_fit_is_refused(
+def test_a_plan_with_inconsistent_arrays_is_refused(
     plan: opt.Trajectory, tmp_path: Path, refused: Refused
 ) -> None:
     values, path = arrays_in(plan), tmp_path / "plan.npz"
@@ -171,7 +171,7 @@ def test_a_plan_whose_arrays_do_not_fit_is_refused(
     changed("kappa", np.array(True), "holds no numbers in kappa")
 
 
-def test_a_recording_whose_instants_do_not_rise_is_refused(
+def test_a_recording_with_times_that_do_not_increase_is_refused(
     swung: Tracking, tmp_path: Path, refused: Refused
 ) -> None:
     for t in (swung.t[::-1], np.zeros_like(swung.t), np.full_like(swung.t, np.inf)):
@@ -179,7 +179,7 @@ def test_a_recording_whose_instants_do_not_rise_is_refused(
         refused(lambda path=path: Tracking.load(path), ResultError, "do not increase")
 
 
-def test_a_file_too_large_for_the_memory_is_one_line(
+def test_a_file_too_large_for_memory_is_refused(
     swung: Tracking, tmp_path: Path, refused: Refused, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def none_left(*arguments: Any, **options: Any) -> None:

@@ -37,14 +37,14 @@ def packages(modules: set[str]) -> set[str]:
     return {name.split(".")[0] for name in modules} - set(sys.stdlib_module_names) - {"__mp_main__"}
 
 
-def test_the_library_loads_nothing_but_itself() -> None:
+def test_importing_the_library_loads_no_other_package() -> None:
     loaded = loaded_by("import ffsms_pin")
     assert packages(loaded) - {"numpy"} == {"ffsms_pin"}
     for part in ("opt", "control", "simulation", "scenarios", "plotting", "viewer", "cli"):
         assert f"ffsms_pin.{part}" not in loaded
 
 
-def test_the_viewer_takes_meshcat_s_page_and_imports_nothing_of_it() -> None:
+def test_the_viewer_does_not_import_meshcat() -> None:
     code = "import ffsms_pin as f; s = f.load('planar_3r'); q = s.configuration([1.0, 1.0, 1.0])\n"
     code += "f.view(s, f.opt.plan(s, q, [0.5, 0.7, 0.0], duration=6.0, dt=0.1)).html()"
     loaded = packages(loaded_by(code))
@@ -52,7 +52,7 @@ def test_the_viewer_takes_meshcat_s_page_and_imports_nothing_of_it() -> None:
     assert not loaded & {"meshcat", "tornado", "IPython", "zmq", "pyngrok"}
 
 
-def test_a_model_and_a_state_need_no_more() -> None:
+def test_models_and_states_load_no_slow_module() -> None:
     code = "import ffsms_pin as f; s = f.load('planar_3r'); q = s.configuration([0.1, 0.2, 0.3]); s.limits"
     assert not packages(loaded_by(f"{code}; s.at(q).coupling.entropy")) & set(SLOW)
 
@@ -65,7 +65,7 @@ def test_planning_and_simulation_need_no_scipy() -> None:
     assert packages(loaded_by(code)) & set(SLOW) == {"proxsuite"}
 
 
-def test_every_name_of_the_package_is_there() -> None:
+def test_all_public_names_exist() -> None:
     assert dir(ffsms_pin) == ffsms_pin.__all__
     for name in ffsms_pin.__all__:
         assert getattr(ffsms_pin, name) is not None

@@ -54,7 +54,7 @@ def test_run_writes_everything(quick: Path, tmp_path: Path, capsys: pytest.Captu
     assert f"{1e3 * numbers['final_error_m']:.3g} mm" in captured.out
 
 
-def test_run_into_a_folder_that_is_there_replaces_its_own_files_only(
+def test_a_run_replaces_only_its_own_files_of_an_existing_folder(
     quick: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -82,7 +82,7 @@ def test_a_target_that_is_not_reached(
     assert printed.splitlines()[-1].startswith("not arrived: the plan does not reach its target: ends ")
 
 
-def test_a_closed_loop_that_ends_elsewhere_is_not_reached_either(
+def test_a_closed_loop_that_misses_the_target_has_not_arrived(
     quick: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """A heavy arm on a light base: the plan reaches, what follows it does not; planned again, it does."""
@@ -112,7 +112,7 @@ def test_a_closed_loop_that_ends_elsewhere_is_not_reached_either(
 
 
 @pytest.mark.slow
-def test_as_a_module_in_a_process_of_its_own(quick: Path, tmp_path: Path) -> None:
+def test_the_module_runs_in_a_separate_process(quick: Path, tmp_path: Path) -> None:
     command = [sys.executable, "-W", "error", "-m", "ffsms_pin"]
     done = subprocess.run(
         [*command, "run", "quick.toml", "--out", "out", "--no-figures"],

@@ -136,13 +136,13 @@ def test_info_arguments_that_do_not_fit_the_robot(fails: Callable[..., str]) -> 
         (("scenario", "--shema"), "unknown argument '--shema'; did you mean '--schema'?"),
     ],
 )
-def test_what_is_wrong_is_named_as_it_was_typed(
+def test_errors_name_arguments_as_typed(
     fails: Callable[..., str], arguments: tuple[str, ...], words: str
 ) -> None:
     assert f"error: {words}" in fails(*arguments)
 
 
-def test_advice_is_in_the_language_of_whoever_asked(
+def test_advice_of_commands_names_options_and_scenario_keys(
     fails: Callable[..., str], quick: Path, tmp_path: Path
 ) -> None:
     still = re.sub('velocity="[^"]*"', 'velocity="0"', model_path("planar_3r").read_text())

@@ -78,7 +78,7 @@ def test_help_and_version(capsys: pytest.CaptureFixture[str]) -> None:
     assert capsys.readouterr().out == f"ffsms-pin {ffsms.__version__}\n"
 
 
-def test_help_loads_nothing_heavy(tmp_path: Path) -> None:
+def test_help_loads_no_slow_module(tmp_path: Path) -> None:
     code = (
         "import sys; from ffsms_pin.cli import main; main(['--help']); "
         "print([x for x in ('matplotlib', 'rich') if x in sys.modules], file=sys.stderr)"
@@ -89,7 +89,7 @@ def test_help_loads_nothing_heavy(tmp_path: Path) -> None:
     assert done.stderr == "[]\n"
 
 
-def test_a_robot_with_two_tips_is_met_with_an_option(capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_error_for_two_end_effectors_names_the_option(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["info", "two_arms"]) == 2
     told = capsys.readouterr().err
     assert "left_tool, right_tool" in told

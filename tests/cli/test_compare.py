@@ -78,7 +78,7 @@ def test_the_command_writes_a_table_and_a_figure(
         assert word in printed
 
 
-def test_the_papers_method_is_left_out_where_it_does_not_know_what_is_asked_for(
+def test_the_papers_method_is_left_out_for_nonzero_momentum(
     file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     path = tmp_path / "drifting.toml"
@@ -91,7 +91,7 @@ def test_the_papers_method_is_left_out_where_it_does_not_know_what_is_asked_for(
     assert main(["compare", str(path), "--out", str(out), "--methods", "paper"]) == 2  # asked for by name
 
 
-def test_why_a_method_has_not_reached_is_said(
+def test_the_reason_of_a_missed_target_is_printed(
     file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     path = tmp_path / "hasty.toml"
@@ -111,7 +111,7 @@ def test_why_a_method_has_not_reached_is_said(
     assert why_not_reached(dataclasses.replace(plan, reach=1.0)) == ""
 
 
-def test_an_unknown_method_is_one_line_and_exit_code_2(
+def test_an_unknown_method_is_an_error_with_exit_code_2(
     file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = tmp_path / "results"
@@ -135,7 +135,7 @@ inertia = 0.001
 """
 
 
-def test_what_does_not_know_moving_goals_is_left_out_or_refused_before_any_work(
+def test_methods_without_moving_goals_are_left_out_or_refused(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     path, out = write(tmp_path, MEETING), str(tmp_path / "out")

@@ -43,7 +43,7 @@ def ends_with(monkeypatch: pytest.MonkeyPatch, error: BaseException) -> int:
         (KeyboardInterrupt(), 130, "interrupted"),
     ],
 )
-def test_one_line_and_a_status(
+def test_errors_print_one_line_and_set_the_exit_status(
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
     error: BaseException,
@@ -59,7 +59,7 @@ def test_one_line_and_a_status(
     assert words in captured.err
 
 
-def test_a_defect_says_where_on_request(
+def test_a_traceback_is_printed_on_request(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setenv("FFSMS_PIN_TRACEBACK", "1")
@@ -69,7 +69,7 @@ def test_a_defect_says_where_on_request(
     assert told.splitlines()[-1].startswith("ffsms-pin: a defect of ffsms-pin")
 
 
-def test_the_signal_is_the_users_again_afterwards(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_signal_handlers_are_restored(monkeypatch: pytest.MonkeyPatch) -> None:
     seen: list[Any] = []
 
     def run(arguments: argparse.Namespace) -> int:

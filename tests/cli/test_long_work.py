@@ -16,7 +16,7 @@ from ffsms_pin.cli import main, output
 from ffsms_pin.scenarios.definition import load_scenario
 
 
-def test_off_a_terminal_a_long_stage_has_lines_and_an_end(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_progress_without_a_terminal_is_printed_in_lines(monkeypatch: pytest.MonkeyPatch) -> None:
     out = io.StringIO()
     monkeypatch.setattr(output, "_BETWEEN_LINES", 0.1)
     with output.shown_progress(Console(file=out)) as show:
@@ -29,7 +29,7 @@ def test_off_a_terminal_a_long_stage_has_lines_and_an_end(monkeypatch: pytest.Mo
     assert [line.startswith("planning: done in ") for line in lines[-2:]] == [False, True]
 
 
-def test_off_a_terminal_counted_work_has_its_rate_and_the_time_left(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_progress_of_runs_has_the_rate_and_the_time_left(monkeypatch: pytest.MonkeyPatch) -> None:
     now, out = [0.0], io.StringIO()
     monkeypatch.setattr("time.perf_counter", lambda: now[0])
     monkeypatch.setattr(output, "_BETWEEN_LINES", 0.1)
@@ -41,7 +41,7 @@ def test_off_a_terminal_counted_work_has_its_rate_and_the_time_left(monkeypatch:
         assert waited(lambda: "runs: 5 of 1000, 1 a second, about 0:16:35 left" in out.getvalue(), 60.0)
 
 
-def test_a_figure_that_fails_loses_nothing(
+def test_a_failing_figure_leaves_all_results(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     def fail(*_: object, **__: object) -> None:
@@ -69,7 +69,7 @@ def test_a_figure_that_fails_loses_nothing(
         (("campaign", "case-2", "--runs", "2", "--scheduler", "tcp://x:1"), "distributed", "cluster"),
     ],
 )
-def test_a_missing_package_is_told_before_any_work(
+def test_a_missing_package_is_reported_before_any_work(
     arguments: tuple[str, ...],
     package: str,
     extra: str,
@@ -87,7 +87,7 @@ def test_a_missing_package_is_told_before_any_work(
     assert list(tmp_path.iterdir()) == []
 
 
-def test_what_is_interrupted_says_how_to_go_on(
+def test_the_message_of_an_interrupted_campaign_states_how_to_resume(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
     from ffsms_pin import campaigns, scenarios

@@ -56,7 +56,7 @@ def fill(out: Path, names: str = "ab") -> None:
             (staging / name).write_text("new")
 
 
-def test_a_killed_run_leaves_earlier_results_and_the_next_one_replaces_them(tmp_path: Path) -> None:
+def test_a_killed_run_leaves_earlier_results_and_the_next_run_replaces_them(tmp_path: Path) -> None:
     out = tmp_path / "out"
     killed(out, 0)
     assert texts(out) == {}
@@ -109,7 +109,7 @@ def test_a_link_to_a_folder_that_is_not_there_yet(tmp_path: Path) -> None:
     assert texts(tmp_path / "real") == {"a": "new"}
 
 
-def test_nothing_moves_where_something_cannot(tmp_path: Path) -> None:
+def test_no_result_moves_if_one_of_them_cannot(tmp_path: Path) -> None:
     out = tmp_path / "out"
     (out / "b").mkdir(parents=True)
     (out / "a").write_text("old")
@@ -119,7 +119,7 @@ def test_nothing_moves_where_something_cannot(tmp_path: Path) -> None:
     assert texts(Path(str(caught.value).rpartition(" ")[2])) == {"a": "new", "b": "new"}
 
 
-def test_a_move_that_fails_half_way_loses_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_move_that_fails_keeps_all_results(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     out = tmp_path / "out"
     out.mkdir()
     write_atomically = files.write_atomically
@@ -136,7 +136,7 @@ def test_a_move_that_fails_half_way_loses_nothing(tmp_path: Path, monkeypatch: p
     assert texts(Path(str(caught.value).rpartition(" ")[2])) == {"a": "new", "b": "new"}
 
 
-def test_a_file_in_the_way_and_a_folder_that_cannot_be_made(tmp_path: Path) -> None:
+def test_an_out_that_is_a_file_or_cannot_be_created_is_refused(tmp_path: Path) -> None:
     (tmp_path / "out").write_text("mine")
     with pytest.raises(ResultError, match="is a file, but the results need a folder; choose another --out"):
         fill(tmp_path / "out")

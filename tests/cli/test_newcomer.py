@@ -38,7 +38,7 @@ def told(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
         (("view", "."), "holds no results of `ffsms-pin run` (no trajectory.npz)"),
     ],
 )
-def test_errors_say_what_to_do(
+def test_errors_suggest_a_correction(
     arguments: tuple[str, ...],
     words: str,
     capsys: pytest.CaptureFixture[str],

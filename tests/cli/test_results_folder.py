@@ -32,7 +32,7 @@ def test_a_failure_leaves_the_folder_as_it_was(tmp_path: Path, there: bool) -> N
         assert (out / "old.txt").read_text() == "old"
 
 
-def test_a_full_disk_is_one_line_too(tmp_path: Path) -> None:
+def test_a_full_disk_is_a_library_error(tmp_path: Path) -> None:
     def fill() -> None:
         with results_folder(tmp_path / "out"):
             raise OSError(28, "No space left on device")

@@ -18,7 +18,7 @@ def layers(page: Path) -> set[str]:
     return set(re.findall(r'"name": "(\w+)", "shown"', page.read_text("utf-8")))
 
 
-def test_show_makes_the_scene_with_its_obstacles(
+def test_show_writes_the_scene_with_its_obstacles(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     for name in ("DISPLAY", "WAYLAND_DISPLAY"):

@@ -30,13 +30,13 @@ def text_of(name: str) -> str:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", [n for n in NAMES if n not in OWN_TEST and PYTHON.search(text_of(n))])
-def test_python_blocks_run_one_after_the_other_and_draw_what_is_shown(name: str, tmp_path: Path) -> None:
+def test_python_blocks_run_in_order_and_draw_the_pictures_of_the_page(name: str, tmp_path: Path) -> None:
     run_page(path_of(name), tmp_path)
     assert set(shown(path_of(name))) <= {path.name for path in tmp_path.iterdir()}
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_pictures_are_there_small_and_of_a_page_with_code(name: str) -> None:
+def test_pictures_exist_and_are_small_and_their_page_has_code(name: str) -> None:
     pictures = shown(path_of(name))
     assert not pictures or PYTHON.search(text_of(name))
     for picture in pictures:
@@ -44,7 +44,7 @@ def test_pictures_are_there_small_and_of_a_page_with_code(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", [name for name in NAMES if SHELL.search(text_of(name))])
-def test_commands_are_understood(name: str) -> None:
+def test_commands_can_be_parsed(name: str) -> None:
     for block in SHELL.findall(text_of(name)):
         for line in block.splitlines():
             words = shlex.split(line, comments=True)

@@ -29,7 +29,7 @@ def chromium() -> None:
         pytest.skip(missing)
 
 
-def test_a_film_shows_the_motion_in_its_time(planar: ffsms.SpaceManipulator, tmp_path: Path) -> None:
+def test_a_film_shows_the_motion_at_its_speed(planar: ffsms.SpaceManipulator, tmp_path: Path) -> None:
     q0 = planar.configuration([0.4, 0.7, -0.5])
     plan = measure(opt.Problem(planar, q0, [0.5, 0.5, 0.0], 2.0, 0.1), 0.4 * np.ones((21, 3)))
     scene = view(planar, plan, show="robot", speed=2.0, camera="top")

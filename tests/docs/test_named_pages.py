@@ -10,7 +10,7 @@ import ffsms_pin
 PACKAGE = Path(ffsms_pin.__file__).parent
 
 
-def test_every_page_that_is_named_exists() -> None:
+def test_every_named_page_exists() -> None:
     named: dict[str, str] = {}
     for folder in (PACKAGE, PACKAGE.parent / "opt"):
         for path in (*folder.rglob("*.py"), *folder.rglob("*.toml")):

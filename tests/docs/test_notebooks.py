@@ -38,7 +38,7 @@ def strict(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     warnings_are_errors(tmp_path / "ipython")
 
 
-def test_what_lessons_name_is_there_after_a_plain_import() -> None:
+def test_names_in_lessons_exist_after_a_plain_import() -> None:
     """Lessons take parts of the library by its name: no other import may be needed for them."""
     text = "".join(path.read_text(encoding="utf-8") for path in NOTEBOOKS)
     chains = sorted(set(re.findall(r"\bffsms(?:\.[a-zA-Z_]+)+", text)))
@@ -64,7 +64,7 @@ def test_a_warning_ends_a_notebook(tmp_path: Path) -> None:
         ran(notebook_of("import warnings; warnings.warn('too old')"), tmp_path)
 
 
-def test_the_site_runs_all_and_fails_where_one_fails() -> None:
+def test_the_site_executes_all_notebooks_and_fails_on_errors() -> None:
     """The settings of `make docs`."""
     text = (ROOT / "docs" / "conf.py").read_text(encoding="utf-8")
     assert 'nb_execution_mode = os.environ.get("NOTEBOOKS", "force")' in text
@@ -132,7 +132,7 @@ def test_notebook_is_kept_without_outputs(path: Path) -> None:
             assert cell.execution_count is None
 
 
-def test_scripts_from_elsewhere_are_found(tmp_path: Path) -> None:
+def test_external_scripts_are_found(tmp_path: Path) -> None:
     page = tmp_path / "sub" / "page.html"
     page.parent.mkdir()
     page.write_text('<script src="_static/a.js?v=1"></script> <a href="https://example.org/b.js">b</a>')

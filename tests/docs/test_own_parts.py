@@ -64,7 +64,7 @@ def lowest(page: SimpleNamespace, plan: opt.Trajectory) -> float:
     return float((plan.end_effector @ np.array(page.above.normal)).min() - page.above.height)
 
 
-def test_the_plan_keeps_the_limit_and_looks_where_it_should(page: SimpleNamespace) -> None:
+def test_the_plan_keeps_the_limit_and_reduces_the_camera_angle(page: SimpleNamespace) -> None:
     assert page.plain.reached
     assert page.plan.reached
     assert lowest(page, page.plain) < -0.01
@@ -73,7 +73,7 @@ def test_the_plan_keeps_the_limit_and_looks_where_it_should(page: SimpleNamespac
     assert page.plan.shares["gaze"] > 0.0
 
 
-def test_a_limit_that_is_broken_says_so(page: SimpleNamespace) -> None:
+def test_the_note_names_a_violated_limit(page: SimpleNamespace) -> None:
     rates = page.plain.joint_rates
     motion = rolled_out(page.sms, page.problem.stack, page.q0, rates, page.plain.dt)
     broken = page.above.violation(motion)
@@ -83,7 +83,7 @@ def test_a_limit_that_is_broken_says_so(page: SimpleNamespace) -> None:
     assert set(np.round(page.plain.t[over < 1e-3], 6)) <= set(np.round(broken.instants, 6))
 
 
-def test_the_elbow_stays_where_it_should(page: SimpleNamespace) -> None:
+def test_the_elbow_stays_below_its_limit(page: SimpleNamespace) -> None:
     def highest(plan: opt.Trajectory) -> float:
         data, frame = page.sms.model.createData(), page.sms.model.getFrameId("link_3")
         heights = []
@@ -97,7 +97,7 @@ def test_the_elbow_stays_where_it_should(page: SimpleNamespace) -> None:
     assert highest(page.low) < 0.46
 
 
-def test_the_page_shows_parts_as_short_as_it_says() -> None:
+def test_parts_of_the_page_are_as_short_as_stated() -> None:
     """Gaze and Above in two lines each, a limit on the elbow in five."""
     text = "".join(text for _, text in BLOCKS)
     elbow = text[text.index("class Elbow") :].split("# camera")[0].split("import numpy")[0].splitlines()
@@ -117,7 +117,7 @@ def test_a_part_without_a_name_is_refused(page: SimpleNamespace, refused: Callab
     )
 
 
-def test_the_step_takes_both(page: SimpleNamespace) -> None:
+def test_the_step_planner_uses_both_parts(page: SimpleNamespace) -> None:
     assert page.step.solved
     joints = np.zeros(3)
     tip = page.sms.at(page.q0).end_effector_pose.translation
@@ -145,7 +145,7 @@ def test_the_scenario_file_gives_the_same_parts(page: SimpleNamespace) -> None:
     assert effort == opt.Effort(1e-3)
 
 
-def test_the_command_line_imports_only_when_told(
+def test_the_command_line_imports_only_on_request(
     page: SimpleNamespace, capsys: pytest.CaptureFixture[str]
 ) -> None:
     file, out = page.folder / "camera.toml", page.folder / "out"

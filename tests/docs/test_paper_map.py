@@ -19,7 +19,7 @@ TABLES = 2
 FIGURES = ("4a, 6a", "4b, 6b", "4c, 6c", "4d, 6d", "5a, 7a", "5b, 7b")  # of its results
 
 
-def test_none_is_missing() -> None:
+def test_the_map_is_complete() -> None:
     numbers = [str(i) for i in range(1, EQUATIONS + 1)] + [f"Table {i}" for i in range(1, TABLES + 1)]
     assert [row["number"] for row in ROWS] == numbers + [f"Figures {panels}" for panels in FIGURES]
 
@@ -39,12 +39,12 @@ def found(name: str) -> Any:
 
 
 @pytest.mark.parametrize("name", sorted({name for row in ROWS for name in row["code"]}))
-def test_the_code_is_there(name: str) -> None:
+def test_the_code_of_a_row_exists(name: str) -> None:
     assert found(name) is not None
 
 
 @pytest.mark.parametrize("name", sorted({name for row in ROWS for name in row["test"]}))
-def test_the_test_is_there(name: str) -> None:
+def test_the_test_of_a_row_exists(name: str) -> None:
     path, _, function = name.partition("::")
     text = (ROOT / path).read_text(encoding="utf-8")
     assert not function or re.search(rf"^def {function}\(", text, re.M)

@@ -54,7 +54,7 @@ def test_a_written_urdf_is_the_same_robot(name: str, tmp_path: Path) -> None:
     assert frames <= {frame.name for frame in again.model.frames}
 
 
-def test_it_goes_with_its_meshes_to_another_place(tmp_path: Path) -> None:
+def test_an_exported_folder_with_meshes_can_be_moved(tmp_path: Path) -> None:
     sms = ffsms.mount("panda", ffsms.SatelliteBase(mass=80.0, panels=(2.0, 0.5)), velocity=0.1)
     (tmp_path / "one").mkdir()
     to_urdf(sms, tmp_path / "one" / "robot.urdf")
@@ -62,7 +62,7 @@ def test_it_goes_with_its_meshes_to_another_place(tmp_path: Path) -> None:
     assert_same(sms, ffsms.load(tmp_path / "other" / "robot.urdf", end_effector=sms.end_effector))
 
 
-def test_what_is_changed_is_written(tmp_path: Path) -> None:
+def test_changed_inertias_are_exported(tmp_path: Path) -> None:
     """Inertias and limits are those of the robot, not those of the file that it came from."""
     sms = ffsms.load("space_arm_7")
     heavier = [pin.Inertia(2.0 * one.mass, one.lever, 2.0 * one.inertia) for one in sms.model.inertias]
@@ -91,7 +91,7 @@ def model_of_shapes() -> ffsms.SpaceManipulator:
     return ffsms.load(model, end_effector=model.names[3], collision=shapes)
 
 
-def test_a_model_that_never_was_a_file(tmp_path: Path) -> None:
+def test_a_pinocchio_model_with_shapes_is_exported(tmp_path: Path) -> None:
     sms = model_of_shapes()
     again = written(sms, tmp_path / "robot.urdf")
     q, v = random_state(sms, np.random.default_rng(3))
@@ -110,7 +110,7 @@ def loaded(sms: ffsms.SpaceManipulator, **options: Any) -> tuple[Any, Any]:
 
 
 @pytest.mark.parametrize("name", [*ROBOTS, "servicer"])
-def test_in_mujoco_it_is_seen_and_weighs_the_same(name: str) -> None:
+def test_the_robot_in_mujoco_has_the_same_inertia_and_shapes(name: str) -> None:
     sms = robot(name)
     peer = Mujoco(sms, shapes=True)
     q, v = random_state(sms, np.random.default_rng(4))
@@ -165,7 +165,7 @@ def test_a_limit_stops_a_joint_and_without_it_the_joint_goes_on() -> None:
     assert without > upper + 0.1
 
 
-def test_motors_keep_to_their_torque() -> None:
+def test_motors_are_limited_to_their_torque() -> None:
     sms = ffsms.load("planar_3r")
     model, data = loaded(sms)
     data.ctrl[:] = 1e6
@@ -173,7 +173,7 @@ def test_motors_keep_to_their_torque() -> None:
     np.testing.assert_allclose(data.qfrc_actuator[6:], sms.limits.torque)
 
 
-def test_a_visual_mesh_that_is_not_there_is_told_and_left_out(tmp_path: Path) -> None:
+def test_a_missing_visual_mesh_is_left_out_with_a_warning(tmp_path: Path) -> None:
     path = tmp_path / "a.urdf"
     text = model_path("planar_3r").read_text()
     start = '<visual><origin xyz="0.15 0 0"/><geometry>'

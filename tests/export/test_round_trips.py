@@ -82,19 +82,19 @@ def _there_and_back(seed: int, folder: Path) -> None:
 
 
 @pytest.mark.parametrize("seeds", [range(10), range(10, 20), range(20, 30)], ids=str)
-def test_drawn_files_come_back_the_same(seeds: range, tmp_path: Path) -> None:
+def test_random_files_are_unchanged_by_export_and_import(seeds: range, tmp_path: Path) -> None:
     for seed in seeds:
         _there_and_back(seed, tmp_path)
 
 
 @pytest.mark.slow
 @pytest.mark.long
-def test_many_drawn_files_come_back_the_same(tmp_path: Path) -> None:
+def test_more_random_files_are_unchanged_by_export_and_import(tmp_path: Path) -> None:
     for seed in range(30, 200):
         _there_and_back(seed, tmp_path)
 
 
-def test_armature_comes_back_from_mjcf(tmp_path: Path) -> None:
+def test_armature_is_read_back_from_mjcf(tmp_path: Path) -> None:
     """A URDF holds no armature: its export warns."""
     for seed in range(5):
         drawn = draw(seed)

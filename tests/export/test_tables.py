@@ -28,7 +28,9 @@ def plan(robot: ffsms.SpaceManipulator) -> opt.Trajectory:
     return opt.plan(robot, robot.configuration([0.4, 0.7, -0.5]), [0.7, 0.5, 0.0], 4.0, 0.02)
 
 
-def test_back_from_a_file(robot: ffsms.SpaceManipulator, plan: opt.Trajectory, tmp_path: Path) -> None:
+def test_a_plan_is_read_back_from_csv(
+    robot: ffsms.SpaceManipulator, plan: opt.Trajectory, tmp_path: Path
+) -> None:
     path = tmp_path / "plan.csv"
     export.to_csv(robot, plan, path)
     again = export.read_csv(robot, path)
@@ -81,7 +83,7 @@ _TARGET = [0.05, 0.1, 0.05]  # [m] from the end effector at home
 
 
 @pytest.mark.parametrize("mode", list(MODES))
-def test_a_plan_of_every_mode_comes_back(mode: str, tmp_path: Path) -> None:
+def test_a_plan_of_every_mode_is_read_back(mode: str, tmp_path: Path) -> None:
     wheels = ffsms.ReactionWheels(np.eye(3), [0.05] * 3, [2.0] * 3, [50.0] * 3)
     sms = ffsms.load("satellite_panda").with_actuators(wheels=wheels)
     q0 = sms.home()
@@ -108,7 +110,7 @@ def drifting(robot: ffsms.SpaceManipulator) -> opt.Trajectory:
     return opt.plan(robot, robot.configuration([0.02] * 3), [1.0, 0.15, 0.0], 6.0, momentum=momentum)
 
 
-def test_a_flight_comes_back_with_its_drift(
+def test_a_flight_is_read_back_with_its_drift(
     robot: ffsms.SpaceManipulator, drifting: opt.Trajectory, tmp_path: Path
 ) -> None:
     flight = ffsms.simulate(robot, drifting, ffsms.SlidingModeController(robot), dt=0.01)
@@ -138,7 +140,7 @@ def test_a_plan_has_its_torques(robot: ffsms.SpaceManipulator, plan: opt.Traject
     np.testing.assert_array_equal(frame["joint_3.torque [N m]"], plan.tau[:, 2])
 
 
-def test_a_slide_has_its_own_units(tmp_path: Path) -> None:
+def test_prismatic_joints_have_their_own_units(tmp_path: Path) -> None:
     sms = sliding(tmp_path)
     problem = opt.Problem(sms, sms.configuration([0.0, 0.1]), [0.0, 0.0, 0.0], 2.0, 0.1, limits=())
     motion = measure(problem, np.sin(np.pi * np.linspace(0.0, 1.0, 21))[:, None] * [0.1, 0.3])
@@ -204,7 +206,7 @@ def test_an_unknown_mode_is_refused(
         export.read_csv(robot, tmp_path / "plan.csv")
 
 
-def test_columns_of_other_tools_may_hold_words(
+def test_additional_text_columns_are_allowed(
     robot: ffsms.SpaceManipulator, plan: opt.Trajectory, tmp_path: Path
 ) -> None:
     frame = export.to_dataframe(robot, plan).assign(phase="approach")
@@ -212,12 +214,14 @@ def test_columns_of_other_tools_may_hold_words(
     np.testing.assert_allclose(export.read_csv(robot, tmp_path / "plan.csv").q, plan.q, rtol=0.0, atol=1e-12)
 
 
-def test_a_missing_file_is_told(robot: ffsms.SpaceManipulator, tmp_path: Path) -> None:
+def test_a_missing_table_is_refused(robot: ffsms.SpaceManipulator, tmp_path: Path) -> None:
     with pytest.raises(ResultError, match="cannot be read"):
         export.read_csv(robot, tmp_path / "none.csv")
 
 
-def test_the_message_of_ros_holds_the_nodes(robot: ffsms.SpaceManipulator, plan: opt.Trajectory) -> None:
+def test_the_ros_message_has_the_nodes_of_the_plan(
+    robot: ffsms.SpaceManipulator, plan: opt.Trajectory
+) -> None:
     message = yaml.safe_load(export.to_joint_trajectory(robot, plan, every=10))
     assert message["joint_names"] == robot.joint_names
     assert len(message["points"]) == 21

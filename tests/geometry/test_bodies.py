@@ -67,7 +67,7 @@ def test_screening_loses_nothing(robot: ffsms.SpaceManipulator) -> None:
 
 
 @pytest.mark.parametrize("mode", ["hulls", "shapes"])
-def test_what_is_near_is_found_with_its_slopes(robot: ffsms.SpaceManipulator, mode: str) -> None:
+def test_near_pairs_are_found_with_their_gradients(robot: ffsms.SpaceManipulator, mode: str) -> None:
     stack, near = BodyStack(robot, mode, 0.01), 0.03
     poses = Poses.of(places(robot, 20, 4))
     everywhere = stack.values(poses)
@@ -119,7 +119,7 @@ def test_gradients(robot: ffsms.SpaceManipulator) -> None:
     assert np.median(wrong) < 1e-5
 
 
-def test_rows_leave_out_only_what_cannot_bind(robot: ffsms.SpaceManipulator) -> None:
+def test_rows_omit_only_inactive_pairs(robot: ffsms.SpaceManipulator) -> None:
     stack = BodyStack(robot, "hulls", 0.01)
     model = At(stack)
     q, fastest = robot.configuration(places(robot, 1, 5)[:, 0]), np.full(robot.n, 0.2)
@@ -133,7 +133,7 @@ def test_rows_leave_out_only_what_cannot_bind(robot: ffsms.SpaceManipulator) -> 
 
 
 @pytest.mark.parametrize("mode", ["hulls", "shapes"])
-def test_one_configuration_is_measured_as_a_stack_of_them(robot: ffsms.SpaceManipulator, mode: str) -> None:
+def test_a_single_configuration_equals_a_row_of_a_stack(robot: ffsms.SpaceManipulator, mode: str) -> None:
     """To the bit, wherever the base is."""
     stack, joints, base = BodyStack(robot, mode, 0.01), places(robot, 8, 9), pin.SE3.Random()
     poses = Poses.of(joints)
@@ -147,13 +147,13 @@ def test_one_configuration_is_measured_as_a_stack_of_them(robot: ffsms.SpaceMani
         np.testing.assert_allclose(gradient, slopes[:, k].T, rtol=0.0, atol=1e-9)
 
 
-def test_the_mode_that_is_chosen(robot: ffsms.SpaceManipulator) -> None:
+def test_the_default_collision_mode(robot: ffsms.SpaceManipulator) -> None:
     assert chosen_mode(robot) == "hulls"
     assert chosen_mode(ffsms.load("planar_3r")) == "points"
     assert opt.Clearance(collision="auto").for_robot(robot).left_out == []
 
 
-def test_what_is_near_by_construction_is_left_out(robot: ffsms.SpaceManipulator) -> None:
+def test_pairs_that_are_near_by_construction_are_left_out(robot: ffsms.SpaceManipulator) -> None:
     wide = opt.Clearance(0.25, "hulls").for_robot(robot)
     assert wide.left_out
     assert len(wide.left_out) < len(opt.Clearance(0.01, "hulls").for_robot(robot).left_out) + 21
@@ -164,7 +164,7 @@ def test_a_clearance_that_no_bodies_can_keep_is_refused(robot: ffsms.SpaceManipu
         opt.Clearance(1e3, "hulls").for_robot(robot)
 
 
-def test_robots_of_other_masses_share_what_was_made_of_the_shapes(robot: ffsms.SpaceManipulator) -> None:
+def test_robots_of_other_masses_share_their_clearance_stack(robot: ffsms.SpaceManipulator) -> None:
     geometry, limit = robot.geometry("collision"), opt.Clearance().for_robot(robot)
     bodies = list(robot.model.inertias)[1:]
     heavier = robot.with_inertias([pin.Inertia(1.2 * b.mass, b.lever, 1.2 * b.inertia) for b in bodies])

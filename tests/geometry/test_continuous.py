@@ -41,7 +41,7 @@ class Counted(BodyStack):
         return super().nearest(poses, where, near)
 
 
-def test_little_is_measured_along_a_motion_and_nothing_is_lost(robot: ffsms.SpaceManipulator) -> None:
+def test_few_distances_along_a_motion_give_the_exact_minimum(robot: ffsms.SpaceManipulator) -> None:
     """Distances at some instants and how fast they can change tell where the others are measured."""
     start, end = places(robot, 2, 7).T
     problem = opt.Problem(robot, robot.configuration(start), np.ones(3), 2.0, 0.01, limits=[])
@@ -64,7 +64,7 @@ def test_little_is_measured_along_a_motion_and_nothing_is_lost(robot: ffsms.Spac
 
 
 @pytest.mark.parametrize("name", ARMS)
-def test_between_two_instants(name: str) -> None:
+def test_a_collision_between_two_instants_is_detected(name: str) -> None:
     """A pass between two instants that both are clear is seen."""
     sms = ffsms.load(name)
     limit = opt.Clearance(0.01, "hulls")

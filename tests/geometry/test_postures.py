@@ -56,7 +56,7 @@ def test_samples_are_clear_where_draws_are_not() -> None:
     assert min(least_distance(sms, sms.configuration(row)) for row in drawn) < 0.0
 
 
-def test_what_cannot_be_is_told(refused: Callable[..., FfsmsError]) -> None:
+def test_impossible_clearances_and_counts_are_refused(refused: Callable[..., FfsmsError]) -> None:
     sms = ffsms.load("planar_3r")
     refused(lambda: sms.home(5.0), InvalidValue, "clearance", "0 of 16384 postures")
     for count in (0, 10**400):
@@ -70,7 +70,7 @@ def test_what_cannot_be_is_told(refused: Callable[..., FfsmsError]) -> None:
     refused(ffsms.load(model, velocity=1.0).home, InvalidValue, "'slide'", "finite")
 
 
-def test_n_numbers_where_nq_are_meant_are_told(refused: Callable[..., FfsmsError]) -> None:
+def test_joint_positions_in_place_of_q_are_refused(refused: Callable[..., FfsmsError]) -> None:
     sms = ffsms.load("planar_3r")
     for call in (lambda: opt.plan(sms, [0.1, 0.2, 0.3], [0.7, 0.5, 0.0]), lambda: sms.at([0.1, 0.2, 0.3])):
         refused(call, InvalidValue, "sms.configuration(joints)", "10 entries")

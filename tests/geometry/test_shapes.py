@@ -20,7 +20,7 @@ from ffsms_pin.urdf import model_names, model_path
 Refused = Callable[..., FfsmsError]
 
 
-def test_shapes_of_every_robot_that_has_a_name() -> None:
+def test_numbers_of_shapes_of_named_robots() -> None:
     shapes = {
         "planar_3r": (4, 4),
         "servicer": (11, 11),
@@ -68,7 +68,7 @@ def test_shapes_of_copies() -> None:
         assert again.geometry("visual").ngeoms == sms.geometry("visual").ngeoms
 
 
-def test_shapes_that_cannot_be_had(refused: Refused, tmp_path: Path) -> None:
+def test_missing_and_damaged_meshes_are_reported(refused: Refused, tmp_path: Path) -> None:
     text = model_path("planar_3r").read_text()
     path = tmp_path / "a.urdf"
     path.write_text(text.replace('<box size="0.3 0.03 0.03"/>', '<mesh filename="package://robot/arm.stl"/>'))

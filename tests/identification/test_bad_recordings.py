@@ -40,7 +40,7 @@ def test_noise_alone_is_no_fault(panda: ffsms.SpaceManipulator, noisy: Any) -> N
 
 
 @pytest.mark.parametrize("kind", ["arrays", "noisy"])
-def test_damage_is_told(
+def test_damaged_recordings_are_refused(
     kind: str, panda: ffsms.SpaceManipulator, refused: Callable[..., Any], request: pytest.FixtureRequest
 ) -> None:
     t, q, v = request.getfixturevalue(kind)
@@ -86,7 +86,7 @@ def test_damage_is_told(
 
 @pytest.mark.parametrize("turned", [0.0, 1.2])
 @pytest.mark.parametrize("base_velocity", ["mixed", "inertial"])
-def test_other_axes_are_read_or_told(
+def test_other_velocity_axes_are_converted_or_refused(
     turned: float, base_velocity: str, panda: ffsms.SpaceManipulator, arrays: Any, refused: Callable[..., Any]
 ) -> None:
     """The axes of MuJoCo and of an inertial frame; a base that turns by 0.1 rad only is enough."""
@@ -116,7 +116,7 @@ def test_times_of_any_spacing(panda: ffsms.SpaceManipulator, arrays: Any, rng: n
     assert found["base"].mass == pytest.approx(180.567, rel=1e-5)
 
 
-def test_velocities_in_millimetres_and_missing_ones_are_told(
+def test_velocities_in_millimetres_and_zero_velocities_are_refused(
     panda: ffsms.SpaceManipulator, arrays: Any, refused: Callable[..., Any]
 ) -> None:
     t, q, v = arrays
@@ -127,7 +127,9 @@ def test_velocities_in_millimetres_and_missing_ones_are_told(
     refused(lambda: identify(panda, recording=(t, q, v * none)), InvalidValue, "v[:, :3] = np.nan")
 
 
-def test_pushes_are_told(planar: ffsms.SpaceManipulator, swing: Any, law: Any, refused: Any) -> None:
+def test_recordings_with_external_forces_are_refused(
+    planar: ffsms.SpaceManipulator, swing: Any, law: Any, refused: Any
+) -> None:
     push = Wrench([1.0, 0.0, 0.0, 0.0, 0.0, 0.0], on="base", start=1.0, end=1.2)
     tracking = simulate(planar, swing, law, conditions=Conditions(disturbances=push))
     refused(lambda: identify(planar, tracking), InvalidValue, "external forces", "between(start, end)")
@@ -167,7 +169,7 @@ def test_arguments(panda: ffsms.SpaceManipulator, arrays: Any, refused: Any) -> 
     refused(lambda: identifier.update(0.1, arrays[1][1, :-1], arrays[2][1]), InvalidValue, "shape")
 
 
-def test_a_slow_motion_in_degrees_is_told(
+def test_a_slow_motion_in_degrees_is_refused(
     panda: ffsms.SpaceManipulator, arrays: Any, refused: Callable[..., Any]
 ) -> None:
     """Positions and rates agree, and the rates are below the limits: the positions tell it."""
@@ -178,9 +180,7 @@ def test_a_slow_motion_in_degrees_is_told(
     refused(lambda: identify(panda, recording=recording), InvalidValue, "positions of joint", "degrees")
 
 
-def test_joints_in_another_order_explain_nothing_and_the_note_says_so(
-    panda: ffsms.SpaceManipulator, arrays: Any
-) -> None:
+def test_joints_in_another_order_are_noted(panda: ffsms.SpaceManipulator, arrays: Any) -> None:
     t, q, v = arrays
     assert "no values of the parameters explain" not in identify(panda, recording=(t, q, v)).note
     swapped = t, q[:, [*range(7), *range(13, 6, -1)]], v[:, [*range(6), *range(12, 5, -1)]]

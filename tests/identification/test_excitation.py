@@ -36,7 +36,7 @@ def worst(identifier: Identifier, plan: opt.Trajectory) -> float:
     return float(np.sqrt(np.diag(np.linalg.inv(G + np.eye(len(G)))))[[0, 1, 2, 9]].max())
 
 
-def test_a_plan_with_the_term_arrives_and_shows_more(
+def test_a_plan_with_the_term_reaches_and_is_more_informative(
     planar: ffsms.SpaceManipulator, problem: opt.Problem, plan: opt.Trajectory
 ) -> None:
     identifier, excited = Identifier(planar, ["base"], sensors=NOISE), plan
@@ -52,7 +52,7 @@ def test_a_plan_with_the_term_arrives_and_shows_more(
 
 
 @pytest.mark.parametrize("at_rest", [False, True])
-def test_its_momenta_are_those_of_the_regressor(
+def test_the_mean_square_of_the_residual_is_the_weight(
     at_rest: bool, planar: ffsms.SpaceManipulator, problem: opt.Problem, plan: opt.Trajectory
 ) -> None:
     """At its own plan the residual is minus the weighted momentum less its mean, of mean square 1."""
@@ -76,11 +76,13 @@ def test_a_slower_motion_is_compared_with_the_plan_at_the_same_share_of_its_dura
 
 
 @pytest.mark.slow
-def test_its_slopes(planar: ffsms.SpaceManipulator, problem: opt.Problem, plan: opt.Trajectory) -> None:
+def test_derivatives_of_the_excitation_term(
+    planar: ffsms.SpaceManipulator, problem: opt.Problem, plan: opt.Trajectory
+) -> None:
     opt.check(Excitation(Identifier(planar, ["base", "link_2"]), plan, directions=2), problem)
 
 
-def test_what_it_cannot_use_is_refused(
+def test_invalid_arguments_of_excitation_are_refused(
     planar: ffsms.SpaceManipulator, problem: opt.Problem, plan: opt.Trajectory, refused: Any
 ) -> None:
     identifier = Identifier(planar, ["base"], sensors=NOISE)

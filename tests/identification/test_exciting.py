@@ -21,7 +21,9 @@ def motion(planar: ffsms.SpaceManipulator) -> opt.Trajectory:
     return exciting_motion(planar, planar.configuration(np.radians([1.0, 1.0, 1.0])), 8.0, sensors=NOISE)
 
 
-def test_it_keeps_all_limits_and_comes_back(planar: ffsms.SpaceManipulator, motion: opt.Trajectory) -> None:
+def test_the_motion_keeps_all_limits_and_returns(
+    planar: ffsms.SpaceManipulator, motion: opt.Trajectory
+) -> None:
     assert motion.clear
     assert motion.broken == {}
     limits = planar.limits
@@ -41,7 +43,7 @@ def left(planar: ffsms.SpaceManipulator, plan: opt.Trajectory) -> Any:
     return deviations[[0, 1, 2, 9]]
 
 
-def test_the_worst_known_is_known_better_than_by_a_plan(
+def test_the_largest_deviation_is_smaller_than_after_a_plan(
     planar: ffsms.SpaceManipulator, motion: opt.Trajectory
 ) -> None:
     plan = opt.plan(planar, motion.q[0], [0.45, 0.75, 0.0], duration=8.0, dt=0.02)
@@ -51,7 +53,9 @@ def test_the_worst_known_is_known_better_than_by_a_plan(
     assert left(planar, motion).max() < left(planar, random).max()
 
 
-def test_a_base_is_learnt_by_it(planar: ffsms.SpaceManipulator, motion: opt.Trajectory) -> None:
+def test_the_base_is_identified_from_the_motion(
+    planar: ffsms.SpaceManipulator, motion: opt.Trajectory
+) -> None:
     plant = simulation.perturb(planar, base_mass=1.12, base_inertia=0.9)
     law = control.ComputedTorque(planar)
     tracking = simulation.simulate(planar, motion, law, dt=5e-3, plant=plant)
@@ -64,7 +68,7 @@ def test_a_base_is_learnt_by_it(planar: ffsms.SpaceManipulator, motion: opt.Traj
     assert found["base"].inertia[2, 2] == pytest.approx(plant.model.inertias[1].inertia[2, 2], rel=0.01)
 
 
-def test_no_room_is_told(planar: ffsms.SpaceManipulator, refused: Any) -> None:
+def test_a_start_too_close_to_limits_is_refused(planar: ffsms.SpaceManipulator, refused: Any) -> None:
     start = planar.configuration(np.radians([1.0, 1.0, 1.0]))
 
     def crowded() -> None:

@@ -56,7 +56,7 @@ def base_of(found: Identification, true: ffsms.SpaceManipulator, share: float) -
     assert relative(found["base"].inertia, body.inertia) < share
 
 
-def test_the_base_is_found_from_exact_data() -> None:
+def test_the_base_is_identified_from_exact_data() -> None:
     tracking = swung_by(true_arm(), arm())
     found = identify(arm(), tracking, unknown=["base"])
     base_of(found, true_arm(), 1e-5)
@@ -76,7 +76,7 @@ def test_a_momentum_that_is_not_zero_changes_nothing() -> None:
     base_of(identify(arm(), tracking), true_arm(), 1e-5)
 
 
-def test_the_sums_are_plain_least_squares() -> None:
+def test_the_recursion_equals_dense_least_squares() -> None:
     """The recursion beside one dense weighted least-squares problem over the whole recording."""
     tracking = swung_by(true_arm(), arm())
     t, q, v = measured(tracking, NOISE)
@@ -107,7 +107,7 @@ def test_the_sums_are_plain_least_squares() -> None:
     assert identifier.found.residual == pytest.approx(residual, rel=1e-4)
 
 
-def test_the_recursive_form_is_the_batch() -> None:
+def test_the_recursive_estimate_equals_the_batch_estimate() -> None:
     t, q, v = measured(swung_by(true_arm(), arm()), NOISE)
     identifier = Identifier(arm(), ["base"], sensors=NOISE)
     for row in zip(t, q, v, strict=True):
@@ -118,7 +118,7 @@ def test_the_recursive_form_is_the_batch() -> None:
     np.testing.assert_allclose(recursive.covariance, batch.covariance, rtol=1e-6, atol=1e-12)
 
 
-def test_noise_is_weighted_and_intervals_hold_the_truth() -> None:
+def test_confidence_intervals_contain_the_true_parameters() -> None:
     tracking, true = swung_by(true_arm(), arm()), true_arm().inertial_parameters[:10]
     inside, count, residuals = 0, 0, []
     for seed in range(12):
@@ -164,13 +164,13 @@ def test_base_and_payload_together() -> None:
     np.testing.assert_allclose(found.inertias[last].mass, bodies[last].mass, rtol=1e-3)
 
 
-def test_a_payload_that_is_not_there_is_found_to_be_nothing() -> None:
+def test_a_missing_payload_is_estimated_as_zero() -> None:
     found = identify(arm(), swung_by(arm(), arm()), unknown=["payload"])
     assert abs(found["payload"].mass) < 1e-3
     assert np.linalg.eigvalsh(pseudo_inertia(found["payload"].parameters))[0] > 0.0
 
 
-def test_without_a_known_mass_only_ratios_are_told() -> None:
+def test_without_a_known_mass_only_ratios_are_identified() -> None:
     everything = ["base", *arm().joint_names]
     plant = simulation.perturb(true_arm(), arm_mass=[1.1, 0.9, 1.05, 0.95, 1.1, 0.9, 1.08])
     tracking = swung_by(plant, arm())
@@ -189,7 +189,7 @@ def test_without_a_known_mass_only_ratios_are_told() -> None:
     assert relative(told["base"].inertia, plant.model.inertias[1].inertia) < 1e-2
 
 
-def test_torques_tell_the_scale() -> None:
+def test_torques_identify_the_scale() -> None:
     bodies = [1.2 * body for body in map(_scaled, list(arm().model.inertias)[1:])]
     plant = arm().with_inertias(bodies)
     tracking, everything = swung_by(plant, arm()), ["base", *arm().joint_names]
@@ -226,7 +226,7 @@ def test_exact_momenta_and_torques_together_leave_unobservable_parameters_alone(
 
 
 @pytest.mark.parametrize("momentum", [np.zeros(6), np.array([1.0, -0.5, 0.3, 0.4, 0.2, -0.3])])
-def test_gyros_and_encoders_alone_find_the_base(momentum: Any) -> None:
+def test_gyros_and_encoders_identify_the_base(momentum: Any) -> None:
     """The angular momentum about the centre of mass shows all ten parameters, without a linear velocity."""
     tracking = swung_by(true_arm(), arm(), momentum=tuple(momentum))
     q, v = tracking.q[::4].copy(), tracking.v[::4].copy()
@@ -252,7 +252,7 @@ def test_a_linear_velocity_in_some_samples_only_is_refused(first_measured: bool)
     assert identifier.samples == 1
 
 
-def test_without_a_linear_velocity_that_is_mostly_noise_the_inertia_is_better_known() -> None:
+def test_without_a_noisy_linear_velocity_the_inertia_is_more_precise() -> None:
     """In the regressors its noise costs more information than the velocity has."""
     tracking, true = swung_by(true_arm(), arm()), np.array(true_arm().model.inertias[1].toDynamicParameters())
     noise = Sensors(base_velocity_noise=2e-3, base_rate_noise=1e-5, joint_rate_noise=2e-4)
@@ -264,7 +264,7 @@ def test_without_a_linear_velocity_that_is_mostly_noise_the_inertia_is_better_kn
         assert (np.abs(body.parameters - true) < 4.0 * body.deviation).all()
 
 
-def test_a_low_rate_of_sampling_is_no_noise() -> None:
+def test_a_low_sampling_rate_is_not_taken_for_noise() -> None:
     """Differences of the third order alone would take the motion for noise of 2 % of the rates."""
     tracking = swung_by(true_arm(), arm())
     rows = slice(None, None, 40)  # 5 Hz
@@ -290,7 +290,7 @@ def test_torques_at_a_stop_are_left_out() -> None:
         torque_equations(identifier, recording, 0.0)
 
 
-def test_wheels_are_counted() -> None:
+def test_the_momentum_of_wheels_is_included() -> None:
     wheels = ffsms.ReactionWheels(np.eye(3), inertia=0.05, torque=2.0, momentum=50.0)
     model = arm().with_actuators(wheels=wheels)
     plant = true_arm().with_actuators(wheels=wheels)
@@ -334,7 +334,7 @@ def test_a_recording_of_mujoco() -> None:
     base_of(found, true_arm(), 1e-4)
 
 
-def test_planar_motion_says_what_it_cannot_tell(planar: ffsms.SpaceManipulator) -> None:
+def test_the_note_of_a_planar_motion_names_unobservable_parameters(planar: ffsms.SpaceManipulator) -> None:
     plant = simulation.perturb(planar, base_mass=1.1, base_inertia=0.9)
     found = identify(planar, swung_by(plant, planar))
     assert found["base"].mass == pytest.approx(plant.model.inertias[1].mass, rel=1e-4)
@@ -345,7 +345,7 @@ def test_planar_motion_says_what_it_cannot_tell(planar: ffsms.SpaceManipulator) 
     assert np.linalg.eigvalsh(pseudo_inertia(found["base"].parameters))[0] > 0.0
 
 
-def test_a_recording_at_rest_tells_nothing() -> None:
+def test_a_recording_at_rest_has_no_observable_parameters() -> None:
     t = np.linspace(0.0, 2.0, 101)
     q = np.tile(arm().configuration(np.full(7, 0.2)), (101, 1))
     found = identify(arm(), recording=(t, q, np.zeros((101, 13))))
@@ -391,7 +391,7 @@ def test_latency_of_the_base_is_undone() -> None:
     )
 
 
-def test_what_acts_from_outside_begins_another_constant() -> None:
+def test_a_push_between_samples_starts_another_momentum() -> None:
     tracking = swung_by(true_arm(), arm())
     pushed = swung_by(true_arm(), arm(), momentum=(3.0, -2.0, 1.0, 0.4, 0.5, -0.6))
     identifier = Identifier(arm(), ["base"])
@@ -404,7 +404,7 @@ def test_what_acts_from_outside_begins_another_constant() -> None:
 
 
 @pytest.mark.parametrize("seed", [0, 1, 2])
-def test_momenta_that_noise_alone_moves_teach_nothing(seed: int, planar: ffsms.SpaceManipulator) -> None:
+def test_momenta_of_pure_noise_do_not_bias_the_estimate(seed: int, planar: ffsms.SpaceManipulator) -> None:
     """Out of its plane a planar robot has no motion, and the most precise momenta: noise of gyros alone."""
     plant = simulation.perturb(planar, base_mass=0.9, base_inertia=1.1, base_com=[0.05, 0.0, 0.0])
     s = np.linspace(0.0, 4.0 * np.pi, 1001)[:, None]

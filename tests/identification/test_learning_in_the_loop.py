@@ -27,7 +27,7 @@ def flown(
     return reference, simulation.simulate(planar, reference, law, dt=3e-3, q0=q0, plant=plant)
 
 
-def test_plans_follow_what_is_learnt(planar: ffsms.SpaceManipulator) -> None:
+def test_re_planning_uses_the_identified_model(planar: ffsms.SpaceManipulator) -> None:
     """The base's centre of mass is off, which no scale factor of the default explains."""
     plant = simulation.perturb(planar, base_mass=0.85, base_inertia=1.15, base_com=[0.05, -0.04, 0.0])
     identifier = Identifier(planar, ["base"])
@@ -62,7 +62,7 @@ def test_an_unknown_payload_is_carried_to_the_target() -> None:
     assert law.sms is reference.robot
 
 
-def test_an_identifier_gets_what_the_sensors_show(planar: ffsms.SpaceManipulator) -> None:
+def test_the_identifier_receives_the_sensor_values(planar: ffsms.SpaceManipulator) -> None:
     """An estimator filters what plans go by; the identifier counts on the noise, and must have it."""
 
     class Kept(Identifier):
@@ -84,7 +84,7 @@ def test_an_identifier_gets_what_the_sensors_show(planar: ffsms.SpaceManipulator
     assert len(Kept.rows) == 50
 
 
-def test_an_uncertain_estimate_is_not_followed(planar: ffsms.SpaceManipulator) -> None:
+def test_an_uncertain_estimate_is_not_used(planar: ffsms.SpaceManipulator) -> None:
     identifier = Identifier(planar, ["base"])
     assert identifier.uncertainty() == 1.0
     q0 = planar.configuration(START)
@@ -93,7 +93,7 @@ def test_an_uncertain_estimate_is_not_followed(planar: ffsms.SpaceManipulator) -
     assert identifier.learnt(planar) is planar
 
 
-def test_an_estimate_that_stays_is_not_followed_anew(planar: ffsms.SpaceManipulator) -> None:
+def test_an_unchanged_estimate_gives_no_new_model(planar: ffsms.SpaceManipulator) -> None:
     plant = simulation.perturb(planar, base_mass=1.1)
     identifier = Identifier(planar, ["base"])
     for k in range(60):
@@ -118,7 +118,7 @@ def test_the_consistent_estimate_is_the_same_from_a_near_start(rng: Any) -> None
     assert cost[1] == pytest.approx(cost[0], rel=0.02)
 
 
-def test_what_cannot_be_learnt_by_is_refused(planar: ffsms.SpaceManipulator, refused: Any) -> None:
+def test_unsupported_learners_and_modes_are_refused(planar: ffsms.SpaceManipulator, refused: Any) -> None:
     q0 = planar.configuration(START)
     problem = opt.Problem(planar, q0, TARGET, 8.0, mode="rotation-flying")
     refused(lambda: opt.Replanning(problem, learn=Identifier(planar, ["base"])), InvalidValue, "mode")

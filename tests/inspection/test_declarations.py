@@ -53,7 +53,7 @@ TOLD = {
 
 
 @pytest.mark.parametrize("case", TOLD)
-def test_load_tells_each_kind_once(case: str, tmp_path: Path) -> None:
+def test_load_warns_once_of_each_kind(case: str, tmp_path: Path) -> None:
     text, words = TOLD[case]
     with pytest.warns(FfsmsWarning) as told:
         ffsms.load(write(tmp_path, text))
@@ -74,7 +74,7 @@ def test_limits_in_degrees_are_given_in_radians(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("limit", ["6.283185307179586", "25.0", "1000", "1e10"])
-def test_turns_and_limits_that_mean_none_are_no_degrees(limit: str, tmp_path: Path) -> None:
+def test_full_turns_and_missing_limits_are_not_taken_for_degrees(limit: str, tmp_path: Path) -> None:
     text = PLANAR.replace('upper="2.827433388230814"', f'upper="{limit}"')
     with warnings.catch_warnings():
         warnings.simplefilter("error")
@@ -94,7 +94,7 @@ def test_gears_are_listed_by_inspect_alone(tmp_path: Path) -> None:
     assert "gears are not read (transmission 't2': 2, transmission 't50': 50)" in fault.problem
 
 
-def test_a_formula_of_xacro_says_so(refused: Refused, tmp_path: Path) -> None:
+def test_the_error_for_a_xacro_formula_names_xacro(refused: Refused, tmp_path: Path) -> None:
     path = write(tmp_path, PLANAR.replace('<mass value="0.569"/>', '<mass value="${m}"/>', 1))
     refused(lambda: ffsms.load(path), InvalidUrdf, '"${m}"', "expand the file with xacro")
 
@@ -102,7 +102,7 @@ def test_a_formula_of_xacro_says_so(refused: Refused, tmp_path: Path) -> None:
 # -- a root link that is no satellite
 
 
-def test_the_foot_of_an_arm_for_the_ground_is_told() -> None:
+def test_a_root_link_with_little_mass_causes_a_warning() -> None:
     path, _ = find_arm("ur5")
     with pytest.warns(FfsmsWarning) as told:
         sms = ffsms.load(path)
@@ -165,7 +165,7 @@ CLIENT = (
 )
 
 
-def test_the_inertia_of_a_client_is_mended_when_asked(refused: Refused, tmp_path: Path) -> None:
+def test_the_inertia_of_a_client_is_repaired_on_request(refused: Refused, tmp_path: Path) -> None:
     path = write(tmp_path, CLIENT)
     error = refused(lambda: ffsms.Client.from_urdf(path), InvalidInertia, 'inertias="repair"')
     assert "keep" not in str(error)
@@ -187,7 +187,7 @@ def test_info_reads_a_file_without_joints(tmp_path: Path, capsys: pytest.Capture
     assert ffsms.Client.from_urdf(tmp_path / "mended.urdf").mass == 10.0
 
 
-def test_info_tells_what_is_not_used_once(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_info_lists_unused_elements_once(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         assert main(["info", str(write(tmp_path, XACRO))]) == 0
@@ -206,7 +206,7 @@ def test_info_lists_damping_and_friction(tmp_path: Path, capsys: pytest.CaptureF
     assert "friction" not in capsys.readouterr().out
 
 
-def test_a_limit_without_a_range_says_so(refused: Refused, tmp_path: Path) -> None:
+def test_a_limit_without_a_range_is_refused(refused: Refused, tmp_path: Path) -> None:
     text = PLANAR.replace('lower="-2.827433388230814" upper="2.827433388230814" ', "")
     assert text != PLANAR
     path = write(tmp_path, text)

@@ -203,7 +203,7 @@ LENIENT = {"no limit", "mimic"}  # `load` assumes the same as a repair, with a w
 
 
 @pytest.mark.parametrize("case", MENDED)
-def test_faults_are_found_and_mended(case: str, tmp_path: Path) -> None:
+def test_faults_are_found_and_repaired(case: str, tmp_path: Path) -> None:
     text, where, words, as_wanted = MENDED[case]
     path, out = write(tmp_path, text), tmp_path / "mended.urdf"
     lenient = case in LENIENT
@@ -255,7 +255,7 @@ STUCK: dict[str, tuple[str, tuple[str, ...]]] = {
 
 
 @pytest.mark.parametrize("case", STUCK)
-def test_what_cannot_be_mended_is_said(refused: Refused, case: str, tmp_path: Path) -> None:
+def test_faults_that_cannot_be_repaired_are_reported(refused: Refused, case: str, tmp_path: Path) -> None:
     text, words = STUCK[case]
     path, out = write(tmp_path, text), tmp_path / "out.urdf"
     report = inspect(path)

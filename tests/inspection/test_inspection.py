@@ -21,7 +21,7 @@ Refused = Callable[..., FfsmsError]
 PI = np.pi
 
 
-def test_only_what_is_wrong_is_changed(tmp_path: Path) -> None:
+def test_repair_changes_faults_only(tmp_path: Path) -> None:
     path, out = write(tmp_path, in_joint_2('effort="1.5"', 'effort="1.5 "')), tmp_path / "out.urdf"
     assert len(repair(path, out)) == 1
     assert ffsms.load(out).model == ffsms.load("planar_3r").model
@@ -32,7 +32,7 @@ def test_only_what_is_wrong_is_changed(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", model_names())
-def test_packaged_robots_are_sound(name: str) -> None:
+def test_packaged_robots_have_no_faults(name: str) -> None:
     report = inspect(name)
     assert report.loads
     assert report.faults == ()
@@ -40,7 +40,7 @@ def test_packaged_robots_are_sound(name: str) -> None:
     assert all(joint.velocity for joint in report.joints if joint.type == "revolute")
 
 
-def test_the_report_says_what_is_there(tmp_path: Path) -> None:
+def test_the_report_lists_links_joints_and_faults(tmp_path: Path) -> None:
     path = write(tmp_path, in_link_2('<box size="0.3 0.03 0.03"/>', '<mesh filename="package://a/b.stl"/>'))
     report = inspect(path)
     assert report.name == "planar_3r"
@@ -59,7 +59,7 @@ def test_the_report_says_what_is_there(tmp_path: Path) -> None:
     assert ["rate limit" in str(fault) for fault in inspect(continuous).faults] == [True]
 
 
-def test_meshes_still_count_from_the_right_folder(tmp_path: Path) -> None:
+def test_mesh_paths_are_relative_to_the_repaired_file(tmp_path: Path) -> None:
     (tmp_path / "arm.stl").write_text("a mesh")
     path = write(tmp_path, in_link_2('<box size="0.3 0.03 0.03"/>', '<mesh filename="arm.stl"/>'))
     (tmp_path / "new").mkdir()
@@ -101,7 +101,7 @@ def test_bad_arguments(refused: Refused, tmp_path: Path) -> None:
     [("1.5", "1.5"), (" 1.5\t", "1.5"), ("1,5", "1.5"), ("2*(1+0.5)", "3.0"), ("-pi", repr(-PI)),
      ("math.pi/3", repr(PI / 3)), ("${pi / 2}", repr(PI / 2)), ("+M_PI", repr(PI))],
 )  # fmt: skip
-def test_numbers_that_can_be_told(text: str, value: str) -> None:
+def test_numbers_that_can_be_repaired(text: str, value: str) -> None:
     assert mended_number(text) == value
 
 
@@ -110,7 +110,7 @@ def test_numbers_that_can_be_told(text: str, value: str) -> None:
     ["", " ", "1 2", "half", "1/0", "1kg", "2**9", "nan", "1e999", "9" * 400, "(" * 90, "__import__('os')",
      "pi.real", "True", "1 if 1 else 2", "[1]", "\u0663", "1,000,5", "a\0b", "${x}", "1_0j"],
 )  # fmt: skip
-def test_numbers_that_cannot(text: str) -> None:
+def test_numbers_that_cannot_be_repaired(text: str) -> None:
     assert mended_number(text) is None
 
 
@@ -143,7 +143,7 @@ def test_info_lists_the_faults_and_repairs_them(tmp_path: Path, capsys: pytest.C
         (["none.urdf", "--repair", "OUT"], "no robot 'none.urdf'"),
     ],
 )
-def test_what_info_cannot_repair(
+def test_files_that_info_cannot_repair(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], arguments: list[str], words: str
 ) -> None:
     broken, out = write(tmp_path, PLANAR.replace("31.015", "-1")), tmp_path / "out.urdf"

@@ -78,7 +78,7 @@ def test_a_panel_without_labels_has_no_legend() -> None:
     assert not figure.legends
 
 
-def test_panels_that_say_the_same_share_a_legend(outcome: Outcome) -> None:
+def test_panels_with_equal_labels_share_a_legend(outcome: Outcome) -> None:
     figure = plotting.figure(outcome, "joints")
     assert [ax.get_legend() for ax in figure.axes] == [None, None]
     (legend,) = figure.legends
@@ -114,7 +114,7 @@ def test_every_figure_is_written_whole_and_the_same_each_time(outcome: Outcome, 
         assert again.read_bytes() == (tmp_path / f"{name}.pdf").read_bytes()
 
 
-def test_where_the_motion_was_planned_again_both_runs_are_drawn(tmp_path: Path) -> None:
+def test_the_re_planned_run_and_the_run_planned_once_are_drawn(tmp_path: Path) -> None:
     extra = 'reference.kind = "re-planning"\nplant.arm_mass = 1.5\ncontrol.law = "computed-torque"\n'
     outcome = flown(tmp_path, extra)
     assert outcome.open_loop is not None

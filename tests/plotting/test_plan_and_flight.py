@@ -45,7 +45,7 @@ def thin(ax: Axes) -> list[Any]:
     ]
 
 
-def test_the_flight_is_drawn_where_it_is_not_the_plan(outcome: Outcome) -> None:
+def test_the_flight_is_drawn_if_it_differs_from_the_plan(outcome: Outcome) -> None:
     for made, differs in ((outcome, False), (other_flight(outcome), True)):
         for name, panel, values in (
             ("joints", 0, np.degrees(outcome.trajectory.q[:, 7:])),
@@ -63,7 +63,7 @@ def test_the_flight_is_drawn_where_it_is_not_the_plan(outcome: Outcome) -> None:
             assert (AS_PLANNED in labels(ax)) is differs
 
 
-def test_only_limits_that_matter_are_drawn(outcome: Outcome) -> None:
+def test_only_limits_near_the_motion_are_drawn(outcome: Outcome) -> None:
     def dotted(ax: Axes) -> list[float]:
         lines = [one for one in ax.get_lines() if one.get_linestyle() == ":"]
         return sorted(
@@ -99,7 +99,7 @@ def test_singular_values_that_span_decades_can_all_be_read(outcome: Outcome) -> 
         np.testing.assert_allclose(np.asarray(curve.get_ydata()), column, rtol=1e-12)
 
 
-def test_legends_take_as_many_columns_as_fit() -> None:
+def test_legends_have_the_columns_that_fit() -> None:
     assert _columns(["x", "y", "z", AS_PLANNED]) == 4
     assert _columns([f"panda_joint{i}" for i in range(1, 8)]) == 3
     assert _columns(["a" * 100, "b"]) == 1
@@ -112,7 +112,7 @@ def test_legends_take_as_many_columns_as_fit() -> None:
     assert untidy(figure) == []
 
 
-def test_a_figure_of_two_sides_says_its_times_once(outcome: Outcome, tmp_path: Path) -> None:
+def test_a_figure_of_two_sides_lists_its_times_once(outcome: Outcome, tmp_path: Path) -> None:
     turned = outcome.trajectory.q.copy()
     turned[:, 2] += np.linspace(0.0, 0.2, len(turned))  # out of the plane
     spatial = replace(outcome, trajectory=replace(outcome.trajectory, q=turned))

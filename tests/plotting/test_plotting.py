@@ -145,7 +145,7 @@ def test_the_drawing_shows_box_arm_path_and_target(outcome: Outcome) -> None:
     assert (ax.get_xlabel().split("\n")[0], ax.get_ylabel()) == ("x [m]", "y [m]")
 
 
-def test_a_motion_in_space_says_that_it_is_projected(random_tree: Callable[..., Any]) -> None:
+def test_labels_of_a_spatial_motion_state_the_projection(random_tree: Callable[..., Any]) -> None:
     sms = SpaceManipulator(random_tree(3, 5, ("revolute",)).model(), "tip", base_size=(0.6, 0.8, 1.0))
     q0 = sms.configuration(np.full(5, 0.3))
     target = sms.at(q0).end_effector_pose.translation + np.array([0.05, -0.05, 0.05])
@@ -156,7 +156,7 @@ def test_a_motion_in_space_says_that_it_is_projected(random_tree: Callable[..., 
     assert any(isinstance(patch, Polygon) for patch in ax.patches)
 
 
-def test_a_motion_in_space_is_shown_from_two_sides_at_one_scale(
+def test_a_spatial_motion_is_drawn_from_two_sides_at_the_same_scale(
     outcome: Outcome, random_tree: Callable[..., Any]
 ) -> None:
     sms = SpaceManipulator(random_tree(3, 5, ("revolute",)).model(), "tip", base_size=(0.6, 0.8, 1.0))

@@ -65,7 +65,7 @@ def test_entropy_is_drawn_as_planned(plan: opt.Trajectory) -> None:
     np.testing.assert_array_equal(line.get_ydata(), plan.entropy)
 
 
-def test_map_holds_the_entropy_of_each_posture(planar: ffsms.SpaceManipulator) -> None:
+def test_map_has_the_entropy_of_each_posture(planar: ffsms.SpaceManipulator) -> None:
     first, second, entropy = entropy_grid(planar, (1, 2), at=[0.3, 0.0, 0.0], points=5)
     assert first[0] == planar.limits.lower[1]
     assert second[-1] == planar.limits.upper[2]
@@ -87,7 +87,7 @@ def test_map_is_labelled_and_can_be_written_as_vectors(
     assert b"<image" not in file.getvalue()
 
 
-def test_band_holds_its_share_of_the_runs() -> None:
+def test_band_contains_its_share_of_the_runs() -> None:
     t = np.linspace(0.0, 1.0, 4)
     runs = np.arange(101.0)[:, None] * np.ones(4)
     ax = plot_bands(t, runs, "value [-]", share=0.8)
@@ -108,7 +108,7 @@ def test_a_band_has_gaps_where_runs_are_infinite() -> None:
     np.testing.assert_array_equal(np.isfinite(median.get_ydata()), [True, True, False])
 
 
-def test_errors_of_many_runs(runs: list[ffsms.Tracking]) -> None:
+def test_error_bands_have_the_median_of_the_runs(runs: list[ffsms.Tracking]) -> None:
     ax = plot_error_bands(runs, reach=0.02)
     assert ax.get_ylabel() == "distance to target [m]"
     median = np.median([run.position_error for run in runs], axis=0)

@@ -62,7 +62,7 @@ def eight(planar: Outcome, random_tree: Callable[..., Any]) -> Outcome:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["planar", pytest.param("caught", marks=pytest.mark.long), "eight"])
-def test_words_are_whole_and_apart_and_no_quantity_is_drawn_twice(
+def test_texts_are_complete_and_separate_and_no_quantity_is_drawn_twice(
     name: str, request: pytest.FixtureRequest
 ) -> None:
     outcome: Outcome = request.getfixturevalue(name)
@@ -77,7 +77,7 @@ def test_words_are_whole_and_apart_and_no_quantity_is_drawn_twice(
     assert len(labels) == len(set(labels)), labels
 
 
-def test_what_is_cut_off_or_written_over_is_found() -> None:
+def test_cut_off_and_overlapping_texts_are_detected() -> None:
     figure = Figure()
     figure.text(0.5, 0.5, "one")
     assert untidy(figure) == []
@@ -86,7 +86,7 @@ def test_what_is_cut_off_or_written_over_is_found() -> None:
     assert untidy(figure) == ["beyond the edge", "one / other"]
 
 
-def test_joints_that_slide_have_an_axis_of_their_own(eight: Outcome) -> None:
+def test_prismatic_joints_have_their_own_axis(eight: Outcome) -> None:
     turns = np.array(eight.sms.layout.turns)
     assert 0 < turns.sum() < 8
     ax = plotting.plot_joint_positions(eight.sms, eight.trajectory)
@@ -108,7 +108,7 @@ def test_joints_that_slide_have_an_axis_of_their_own(eight: Outcome) -> None:
     assert tallest[0] == pytest.approx(tallest[1])
 
 
-def test_a_capture_is_drawn_with_its_states_and_with_what_was_said(caught: Outcome) -> None:
+def test_a_capture_is_drawn_with_its_phases_and_its_prediction(caught: Outcome) -> None:
     capture = caught.capture
     assert capture is not None
     assert capture.caught
@@ -143,6 +143,6 @@ def test_a_capture_is_drawn_with_its_states_and_with_what_was_said(caught: Outco
     assert not client.get_path().contains_point(points(target)[0])
 
 
-def test_methods_side_by_side(tmp_path: Path) -> None:
+def test_texts_of_a_comparison_are_complete_and_separate(tmp_path: Path) -> None:
     made = scenario(write(tmp_path, f"{NEARER}[plan]\nduration = 4.0\ndt = 0.05\n"))
     assert untidy(plot_comparison(compare(made))) == []

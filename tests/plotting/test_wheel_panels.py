@@ -62,7 +62,7 @@ def test_wheels_that_turn_have_a_figure(held: Outcome) -> None:
     assert attitude.get_ylabel() == "base rotation [deg]"
 
 
-def test_limits_are_drawn_where_they_are_near_and_told_where_they_are_not(held: Outcome) -> None:
+def test_near_limits_are_drawn_and_far_limits_are_in_the_label(held: Outcome) -> None:
     far = plot_wheels(held.sms, held.trajectory, held.tracking)
     assert held.sms.wheels is not None
     shares = np.abs(held.tracking.wheel_momentum).max(axis=0) / held.sms.wheels.momentum
@@ -77,7 +77,7 @@ def test_limits_are_drawn_where_they_are_near_and_told_where_they_are_not(held: 
     assert "% of the limits" in far.get_ylabel()
 
 
-def test_what_a_plan_predicts_is_drawn_alike(held: Outcome) -> None:
+def test_wheel_momentum_of_a_plan_is_drawn_alike(held: Outcome) -> None:
     ax = plotting.plot_wheel_momentum(held.sms, held.trajectory)
     assert named(ax)[:2] == ["wheel 1, wheel 2 (coincide)", "wheel 4"]
     np.testing.assert_array_equal(ax.get_lines()[1].get_ydata(), held.trajectory.wheel_momentum[:, 3])
@@ -86,7 +86,7 @@ def test_what_a_plan_predicts_is_drawn_alike(held: Outcome) -> None:
     assert labels == ["wheel 1, wheel 2, wheel 3, wheel 4 (coincide)"]
 
 
-def test_wheels_that_stand_still_have_none(held: Outcome, tmp_path: Path) -> None:
+def test_wheels_at_rest_have_no_figure(held: Outcome, tmp_path: Path) -> None:
     path = tmp_path / "free.toml"
     path.write_text(SCENARIO.split("[attitude]", 1)[0].replace('mode = "rotation-floating"\n', ""))
     free = run(scenario(path))
@@ -96,7 +96,7 @@ def test_wheels_that_stand_still_have_none(held: Outcome, tmp_path: Path) -> Non
         plot_wheels(free.sms.with_actuators(), free.trajectory, free.tracking)
 
 
-def test_the_summary_has_what_was_predicted_and_what_was_used(held: Outcome) -> None:
+def test_the_summary_has_planned_and_simulated_wheel_values(held: Outcome) -> None:
     numbers = summary(held)
     assert numbers["wheel_energy_J"] == pytest.approx(numbers["tracking"]["wheel_energy_J"], rel=0.01)
     for planned, found in zip(numbers["wheels"], numbers["tracking"]["wheels"], strict=True):

@@ -136,12 +136,12 @@ ONE_OF_EACH = [
 WARNINGS = {"FfsmsWarning"}
 
 
-def test_one_of_each_class_is_listed() -> None:
+def test_the_listed_errors_cover_all_classes() -> None:
     assert {type(error).__name__ for error in ONE_OF_EACH} == set(errors.__all__) - WARNINGS
 
 
 @pytest.mark.parametrize("error", ONE_OF_EACH, ids=lambda error: type(error).__name__)
-def test_errors_are_one_line_and_come_back_from_a_worker(error: FfsmsError) -> None:
+def test_errors_are_single_lines_and_can_be_pickled(error: FfsmsError) -> None:
     assert "\n" not in str(error)
     again = pickle.loads(pickle.dumps(error))
     assert type(again) is type(error)

@@ -109,7 +109,7 @@ def test_tumbling_base_is_of_order_four(random_tree: Callable[..., Any], seed: i
     np.testing.assert_allclose(sms.velocity(q[-1], qd[-1], MOMENTUM), v_end, rtol=0.0, atol=30.0 * errors[2])
 
 
-def test_tumbling_against_the_simulations_steps() -> None:
+def test_base_motion_with_momentum_agrees_with_the_simulation() -> None:
     # No torques at all: the joints drift as the dynamics have it, and the base is rolled out along with them.
     sms = ffsms.load("satellite_panda")
     q0 = sms.configuration(0.5 * (sms.limits.lower + sms.limits.upper))
@@ -132,7 +132,7 @@ def test_tumbling_against_the_simulations_steps() -> None:
     assert 3.5 < errors[0] / errors[1] < 4.5
 
 
-def test_momentum_of_the_motion_itself(random_tree: Callable[..., Any]) -> None:
+def test_finite_differences_of_the_motion_have_the_momentum(random_tree: Callable[..., Any]) -> None:
     # Velocities from differences of the configurations, not from the momentum equation.
     sms = ffsms.SpaceManipulator(random_tree(3, 4, ("revolute", "prismatic")).model(), "tip")
     rng = np.random.default_rng(3)
@@ -148,7 +148,7 @@ def test_momentum_of_the_motion_itself(random_tree: Callable[..., Any]) -> None:
         np.testing.assert_allclose(h, MOMENTUM, rtol=0.0, atol=1e-6)
 
 
-def test_no_momentum_is_the_fast_path_bit_for_bit(planar: ffsms.SpaceManipulator) -> None:
+def test_zero_momentum_gives_the_same_bits_as_no_momentum(planar: ffsms.SpaceManipulator) -> None:
     q = planar.configuration([0.2, -0.4, 0.6])
     rates, accelerations = np.array([0.3, -0.2, 0.4]), np.tile([0.1, 0.2, -0.3], (5, 1))
     wanted = roll_out(planar, q, rates, accelerations, 0.05)
@@ -192,7 +192,7 @@ def test_wrong_momentum(
     )
 
 
-def test_the_quaternion_stays_a_unit_one() -> None:
+def test_the_quaternion_stays_normalised() -> None:
     """Through long moves of a heavy arm: rounding of a quaternion must not feed on itself."""
     sms = ffsms.load("space_arm_7")
     rng, start = np.random.default_rng(1), np.array([0.0, 0.6, 0.0, 1.2, 0.0, 0.6, 0.0])

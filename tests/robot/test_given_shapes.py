@@ -58,7 +58,7 @@ def placed(sms: ffsms.SpaceManipulator, kind: ShapeKind, q: Array) -> list[Array
 
 
 @pytest.mark.parametrize("locked", [{}, {"joint1": -0.3}])
-def test_a_model_s_shapes_are_those_of_its_urdf(locked: dict[str, float]) -> None:
+def test_shapes_of_a_model_equal_those_of_its_urdf(locked: dict[str, float]) -> None:
     model, shapes = model_with_shapes("xarm7")
     base = ffsms.SatelliteBase(300.0, (1.2, 1.0, 0.8), panels=(2.0, 0.8))
     found = ffsms.mount(model, base, PLACE, locked=locked, velocity=0.4, **shapes)
@@ -78,14 +78,14 @@ def test_a_model_s_shapes_are_those_of_its_urdf(locked: dict[str, float]) -> Non
             assert one.overrideMaterial == other.overrideMaterial
 
 
-def test_collision_checks_see_them() -> None:
+def test_collision_checks_use_the_shapes_of_a_model() -> None:
     """The robot with its shapes is kept clear by them, the one without by the paper's points."""
     model, shapes = model_with_shapes("xarm7")
     plain, seen = ffsms.mount(model, velocity=0.4), ffsms.mount(model, velocity=0.4, **shapes)
     assert [chosen_mode(sms) for sms in (plain, seen)] == ["points", "hulls"]
 
 
-def test_collision_shapes_alone_are_drawn_too() -> None:
+def test_collision_shapes_are_drawn_if_visual_shapes_are_missing() -> None:
     model, shapes = model_with_shapes("xarm7")
     sms = ffsms.mount(model, collision=shapes["collision"])
     assert visual_shapes(sms).ngeoms == shapes["collision"].ngeoms + 1  # the satellite's box
@@ -93,7 +93,7 @@ def test_collision_shapes_alone_are_drawn_too() -> None:
     assert [item.name for item in sms.geometry("collision").geometryObjects] == ["satellite_0"]
 
 
-def test_an_mjcf_file_brings_its_shapes(tmp_path: Path) -> None:
+def test_shapes_of_an_mjcf_file_are_loaded(tmp_path: Path) -> None:
     (tmp_path / "two.xml").write_text(MJCF)
     sms = ffsms.mount(tmp_path / "two.xml", placement=PLACE)
     carriers = {item.name: item.parentJoint for item in sms.geometry("collision").geometryObjects}
@@ -109,7 +109,7 @@ def test_an_mjcf_file_brings_its_shapes(tmp_path: Path) -> None:
     np.testing.assert_allclose(data.oMi[3].act(lower.placement.translation), middle, atol=1e-12)
 
 
-def test_an_mjcf_file_loses_the_meshes_alone_that_are_missing(tmp_path: Path) -> None:
+def test_only_missing_meshes_of_an_mjcf_file_are_left_out(tmp_path: Path) -> None:
     mesh = '<asset><mesh name="m" file="nowhere.stl"/></asset><worldbody>'
     text = MJCF.replace("<worldbody>", mesh).replace(
         'type="capsule" size="0.05 0.15"', 'type="mesh" mesh="m"'
@@ -122,7 +122,7 @@ def test_an_mjcf_file_loses_the_meshes_alone_that_are_missing(tmp_path: Path) ->
 
 
 @pytest.mark.parametrize("locked", [{}, {"shoulder_yaw": 0.4}])
-def test_a_whole_robot_as_a_model_is_its_urdf(locked: dict[str, float]) -> None:
+def test_a_model_of_a_whole_robot_equals_its_urdf(locked: dict[str, float]) -> None:
     path = model_path("space_arm_7")
     model = pin.buildModelFromUrdf(str(path), pin.JointModelFreeFlyer())
     shapes = {k: pin.buildGeomFromUrdf(model, str(path), kind) for k, kind in KINDS.items()}
@@ -148,7 +148,7 @@ def test_a_whole_robot_as_a_model_is_its_urdf(locked: dict[str, float]) -> None:
     assert found.limits.velocity.tolist() == wanted.limits.velocity.tolist()
 
 
-def test_what_belongs_to_files_is_refused_beside_a_model(refused: Refused) -> None:
+def test_options_for_files_are_refused_for_models(refused: Refused) -> None:
     model = ffsms.load("planar_3r").model
     assert ffsms.load(model).end_effector == ffsms.load("planar_3r").end_effector
     refused(lambda: ffsms.load(model, wheels=["joint1"]), InvalidValue, "wheels", "only with a URDF")
@@ -160,7 +160,7 @@ def test_what_belongs_to_files_is_refused_beside_a_model(refused: Refused) -> No
     refused(lambda: ffsms.load("planar_3r", visual=shapes), InvalidValue, "visual", "its own shapes")
 
 
-def test_shapes_of_something_else_are_refused(refused: Refused) -> None:
+def test_shapes_that_do_not_fit_the_model_are_refused(refused: Refused) -> None:
     model, shapes = model_with_shapes("xarm7")
     refused(lambda: ffsms.mount("xarm7", visual=shapes["visual"]), InvalidValue, "visual", "its own shapes")
     refused(lambda: ffsms.mount(model, collision="boxes"), InvalidValue, "collision", "GeometryModel")

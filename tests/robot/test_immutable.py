@@ -39,7 +39,7 @@ def test_no_attribute_can_be_set(robot: ffsms.SpaceManipulator, name: str) -> No
         delattr(robot, name)
 
 
-def test_what_it_hands_out_does_not_change_it(robot: ffsms.SpaceManipulator) -> None:
+def test_returned_arrays_do_not_change_the_robot(robot: ffsms.SpaceManipulator) -> None:
     robot.joint_names.append("another")
     assert len(robot.joint_names) == robot.n
     for array in (robot.base_com, robot.limits.velocity):
@@ -47,7 +47,7 @@ def test_what_it_hands_out_does_not_change_it(robot: ffsms.SpaceManipulator) -> 
             array[:] = 0.0
 
 
-def test_what_it_was_made_from_does_not_change_it(robot: ffsms.SpaceManipulator) -> None:
+def test_the_robot_copies_its_model_and_placement(robot: ffsms.SpaceManipulator) -> None:
     model, place = robot.model.copy(), pin.SE3(np.eye(3), np.array([0.1, 0.0, 0.0]))
     made = ffsms.SpaceManipulator(model, "end_effector", (1.0, 1.0, 1.0), place)
     model.inertias[1] = heavier(model.inertias[1], 3.0)
@@ -94,7 +94,9 @@ def test_with_inertias(robot: ffsms.SpaceManipulator) -> None:
     np.testing.assert_array_equal(narrow.base_com, robot.base_com)
 
 
-def test_what_cannot_be_another_robot(refused: Refused, robot: ffsms.SpaceManipulator) -> None:
+def test_limits_and_inertias_that_do_not_fit_are_refused(
+    refused: Refused, robot: ffsms.SpaceManipulator
+) -> None:
     seven = ffsms.load("space_arm_7")
     bodies = list(robot.model.inertias)[1:]
     refused(lambda: robot.with_limits(seven.limits), InvalidValue, "limits", "3 joints")
@@ -112,7 +114,7 @@ def test_what_cannot_be_another_robot(refused: Refused, robot: ffsms.SpaceManipu
     )
 
 
-def test_copies_are_as_unchanging_and_equal(robot: ffsms.SpaceManipulator) -> None:
+def test_copies_are_equal_and_immutable(robot: ffsms.SpaceManipulator) -> None:
     narrow = robot.with_limits(replace(robot.limits, torque=np.full(3, 0.25)))
     q = narrow.configuration([0.3, -0.4, 0.5])
     for again in (copy.copy(narrow), copy.deepcopy(narrow), pickle.loads(pickle.dumps(narrow))):

@@ -79,7 +79,7 @@ def test_joints_without_limits(tmp_path: Path) -> None:
     np.testing.assert_array_equal(mounted.limits.torque, [7.0, 7.0, 7.0])
 
 
-def test_a_robot_without_limits_is_the_one_with_them(tmp_path: Path) -> None:
+def test_missing_limits_equal_the_default_limits(tmp_path: Path) -> None:
     full = '<limit lower="-3.141592653589793" upper="3.141592653589793" velocity="0.5" effort="100"/>'
     wanted = quiet(write(tmp_path, satellite((full, full, full))))
     with pytest.warns(FfsmsWarning, match="without <limit>"):
@@ -88,7 +88,7 @@ def test_a_robot_without_limits_is_the_one_with_them(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("key", "argument"), [("velocity", "velocity"), ("effort", "torque")])
-def test_zero_limits_give_way_to_the_argument(key: str, argument: str, tmp_path: Path) -> None:
+def test_arguments_replace_zero_limits(key: str, argument: str, tmp_path: Path) -> None:
     path = write(tmp_path, satellite((limit(**{key: 0.0}), limit(), limit())))
     with pytest.raises(InvalidUrdf, match=rf"joint1.*{argument}="):
         ffsms.load(path)
@@ -98,7 +98,7 @@ def test_zero_limits_give_way_to_the_argument(key: str, argument: str, tmp_path:
     np.testing.assert_array_equal(other, 9.0 if key == "velocity" else 0.3)
 
 
-def test_home_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_tilde_in_a_path_is_the_home_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     write(tmp_path, satellite(LIMITED))
     monkeypatch.setenv("HOME", str(tmp_path))
     monkeypatch.setenv("USERPROFILE", str(tmp_path))
@@ -106,7 +106,7 @@ def test_home_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert ffsms.mount("~/published.urdf").n == 3
 
 
-def test_a_locked_joint_is_the_joint_held_there(tmp_path: Path) -> None:
+def test_a_locked_joint_is_fixed_at_its_position(tmp_path: Path) -> None:
     path = write(tmp_path, satellite(LIMITED))
     free, held = quiet(path), quiet(path, locked={"joint2": 0.7})
     assert held.joint_names == ["joint1", "joint3"]
@@ -172,7 +172,7 @@ def test_joints_that_mimic(
     assert_near("pose", state.end_effector_pose.homogeneous, same.end_effector_pose.homogeneous)
 
 
-def test_a_mimic_of_a_fixed_joint_stands_at_its_offset(tmp_path: Path) -> None:
+def test_a_mimic_of_a_fixed_joint_is_fixed_at_its_offset(tmp_path: Path) -> None:
     mimic = MIMIC.format("joint1", 3.0, 0.2)
     text = satellite((limit(), limit(), limit() + mimic))
     text = text.replace('"joint1" type="revolute"', '"joint1" type="fixed"')
@@ -197,7 +197,7 @@ def test_published_inertias(tmp_path: Path) -> None:
         assert ffsms.mount(path, inertias="keep").n == 3
 
 
-def test_what_is_not_positive_definite_is_not_kept(tmp_path: Path) -> None:
+def test_inertias_that_are_not_positive_definite_are_not_kept(tmp_path: Path) -> None:
     path = write(tmp_path, satellite(LIMITED, ixx=-0.01))
     with pytest.raises(InvalidInertia, match=r"link2.*negative"):
         ffsms.load(path, inertias="keep")

@@ -152,7 +152,7 @@ def use(sms: ffsms.SpaceManipulator) -> None:
 
 
 @pytest.mark.parametrize("damaged", [restructured, respelled])
-def test_damaged_files_end_in_a_model_or_in_one_line(damaged: Callable[[Any], str], tmp_path: Path) -> None:
+def test_damaged_files_are_loaded_or_refused(damaged: Callable[[Any], str], tmp_path: Path) -> None:
     @FUZZ
     @given(data=st.data())
     def check(data: st.DataObject) -> None:
@@ -163,7 +163,7 @@ def test_damaged_files_end_in_a_model_or_in_one_line(damaged: Callable[[Any], st
 
 
 @pytest.mark.parametrize("damaged", [restructured, respelled])
-def test_damaged_shapes_are_all_there_or_refused(damaged: Callable[[Any], str], tmp_path: Path) -> None:
+def test_damaged_shapes_are_all_loaded_or_refused(damaged: Callable[[Any], str], tmp_path: Path) -> None:
     def shapes(path: Path) -> None:
         sms = ffsms.load(path, end_effector=None)
         for kind in ("visual", "collision"):
@@ -191,7 +191,7 @@ def test_damaged_arms_are_mounted_or_refused(damaged: Callable[[Any], str], tmp_
 
 
 @pytest.mark.parametrize("damaged", [restructured, respelled])
-def test_damaged_files_are_mended_or_refused(damaged: Callable[[Any], str], tmp_path: Path) -> None:
+def test_damaged_files_are_repaired_or_refused(damaged: Callable[[Any], str], tmp_path: Path) -> None:
     out = tmp_path / "mended.urdf"
 
     def mend(path: Path) -> None:

@@ -95,12 +95,12 @@ def _agrees(seed: int, folder: Path) -> None:
 
 
 @pytest.mark.parametrize("seed", range(60))
-def test_a_drawn_file_has_mujoco_s_inertia_matrix(seed: int, tmp_path: Path) -> None:
+def test_a_random_file_has_mujocos_inertia_matrix(seed: int, tmp_path: Path) -> None:
     _agrees(seed, tmp_path)
 
 
 @pytest.mark.slow
-def test_many_drawn_files_have_mujoco_s_inertia_matrix(tmp_path: Path) -> None:
+def test_more_random_files_have_mujocos_inertia_matrix(tmp_path: Path) -> None:
     for seed in range(60, 200):
         _agrees(seed, tmp_path)
 
@@ -138,7 +138,9 @@ def written(folder: Path, world: str, rest: str = "", compiler: str = 'angle="ra
         (ARM.replace(BODY, f"<freejoint/>{BODY}".replace(BODY.split("<inertial")[0], "")), "", "free joint"),
     ],
 )
-def test_what_a_robot_cannot_have_is_told_by_name(world: str, rest: str, words: str, tmp_path: Path) -> None:
+def test_unsupported_elements_are_named_in_a_warning(
+    world: str, rest: str, words: str, tmp_path: Path
+) -> None:
     path = written(tmp_path, world, rest)
     with warnings.catch_warnings(record=True) as told:
         warnings.simplefilter("always")
@@ -149,7 +151,7 @@ def test_what_a_robot_cannot_have_is_told_by_name(world: str, rest: str, words: 
     assert told[0].filename == __file__
 
 
-def test_what_is_no_robot_is_refused_by_name(refused: Refused, tmp_path: Path) -> None:
+def test_files_that_are_no_robots_are_refused(refused: Refused, tmp_path: Path) -> None:
     ball = ARM.replace('<joint name="a" axis="0 0 1"/>', '<joint name="a" type="ball"/>')
     refused(lambda: ffsms.mount(written(tmp_path, ball)), UnsupportedJoint, "'a' is a ball")
     refused(lambda: ffsms.load(written(tmp_path, ARM)), UnsupportedJoint, "no free joint", "mount")
@@ -167,7 +169,7 @@ def test_what_is_no_robot_is_refused_by_name(refused: Refused, tmp_path: Path) -
         refused(lambda o=option, g=given, p=path: ffsms.load(p, **{o: g}), InvalidValue, option)
 
 
-def test_inertias_go_through_the_same_checks(refused: Refused, tmp_path: Path) -> None:
+def test_inertias_of_mjcf_files_and_models_are_checked(refused: Refused, tmp_path: Path) -> None:
     path = written(tmp_path, ARM.replace('"0.01 0.03 0.03"', '"0.01 0.03 0.09"'))
     refused(lambda: ffsms.mount(path), InvalidInertia, "'l1'", "triangle")
     with pytest.warns(FfsmsWarning, match="'l1' .*kept as published|kept as published.*'l1'"):
@@ -215,7 +217,7 @@ def test_torque_limits_come_from_actuators(tmp_path: Path) -> None:
         pytest.param("satellite_panda", marks=[pytest.mark.slow, pytest.mark.long]),
     ],
 )
-def test_what_to_mjcf_writes_is_read_back(name: str, tmp_path: Path) -> None:
+def test_an_exported_mjcf_file_is_the_same_robot(name: str, tmp_path: Path) -> None:
     wanted = ffsms.load(name)
     model = wanted.model.copy()
     model.armature[6:] = np.linspace(0.01, 0.2, wanted.n)

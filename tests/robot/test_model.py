@@ -96,12 +96,12 @@ def test_initial_values_of_the_paper(planar: ffsms.SpaceManipulator) -> None:
 # -- options of load and of the constructor --------------------------------------------------------------
 
 
-def test_path_is_the_packaged_name(planar: ffsms.SpaceManipulator) -> None:
+def test_a_path_and_a_packaged_name_load_the_same_model(planar: ffsms.SpaceManipulator) -> None:
     for path in (model_path("planar_3r"), str(model_path("planar_3r"))):
         assert ffsms.load(path).model == planar.model
 
 
-def test_nothing_is_printed(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+def test_loading_prints_nothing(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     # Pinocchio's parser complains aloud about shapes and colours that the dynamics do not need.
     ffsms.load(
         rewritten(
@@ -162,7 +162,7 @@ def test_without_limits(random_tree: Builder) -> None:
     assert sms.base_size is None
 
 
-def test_the_given_model_is_left_alone(random_tree: Builder) -> None:
+def test_the_constructor_does_not_change_its_model(random_tree: Builder) -> None:
     model = random_tree(1, 3).model()
     before = model.copy()
     sms = ffsms.SpaceManipulator(model, "tip")
@@ -254,7 +254,7 @@ def test_default_configuration_has_the_centre_of_mass_at_the_origin(random_tree:
         np.testing.assert_array_equal(state.base_pose.rotation, np.eye(3))
 
 
-def test_continuous_joints_take_two_places(random_tree: Builder, tmp_path: Path) -> None:
+def test_continuous_joints_have_two_entries_of_q(random_tree: Builder, tmp_path: Path) -> None:
     tree = random_tree(0, 3, ("continuous",))
     bodies = [body._replace(kind="revolute" if i == 2 else body.kind) for i, body in enumerate(tree.bodies)]
     path = tmp_path / "a.urdf"
@@ -285,7 +285,7 @@ def test_velocity_of_joints_at_rest(planar: ffsms.SpaceManipulator) -> None:
 
 
 @pytest.mark.parametrize("how", [copy.copy, copy.deepcopy, lambda sms: pickle.loads(pickle.dumps(sms))])
-def test_copies_work_alike(planar: ffsms.SpaceManipulator, how: Callable[[Any], Any]) -> None:
+def test_copies_of_a_robot_are_equal(planar: ffsms.SpaceManipulator, how: Callable[[Any], Any]) -> None:
     again = how(planar)
     assert again.model == planar.model
     assert (again.n, again.joint_names, again.end_effector) == (3, planar.joint_names, "end_effector")

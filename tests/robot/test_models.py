@@ -45,7 +45,7 @@ def test_packaged_robots(robot: str, tool: str) -> None:
     assert np.isfinite(sms.limits.torque).all()
 
 
-def test_a_satellite_of_ones_own(rng: Any) -> None:
+def test_a_custom_satellite(rng: Any) -> None:
     tensor = np.array([[30.0, 1.0, -2.0], [1.0, 25.0, 0.5], [-2.0, 0.5, 20.0]])
     base = ffsms.SatelliteBase(
         150.0, (1.2, 0.8, 0.9), inertia=tensor, com=(0.1, -0.05, 0.2), panels=(2.0, 0.6)

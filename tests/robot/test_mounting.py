@@ -39,7 +39,7 @@ def test_the_default_mount_points_along_x() -> None:
     assert sms.model.inertias[1].mass == pytest.approx(131.015)  # the planar robot's own base rides along
 
 
-def test_a_locked_joint_is_the_joint_held_there() -> None:
+def test_a_locked_joint_is_fixed_at_its_position() -> None:
     free = ffsms.mount("xarm7")
     angle = 0.7
     held = ffsms.mount("xarm7", locked={"joint4": angle})
@@ -57,7 +57,7 @@ def test_a_locked_joint_is_the_joint_held_there() -> None:
     np.testing.assert_allclose(hand.actInv(finger).translation, [0.0, 0.03, 0.0584], atol=1e-15)
 
 
-def test_names_that_are_taken() -> None:
+def test_an_arm_with_a_link_named_satellite_is_mounted() -> None:
     sms = ffsms.mount("space_arm_7")  # whose base link is called "satellite" too
     assert sms.n == 7
     assert sms.model.inertias[1].mass == pytest.approx(2750.0)
@@ -127,7 +127,7 @@ def test_without_the_arms_package(refused: Refused, monkeypatch: pytest.MonkeyPa
     assert ffsms.load("space_arm_7").n == 7
 
 
-def test_satellites_compare_and_keep_their_own_numbers() -> None:
+def test_satellites_compare_by_value_and_copy_their_arrays() -> None:
     size = np.array([1.0, 2.0, 3.0])
     base = ffsms.SatelliteBase(size=size, inertia=np.diag([30.0, 20.0, 25.0]))
     size[0] = 9.0

@@ -63,7 +63,7 @@ def assert_same(a: ffsms.SpaceManipulator, b: ffsms.SpaceManipulator) -> None:
 
 
 @pytest.mark.parametrize("locked", [{}, {"joint4": 0.7}])
-def test_a_model_is_its_urdf(locked: dict[str, float]) -> None:
+def test_a_model_equals_its_urdf(locked: dict[str, float]) -> None:
     base = ffsms.SatelliteBase(300.0, (1.2, 1.0, 0.8), com=(0.1, 0.0, -0.05))
     place = pin.SE3(pin.rpy.rpyToMatrix(0.3, 0.2, -0.5), np.array([0.6, 0.1, 0.2]))
     model = pin.buildModelFromUrdf(str(arm_file("xarm7")))
@@ -73,7 +73,7 @@ def test_a_model_is_its_urdf(locked: dict[str, float]) -> None:
     )
 
 
-def test_a_continuous_joint_of_a_model_is_locked_where_it_stands() -> None:
+def test_a_continuous_joint_of_a_model_can_be_locked() -> None:
     model = pin.buildModelFromUrdf(str(arm_file("kinova")))
     angle = {"j2s6s200_joint_1": 2.1}
     assert_same(
@@ -83,7 +83,7 @@ def test_a_continuous_joint_of_a_model_is_locked_where_it_stands() -> None:
 
 
 @pytest.mark.parametrize("name", ["two.xml", "two.mjcf"])
-def test_an_mjcf_file_is_its_urdf(name: str, tmp_path: Path) -> None:
+def test_an_mjcf_file_equals_its_urdf(name: str, tmp_path: Path) -> None:
     (tmp_path / name).write_text(MJCF)
     (tmp_path / "two.urdf").write_text(URDF)
     found, wanted = ffsms.mount(tmp_path / name), ffsms.mount(tmp_path / "two.urdf")
@@ -112,7 +112,7 @@ def test_a_urdf_may_be_called_xml(tmp_path: Path) -> None:
         (("committee", "shorthand"), None),
     ],
 )
-def test_the_frame_that_says_tool(
+def test_the_end_effector_is_chosen_by_its_name(
     refused: Refused, names: tuple[str, str], tool: str | None, tmp_path: Path
 ) -> None:
     path = tmp_path / "two.urdf"
@@ -128,7 +128,7 @@ def test_the_frame_that_says_tool(
         assert ffsms.mount(pin.buildModelFromUrdf(str(path))).end_effector == tool
 
 
-def test_a_tool_does_not_decide_between_two_arms(refused: Refused, tmp_path: Path) -> None:
+def test_two_arms_are_ambiguous_despite_a_tool_frame(refused: Refused, tmp_path: Path) -> None:
     second = (
         '<link name="hook"><inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0"'
         ' iyz="0"/></inertial></link><joint name="other" type="continuous"><parent link="foot"/>'

@@ -30,7 +30,7 @@ def mixed() -> ffsms.SpaceManipulator:
     return ffsms.mount(["panda", "ur5"])
 
 
-def test_two_arms_load_with_both_tools_known(both: ffsms.SpaceManipulator) -> None:
+def test_two_arms_load_with_both_end_effectors(both: ffsms.SpaceManipulator) -> None:
     assert both.end_effectors == ["left_tool", "right_tool"]
     assert "none chosen of left_tool, right_tool" in repr(both)
     again = pickle.loads(pickle.dumps(both))
@@ -53,7 +53,7 @@ def test_two_arms_load_with_both_tools_known(both: ffsms.SpaceManipulator) -> No
         lambda sms, q: sms.home(),
     ],
 )
-def test_a_tool_is_asked_for_where_it_matters(
+def test_quantities_of_the_end_effector_require_a_choice(
     both: ffsms.SpaceManipulator, refused: Refused, ask: Callable[[Any, Any], Any]
 ) -> None:
     q = both.configuration([0.1] * 14)
@@ -61,7 +61,7 @@ def test_a_tool_is_asked_for_where_it_matters(
     refused(lambda: ask(both, q), AmbiguousEndEffector, *words)
 
 
-def test_a_tool_is_chosen_afterwards(both: ffsms.SpaceManipulator, refused: Refused) -> None:
+def test_an_end_effector_can_be_chosen_after_loading(both: ffsms.SpaceManipulator, refused: Refused) -> None:
     for name in both.end_effectors:
         chosen, loaded = both.with_end_effector(name), ffsms.load("two_arms", end_effector=name)
         q = both.configuration([0.1] * 14)
@@ -71,7 +71,7 @@ def test_a_tool_is_chosen_afterwards(both: ffsms.SpaceManipulator, refused: Refu
     refused(lambda: both.with_end_effector("middle_tool"), FrameNotFound, "middle_tool")
 
 
-def test_links_that_stand_on_the_base_are_no_tools(tmp_path: Path) -> None:
+def test_links_fixed_to_the_base_are_no_end_effectors(tmp_path: Path) -> None:
     panel = (
         '<link name="panel"/><joint name="p" type="fixed"><parent link="{}"/><child link="panel"/></joint>'
     )
@@ -81,7 +81,7 @@ def test_links_that_stand_on_the_base_are_no_tools(tmp_path: Path) -> None:
         assert ffsms.load(tmp_path / "panel.urdf").end_effector == "end_effector"
 
 
-def test_arms_stand_side_by_side(mixed: ffsms.SpaceManipulator) -> None:
+def test_arms_are_mounted_side_by_side(mixed: ffsms.SpaceManipulator) -> None:
     """Each arm moves as it does alone at its place, and the masses are those of both."""
     panda, ur5 = (ffsms.mount(name) for name in ("panda", "ur5"))
     assert mixed.joint_names == [*panda.joint_names, *ur5.joint_names]
@@ -99,7 +99,7 @@ def test_arms_stand_side_by_side(mixed: ffsms.SpaceManipulator) -> None:
     assert shapes[0] == shapes[1] + shapes[2] - 1  # one satellite
 
 
-def test_two_arms_of_one_kind_get_names_of_their_own(tmp_path: Path) -> None:
+def test_names_of_two_equal_arms_get_prefixes(tmp_path: Path) -> None:
     placements = [pin.SE3(np.eye(3), np.array([0.0, y, 0.5])) for y in (0.3, -0.3)]
     sms = ffsms.mount(["z1", "z1"], placement=[placements[0], placements[1].homogeneous])
     alone = ffsms.mount("z1", placement=placements[1])
@@ -114,7 +114,7 @@ def test_two_arms_of_one_kind_get_names_of_their_own(tmp_path: Path) -> None:
     np.testing.assert_allclose(again.at(q).H_q, sms.at(q).H_q, rtol=0.0, atol=1e-12)
 
 
-def test_a_model_beside_a_urdf_is_its_urdf(mixed: ffsms.SpaceManipulator) -> None:
+def test_a_model_mounted_beside_a_urdf_equals_its_urdf(mixed: ffsms.SpaceManipulator) -> None:
     sms = ffsms.mount(["panda", pin.buildModelFromUrdf(str(find_arm("ur5")[0]))])
     assert sms.joint_names == mixed.joint_names
     joints = np.linspace(-0.5, 0.7, 13) + np.array([0.0] * 3 + [-1.5] + [0.0] * 9)
@@ -127,7 +127,7 @@ def test_a_model_beside_a_urdf_is_its_urdf(mixed: ffsms.SpaceManipulator) -> Non
     assert sms.geometry("collision").ngeoms == ffsms.mount("panda").geometry("collision").ngeoms
 
 
-def test_the_box_of_a_satellite_stays_when_its_mass_is_off_its_centre() -> None:
+def test_the_box_of_a_satellite_does_not_depend_on_its_centre_of_mass() -> None:
     model = pin.buildModelFromUrdf(str(find_arm("ur5")[0]))
     placed = [
         ffsms.mount(arms, ffsms.SatelliteBase(com=(0.1, 0.0, 0.0))).base_box_placement
@@ -137,7 +137,7 @@ def test_the_box_of_a_satellite_stays_when_its_mass_is_off_its_centre() -> None:
         np.testing.assert_allclose(pose.translation, placed[0].translation, atol=1e-12)
 
 
-def test_mjcf_files_stand_beside_other_arms(tmp_path: Path) -> None:
+def test_mjcf_files_are_mounted_beside_other_arms(tmp_path: Path) -> None:
     """Each arm moves as it does alone at its place, and the masses are those of both."""
     path = tmp_path / "boom.xml"
     path.write_text(
@@ -165,7 +165,7 @@ def test_mjcf_files_stand_beside_other_arms(tmp_path: Path) -> None:
     assert shapes[0] == shapes[1] + shapes[2] - 1  # one satellite
 
 
-def test_two_models_get_names_of_their_own() -> None:
+def test_names_of_two_equal_models_get_prefixes() -> None:
     arm = pin.buildModelFromUrdf(str(find_arm("ur5")[0]))
     arm.armature[:] = 0.1
     sms = ffsms.mount([arm, arm], locked={"arm2_elbow_joint": 0.3})
@@ -177,7 +177,7 @@ def test_two_models_get_names_of_their_own() -> None:
     assert sms.end_effectors == ["arm1_tool0", "arm2_tool0"]
 
 
-def test_the_tools_of_two_arms_have_goals(mixed: ffsms.SpaceManipulator) -> None:
+def test_a_plan_with_goals_for_both_tools_reaches(mixed: ffsms.SpaceManipulator) -> None:
     sms = mixed.with_end_effector("panda_hand_tcp")
     q0 = sms.home()
     tool = sms.at(q0).frame("tool0").pose.translation

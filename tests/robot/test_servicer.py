@@ -12,7 +12,7 @@ from ffsms_pin import opt
 from ffsms_pin.capture.guides import probe_in_nozzle
 
 
-def test_it_has_the_published_numbers() -> None:
+def test_the_servicer_has_the_published_numbers() -> None:
     sms = ffsms.load("servicer")
     assert sms.end_effector == "probe_tip"
     assert sms.base_size == (2.068, 2.372, 3.975)
@@ -33,7 +33,7 @@ def test_it_has_the_published_numbers() -> None:
     np.testing.assert_allclose(pod.actInv(tip.translation), [0.0, 0.0, along], atol=1e-9)
 
 
-def test_it_plans_to_a_nozzle_that_tumbles_at_3_deg_per_s() -> None:
+def test_the_servicer_reaches_a_nozzle_that_tumbles_at_3_deg_per_s() -> None:
     sms = ffsms.load("servicer")
     scene = probe_in_nozzle(pin.SE3(np.eye(3), np.array([0.0, 0.0, -1.9897])))
     start, near = np.radians([[0, -20, -20, 90, 20, -60, -60], [14, 14, -30, 51, 34, -32, -78]])

@@ -41,7 +41,7 @@ def test_the_reaction_is_the_papers(setting: tuple[Any, ...]) -> None:
     np.testing.assert_array_equal(dynamics.floating_motion(M), np.vstack([reaction, np.eye(sms.n)]))
 
 
-def test_what_the_reaction_leaves_where_it_is(setting: tuple[Any, ...]) -> None:
+def test_the_reaction_has_no_momentum(setting: tuple[Any, ...]) -> None:
     """Differences of the bodies' places, with no velocity formula: no momentum comes of it."""
     _, sms, case, q, _ = setting
     M, h = dynamics.inertia_matrix(sms, q), 1e-6
@@ -52,7 +52,7 @@ def test_what_the_reaction_leaves_where_it_is(setting: tuple[Any, ...]) -> None:
     np.testing.assert_allclose(momentum, 0.0, atol=1e-6 * np.abs(still).max())
 
 
-def test_modes_hold_what_they_say_and_leave_no_momentum(setting: tuple[Any, ...]) -> None:
+def test_modes_hold_their_directions_and_have_no_momentum_in_the_free_ones(setting: tuple[Any, ...]) -> None:
     """What is held stands still; the bodies' places show no momentum along what is free."""
     _, sms, case, q, _ = setting
     state, h = sms.at(q), 1e-6
@@ -101,7 +101,7 @@ def test_the_velocity_of_a_mode_is_that_of_its_rollout(setting: tuple[Any, ...],
     np.testing.assert_allclose(found, v, atol=1e-4 * max(1.0, np.abs(v).max()))
 
 
-def test_torques_are_those_of_the_joints_while_the_base_gives_way(setting: tuple[Any, ...]) -> None:
+def test_joint_torques_on_a_floating_base_give_the_same_joint_accelerations(setting: tuple[Any, ...]) -> None:
     _, sms, _, q, _ = setting
     M = dynamics.inertia_matrix(sms, q)
     force = np.random.default_rng(3).normal(size=sms.nv)
@@ -113,7 +113,7 @@ def test_torques_are_those_of_the_joints_while_the_base_gives_way(setting: tuple
     assert_near("accelerations", floating[6:], whole[6:], 1e-10)
 
 
-def test_the_system_as_one_body(setting: tuple[Any, ...]) -> None:
+def test_the_composite_rigid_body_of_the_system(setting: tuple[Any, ...]) -> None:
     tree, sms, case, q, v = setting
     whole = dynamics.whole_body(dynamics.inertia_matrix(sms, q))
     assert whole.mass == pytest.approx(sum(body.mass for body in tree.bodies), rel=1e-13)

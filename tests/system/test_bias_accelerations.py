@@ -118,7 +118,7 @@ def test_accelerations_of_a_driven_arm(random_tree: Callable[..., Any]) -> None:
     np.testing.assert_allclose(got, wanted, rtol=0.0, atol=1e-9 * np.abs(wanted).max())
 
 
-def test_at_rest_there_are_none(planar: ffsms.SpaceManipulator) -> None:
+def test_bias_accelerations_at_rest_are_zero(planar: ffsms.SpaceManipulator) -> None:
     state = planar.at(planar.configuration([0.3, -0.5, 1.0]))
     for name in NAMES:
         np.testing.assert_array_equal(getattr(state, name), 0.0, err_msg=name)

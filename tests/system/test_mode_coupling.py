@@ -26,7 +26,7 @@ def state() -> ffsms.State:
     return sms.at(sms.configuration(np.linspace(0.2, 0.9, 7)))
 
 
-def test_floating_is_the_state_s_own(state: ffsms.State) -> None:
+def test_measures_of_the_floating_mode_equal_the_state(state: ffsms.State) -> None:
     found = mode_measures(state, "floating")
     np.testing.assert_allclose(found.J_star, state.J_star, atol=1e-12)
     C_bm = np.asarray(-np.linalg.solve(state.H_b, state.H_bm), dtype=np.float64)
@@ -35,7 +35,7 @@ def test_floating_is_the_state_s_own(state: ffsms.State) -> None:
 
 
 @pytest.mark.parametrize("mode", FREE)
-def test_what_is_held_has_no_part(state: ffsms.State, mode: str) -> None:
+def test_held_directions_have_no_coupling(state: ffsms.State, mode: str) -> None:
     found, free = mode_measures(state, mode), FREE[mode]
     held = [row for row in range(6) if row not in free]
     assert not found.C_bm[held].any()
@@ -46,7 +46,7 @@ def test_what_is_held_has_no_part(state: ffsms.State, mode: str) -> None:
     np.testing.assert_allclose(momentum[list(free)], 0.0, atol=1e-12)
 
 
-def test_nothing_moves_a_base_that_is_held_altogether(state: ffsms.State) -> None:
+def test_a_fully_held_base_has_zero_entropy(state: ffsms.State) -> None:
     found = mode_measures(state, "flying")
     assert found.entropy == 0.0
     np.testing.assert_array_equal(found.J_star, state.J_m)

@@ -33,7 +33,7 @@ def dense(sms: ffsms.SpaceManipulator, q: FloatArray, v: FloatArray) -> tuple[Fl
 
 
 @pytest.mark.parametrize("at_rest", [True, False])
-def test_its_estimate_is_that_of_dense_least_squares(at_rest: bool, planar: ffsms.SpaceManipulator) -> None:
+def test_the_estimate_equals_dense_least_squares(at_rest: bool, planar: ffsms.SpaceManipulator) -> None:
     """A push divides the samples in two halves; the second half has a momentum of its own."""
     q, v = states(planar, 12)
     information = MomentumFilter(planar, BODIES, BASIS)
@@ -52,7 +52,7 @@ def test_its_estimate_is_that_of_dense_least_squares(at_rest: bool, planar: ffsm
     assert information.count(False) == 72 - constants.shape[1]
 
 
-def test_unused_rows_have_no_constant(planar: ffsms.SpaceManipulator) -> None:
+def test_rows_without_weight_have_no_unknown_momentum(planar: ffsms.SpaceManipulator) -> None:
     q, v = states(planar, 8)
     linear = np.diag([1.0, 2.0, 3.0, 0.0, 0.0, 0.0])
     information = MomentumFilter(planar, BODIES, BASIS)

@@ -37,7 +37,9 @@ def test_regressor_times_parameters_is_the_momentum(name: str, rng: Any) -> None
 
 @pytest.mark.parametrize("kinds", [("revolute", "prismatic"), ("continuous", "prismatic")])
 @pytest.mark.parametrize("seed", range(4))
-def test_of_random_trees(random_tree: Callable[..., Any], seed: int, kinds: Any, rng: Any) -> None:
+def test_momentum_regressors_of_random_trees(
+    random_tree: Callable[..., Any], seed: int, kinds: Any, rng: Any
+) -> None:
     sms = ffsms.SpaceManipulator(random_tree(seed, 6, kinds).model(), "tip")
     q, v = random_states(sms, rng, 8)
     about = rng.normal(size=3)

@@ -25,7 +25,7 @@ def file(folder: Path, text: str) -> Path:
     return path
 
 
-def test_huge_limits_are_none(tmp_path: Path) -> None:
+def test_huge_limits_are_infinite(tmp_path: Path) -> None:
     text = PLANAR
     for key, value in (("velocity", "1e300"), ("effort", "1e16"), ("lower", "-1e300"), ("upper", "3.4e38")):
         start = text.index(f'{key}="') + len(key) + 2
@@ -37,7 +37,7 @@ def test_huge_limits_are_none(tmp_path: Path) -> None:
     assert limits.lower[0] == -np.inf
 
 
-def test_four_turns_are_no_limit_and_thirty_metres_are_one(random_tree: Any) -> None:
+def test_a_limit_of_30_rad_is_infinite_and_one_of_30_m_is_kept(random_tree: Any) -> None:
     """What counts as no limit of a joint that turns is a rail's length for one that slides."""
     for kind, far in (("revolute", np.inf), ("prismatic", 30.0)):
         model = random_tree(0, 2, (kind,)).model()
@@ -52,9 +52,7 @@ def test_four_turns_are_no_limit_and_thirty_metres_are_one(random_tree: Any) -> 
         np.testing.assert_array_equal(limits.upper, [far, 1.0])
 
 
-def test_limits_within_which_nothing_moves_are_refused(
-    refused: Refused, planar: ffsms.SpaceManipulator
-) -> None:
+def test_tiny_limits_are_refused(refused: Refused, planar: ffsms.SpaceManipulator) -> None:
     good: dict[str, Any] = {
         name: getattr(planar.limits, name)
         for name in ("lower", "upper", "velocity", "acceleration", "torque")
@@ -75,7 +73,7 @@ def test_nested_elements_are_refused(refused: Refused, tmp_path: Path, depth: in
         refused(lambda call=call: call(path), InvalidUrdf, "deeper than 100")
 
 
-def test_endless_files_are_refused(refused: Refused, tmp_path: Path) -> None:
+def test_files_with_too_many_elements_are_refused(refused: Refused, tmp_path: Path) -> None:
     links = "".join(f'<link name="w{i}"/>' for i in range(20_000))
     path = file(tmp_path, PLANAR.replace("</robot>", f"{links}</robot>"))
     refused(lambda: ffsms.load(path), InvalidUrdf, "more than 20000 elements")
@@ -94,7 +92,7 @@ def test_states_far_away_are_refused(refused: Refused, planar: ffsms.SpaceManipu
     refused(lambda: planar.at(q).drift(np.full(6, value)), InvalidValue, "momentum must")
 
 
-def test_poses_that_are_none_are_refused(refused: Refused, planar: ffsms.SpaceManipulator) -> None:
+def test_invalid_poses_are_refused(refused: Refused, planar: ffsms.SpaceManipulator) -> None:
     for pose in (pin.SE3(1e300 * np.eye(3), np.zeros(3)), pin.SE3(np.eye(3), np.full(3, 1e30))):
         refused(lambda pose=pose: planar.configuration(np.zeros(3), pose), InvalidValue, "base must")
         refused(lambda pose=pose: ffsms.mount("planar_3r", placement=pose), InvalidValue, "placement must")

@@ -126,7 +126,7 @@ def test_end_to_base_coupling(random_tree: Callable[..., Any], n: int) -> None:
 
 
 @pytest.mark.parametrize("n", [1, 3, 5, 6, 8])
-def test_end_to_base_coupling_is_by_the_pseudo_inverse_every_time(
+def test_end_to_base_coupling_uses_the_pseudo_inverse(
     n: int, random_tree: Callable[..., Any], planar: ffsms.SpaceManipulator, rng: Any
 ) -> None:
     # One state after another: what a routine leaves behind must not be the start of the next.

@@ -12,7 +12,7 @@ from ffsms_pin.errors import FrameNotFound
 
 
 @pytest.mark.parametrize("model", ["planar_3r", "satellite_panda", "space_arm_7"])
-def test_the_end_effectors_frame_is_what_the_state_has(model: str) -> None:
+def test_the_frame_of_the_end_effector_equals_the_state(model: str) -> None:
     sms = ffsms.load(model)
     rng = np.random.default_rng(3)
     state = sms.at(sms.configuration(0.2 * rng.normal(size=sms.n)), 0.1 * rng.normal(size=sms.nv))
@@ -44,13 +44,13 @@ def test_jacobians_of_frames_by_differences(name: str) -> None:
     np.testing.assert_allclose(state.frame(name).J_star @ rates, twist(free), atol=1e-8)
 
 
-def test_a_frame_that_is_not_there_is_named() -> None:
+def test_the_error_names_an_unknown_frame() -> None:
     sms = ffsms.load("planar_3r")
     with pytest.raises(FrameNotFound, match="link_9"):
         sms.at(sms.configuration([0.1, 0.2, 0.3])).frame("link_9")
 
 
-def test_names_of_the_package_are_its_own() -> None:
+def test_dir_of_the_package_lists_public_names_only() -> None:
     assert set(dir(ffsms)) == {
         *vars(ffsms)["__all__"],
         *(name for name in dir(ffsms) if name.startswith("__")),

@@ -99,7 +99,9 @@ KINDS = ("revolute", "prismatic", "continuous")
 
 
 @pytest.mark.parametrize("seed", range(6))
-def test_what_is_made_together_is_the_plain_formulas(random_tree: Callable[..., Any], seed: int) -> None:
+def test_quantities_computed_together_satisfy_their_formulas(
+    random_tree: Callable[..., Any], seed: int
+) -> None:
     tree = random_tree(seed, seed + 1, KINDS)
     sms = ffsms.SpaceManipulator(tree.model(), "tip")
     case = random_case(tree, np.random.default_rng(seed))
@@ -115,7 +117,7 @@ def test_what_is_made_together_is_the_plain_formulas(random_tree: Callable[..., 
     assert_near("end effector twist", s.end_effector_twist, s.J_b @ s.base_twist + s.J_m @ case.rates)
 
 
-def test_it_does_not_matter_what_is_asked_for_first(random_tree: Callable[..., Any]) -> None:
+def test_quantities_do_not_depend_on_the_order_of_access(random_tree: Callable[..., Any]) -> None:
     tree = random_tree(2, 4, KINDS)
     sms = ffsms.SpaceManipulator(tree.model(), "tip")
     q, v = pinocchio_state(tree, sms, random_case(tree, np.random.default_rng(2)))
@@ -132,7 +134,7 @@ def test_it_does_not_matter_what_is_asked_for_first(random_tree: Callable[..., A
             np.testing.assert_array_equal(value, wanted[rest], err_msg=f"{rest} after {name}")
 
 
-def test_far_from_the_origin_no_digit_is_lost(random_tree: Callable[..., Any]) -> None:
+def test_quantities_far_from_the_origin_have_the_same_bits(random_tree: Callable[..., Any]) -> None:
     tree = random_tree(5, 6)
     sms = ffsms.SpaceManipulator(tree.model(), "tip")
     q, v = pinocchio_state(tree, sms, random_case(tree, np.random.default_rng(5)))
@@ -153,7 +155,7 @@ def test_far_from_the_origin_no_digit_is_lost(random_tree: Callable[..., Any]) -
     np.testing.assert_array_equal(sms.velocity(far, v[6:], momentum), sms.velocity(q, v[6:], momentum))
 
 
-def test_states_where_pinocchio_was_told_to_give_copies(planar: ffsms.SpaceManipulator, rng: Any) -> None:
+def test_states_without_shared_memory_of_pinocchio(planar: ffsms.SpaceManipulator, rng: Any) -> None:
     state = random_states(planar, rng, 1)[0]
     wanted = quantities(state)
     pin.sharedMemory(False)
@@ -168,7 +170,9 @@ def test_states_where_pinocchio_was_told_to_give_copies(planar: ffsms.SpaceManip
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
 @pytest.mark.parametrize("where", [0, 3, 8])
-def test_what_is_not_finite_is_refused(planar: ffsms.SpaceManipulator, bad: float, where: int) -> None:
+def test_values_that_are_not_finite_are_refused(
+    planar: ffsms.SpaceManipulator, bad: float, where: int
+) -> None:
     q, v = planar.configuration([0.1, 0.2, 0.3]), np.zeros(9)
     wrong = q.copy()
     wrong[where] = bad

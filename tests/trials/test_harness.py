@@ -15,7 +15,7 @@ from trials.runner import run
 
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="reads /proc")
-def test_every_way_to_fail_is_seen_and_the_rest_goes_on() -> None:
+def test_every_kind_of_failure_is_detected_and_later_trials_run() -> None:
     verdicts = list(run("rogue", len(ENDS), limit=2.0))
     assert [one.outcome for one in verdicts] == [outcome for outcome, _ in ENDS]
     assert [one.seed for one in verdicts] == list(range(len(ENDS)))
@@ -42,5 +42,5 @@ def raising(error: BaseException) -> Callable[[], Any]:
         (TasksFailed({0: KeyError("q")}, [None]), "other error"),
     ],
 )
-def test_errors_are_told_apart(error: BaseException, outcome: str) -> None:
+def test_errors_are_classified(error: BaseException, outcome: str) -> None:
     assert judged(raising(error))[0] == outcome

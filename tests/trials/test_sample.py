@@ -25,7 +25,7 @@ pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="re
         ("kills", 0, 1),
     ],
 )
-def test_every_trial_ends_in_a_result_or_in_an_error_of_ours(kind: str, first: int, count: int) -> None:
+def test_every_trial_ends_in_a_result_or_in_a_library_error(kind: str, first: int, count: int) -> None:
     verdicts = list(run(kind, count, first))
     assert [verdict.seed for verdict in verdicts] == list(range(first, first + count))
     bad = [one for one in verdicts if one.outcome not in GOOD]

@@ -62,7 +62,7 @@ def test_turning_back_takes_the_time_that_wheels_need() -> None:
         assert np.abs(getattr(found, limit)).max() < 0.5 * peak
 
 
-def test_what_a_held_plan_spends_is_what_the_simulation_spends() -> None:
+def test_the_predicted_wheel_energy_equals_the_simulated_energy() -> None:
     sms = robot()
     q0 = sms.configuration(np.radians([1.0, 40.0, -30.0]))
     plan = opt.plan(sms, q0, [0.75, 0.35, 0.0], 6.0, 0.02, mode="rotation-floating")
@@ -76,7 +76,7 @@ def test_what_a_held_plan_spends_is_what_the_simulation_spends() -> None:
     assert np.abs(modes.held_torque(sms, plan)).max() > 0.005
 
 
-def test_each_strategy_does_what_its_name_says() -> None:
+def test_properties_of_each_strategy() -> None:
     sms = robot()
     q0 = sms.configuration(np.radians([1.0, 40.0, -30.0]))
     numbers = modes.mode_numbers(modes.strategies(opt.Problem(sms, q0, [0.75, 0.35, 0.0], 6.0, 0.05)))

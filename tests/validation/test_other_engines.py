@@ -35,7 +35,7 @@ def test_adam_has_the_same_matrices(name: str) -> None:
         assert max(differences.values()) < WITHIN, differences
 
 
-def test_a_wrong_reference_point_would_be_seen() -> None:
+def test_a_wrong_reference_point_is_detected() -> None:
     """The comparison can fail: with the root's origin as reference point, matrices differ."""
     sms = robot("space_arm_7")
     q, v = random_state(sms, np.random.default_rng(7))
@@ -72,7 +72,7 @@ def test_ten_seconds_of_motion_in_basilisk(name: str) -> None:
     np.testing.assert_allclose(q_peer, q, rtol=0.0, atol=1e-9)
 
 
-def test_another_mass_would_be_seen_in_basilisk() -> None:
+def test_another_mass_is_detected_in_basilisk() -> None:
     """The comparison can fail: with the arm heavier by a millionth, rates differ by far more than 1e-9."""
     sms = robot("planar_3r")
     motion = push(sms)

@@ -42,7 +42,7 @@ def drawn() -> dict[str, tuple[Plan, Plan]]:
     return {family: generate.made(family, index) for family, index in SAMPLE.items()}
 
 
-def test_the_judge_imports_nothing_of_ours_and_is_short() -> None:
+def test_the_judge_is_short_and_does_not_import_the_library() -> None:
     text = (PROBLEMS / "judge.py").read_text()
     tree = list(ast.walk(ast.parse(text)))
     names = {alias.name for node in tree if isinstance(node, ast.Import) for alias in node.names}
@@ -62,7 +62,7 @@ def test_there_are_500_problems_for_six_robots(judge: Any) -> None:
 
 @pytest.mark.long
 @pytest.mark.slow
-def test_the_same_files_come_out_again(judge: Any, drawn: dict[str, tuple[Plan, Plan]]) -> None:
+def test_the_problem_files_are_reproducible(judge: Any, drawn: dict[str, tuple[Plan, Plan]]) -> None:
     for family, (problem, _) in drawn.items():
         assert judge.load(family)[SAMPLE[family]] == problem
     robots = module(".robots")
@@ -186,7 +186,7 @@ def test_goals_that_are_missed(judge: Any, drawn: dict[str, tuple[Plan, Plan]]) 
     assert judge.judge(other | {"goals": other["goals"][:1]}, moves)["arrived"]
 
 
-def test_a_client_met_with_a_knock(judge: Any, drawn: dict[str, tuple[Plan, Plan]]) -> None:
+def test_the_velocity_at_contact_is_judged(judge: Any, drawn: dict[str, tuple[Plan, Plan]]) -> None:
     problem, witness = drawn["clients"]
     faster, knock = copy.deepcopy(problem), np.array([0.0, 0.004, 0.0])
     client = faster["client"]
@@ -232,7 +232,7 @@ def test_the_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert json.loads(out.with_suffix(".json").read_text())["machine"]["cores"] >= 1
 
 
-def test_a_clearance_that_is_not_proven_is_not_called_broken(judge: Any) -> None:
+def test_an_unproven_clearance_is_not_counted_as_violated(judge: Any) -> None:
     """10.1 mm where 10 mm are asked for, and between instants the base's turn leaves 0.3 mm in doubt."""
     problem = judge.find("obstacles-015")
     plan = module(".baselines.library").planned(problem, 30.0, method="resolved-rate")

@@ -8,7 +8,7 @@ import numpy as np
 from published_run import PUBLISHED, mujoco_end, our_end, planar_robot
 
 
-def test_the_base_ends_where_it_was_published_and_where_mujoco_has_it(tmp_path: Path) -> None:
+def test_the_final_base_pose_agrees_with_the_publication_and_with_mujoco(tmp_path: Path) -> None:
     """The published numbers are read off plots, to 2 mm and 5 mrad; engines agree to 1e-7."""
     sms = planar_robot(tmp_path)
     base = our_end(sms)

@@ -126,7 +126,7 @@ def test_the_stop_by_a_guard_is_marked(planar: ffsms.SpaceManipulator) -> None:
     assert mark["reason"] == tracking.stopped
 
 
-def test_what_is_no_result_is_refused(planar: ffsms.SpaceManipulator) -> None:
+def test_arguments_that_are_no_results_are_refused(planar: ffsms.SpaceManipulator) -> None:
     with pytest.raises(InvalidValue, match=r"result must be a Trajectory, a Tracking or a capture\.Flight"):
         view(planar)
     with pytest.raises(InvalidValue, match="sms must be a SpaceManipulator"):

@@ -111,7 +111,7 @@ def test_a_client_without_shapes_is_a_ball(equipped: ffsms.SpaceManipulator, mov
     assert "/ffsms/client/0" in scene._stage.paths
 
 
-def test_a_picture_holds_the_obstacles_on_a_client_without_shapes(
+def test_the_camera_includes_obstacles_on_a_client_without_shapes(
     equipped: ffsms.SpaceManipulator, moved: opt.Trajectory
 ) -> None:
     client = ffsms.Client(5.0, [1.0, 2.0, 2.5], pin.SE3(np.eye(3), np.array([3.0, 0.0, 0.0])))
@@ -136,7 +136,7 @@ def test_cameras(equipped: ffsms.SpaceManipulator, moved: opt.Trajectory) -> Non
         assert abs(turn @ q[3:7]) == pytest.approx(1.0)  # q and -q are one attitude
 
 
-def test_the_force_at_contact_is_an_arrow_while_it_touches(
+def test_the_contact_force_is_an_arrow_during_contact(
     equipped: ffsms.SpaceManipulator, moved: opt.Trajectory
 ) -> None:
     """A touch of one row between two pictures is shown, too, as long as can be; the softer one is shorter."""

@@ -27,7 +27,7 @@ def opened(scene: View) -> Opened:
     return Opened(scene.html())
 
 
-def test_the_file_asks_for_nothing_outside_of_itself(opened: Opened) -> None:
+def test_the_page_loads_nothing_external(opened: Opened) -> None:
     assert not re.search(r"""(?:src|href)\s*=\s*["']?(?:https?:)?//""", opened.text)
     assert not re.search(r"@import|url\(\s*[\"']?https?:", opened.text)
     # Addresses may stand in the text of Meshcat's script (licences, XML name spaces); none is fetched.
@@ -80,7 +80,7 @@ def test_cone_opens_at_the_ideal_angle(
         assert np.arctan2(scales[k, 0], scales[k, 2]) == pytest.approx(np.arccos(ideal), abs=1e-4)
 
 
-def test_base_arrow_is_the_dominant_motion_and_agrees_with_the_real_one(
+def test_base_arrow_is_the_dominant_motion_with_the_sign_of_the_joint_rates(
     planar: ffsms.SpaceManipulator, tracking: ffsms.Tracking, opened: Opened
 ) -> None:
     times, turns = opened.track("base motion u1/translation", "quaternion")
@@ -113,7 +113,7 @@ def test_cone_takes_the_colour_of_the_assistance(
     np.testing.assert_allclose(colours[k], grey + cosine * (blue - grey), atol=1e-4)
 
 
-def test_layers_are_there_and_shown_as_asked(
+def test_layers_exist_and_are_shown_on_request(
     planar: ffsms.SpaceManipulator, plan: opt.Trajectory, opened: Opened
 ) -> None:
     # There is nothing around this robot (test_obstacle_layer.py, test_surroundings.py).
@@ -128,7 +128,7 @@ def test_layers_are_there_and_shown_as_asked(
     assert visible["/ffsms/target"] is False
 
 
-def test_without_a_target_nothing_points_at_one(
+def test_a_scene_without_a_target_has_no_target_layers(
     planar: ffsms.SpaceManipulator, tracking: ffsms.Tracking
 ) -> None:
     bare = Opened(view(planar, tracking, fps=2.0).html())
@@ -144,7 +144,7 @@ def test_a_moving_target_moves(planar: ffsms.SpaceManipulator, tracking: ffsms.T
     np.testing.assert_allclose(places[:, 1], 0.1 * times, atol=1e-6)
 
 
-def test_a_robot_without_shapes_is_drawn_all_the_same(random_tree: Callable[..., Any]) -> None:
+def test_a_robot_without_shapes_is_drawn(random_tree: Callable[..., Any]) -> None:
     tree = random_tree(3, 4, ("revolute",))
     sms = ffsms.SpaceManipulator(tree.model(), "tip", base_size=(0.6, 0.5, 0.4))
     q0 = sms.configuration(np.full(4, 0.3))
@@ -164,7 +164,7 @@ def test_a_robot_without_shapes_is_drawn_all_the_same(random_tree: Callable[...,
     assert sum("link_" in path for path in drawn) >= 3
 
 
-def test_meshes_are_drawn_whole_and_their_ghosts_light() -> None:
+def test_all_meshes_are_drawn_and_those_at_the_start_are_simplified() -> None:
     sms = ffsms.load("satellite_xarm7")
     q0 = sms.configuration(np.full(sms.n, 0.4))
     tip = sms.at(q0).end_effector_pose.translation

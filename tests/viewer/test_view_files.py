@@ -33,7 +33,7 @@ def test_a_notebook_shows_the_same_page(scene: View) -> None:
     assert inline.count('"') == 4  # everything inside of the attribute is escaped
 
 
-def test_a_title_cannot_break_out(planar: ffsms.SpaceManipulator, plan: opt.Trajectory) -> None:
+def test_titles_are_escaped(planar: ffsms.SpaceManipulator, plan: opt.Trajectory) -> None:
     text = view(planar, plan, fps=1.0, title="</script><b>x").html()
     assert "</script><b>x" not in text
     assert "&lt;/script&gt;&lt;b&gt;x" in text
@@ -65,7 +65,7 @@ def test_the_command_writes_a_scene(
     assert "mine" in opened.text
 
 
-def test_the_command_says_what_is_wrong(
+def test_errors_of_the_view_command_are_single_lines(
     plan: opt.Trajectory, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     def line(*arguments: str) -> str:
@@ -93,7 +93,7 @@ def test_the_result_may_come_first(planar: ffsms.SpaceManipulator) -> None:
         ffsms.view(plan, plan)
 
 
-def test_a_scene_opens_in_the_browser_and_stays(
+def test_a_scene_opens_in_the_browser_and_its_file_is_kept(
     scene: View, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     shown: list[str] = []

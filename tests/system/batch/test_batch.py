@@ -27,7 +27,7 @@ def close(found: Array, expected: Array) -> bool:
     return bool(np.abs(found - expected).max() <= 1e-12 * max(1.0, float(np.abs(expected).max())))
 
 
-def test_the_inertia_of_rotors_counts() -> None:
+def test_h_q_includes_the_inertia_of_rotors() -> None:
     model = load("planar_3r").model.copy()
     model.armature = np.concatenate([np.zeros(6), [0.1, 0.2, 3.0]])
     sms = ffsms.SpaceManipulator(model, "end_effector")
@@ -37,7 +37,7 @@ def test_the_inertia_of_rotors_counts() -> None:
 
 
 @pytest.mark.parametrize("name", ROBOTS)
-def test_every_row_is_the_state_at_these_joints(name: str, rng: np.random.Generator) -> None:
+def test_every_row_equals_the_state_at_its_joints(name: str, rng: np.random.Generator) -> None:
     sms = load(name)
     joints = rng.uniform(-3.0, 3.0, (25, sms.n))
     batch = sms.batch(joints)
@@ -57,7 +57,7 @@ def test_every_row_is_the_state_at_these_joints(name: str, rng: np.random.Genera
 
 
 @pytest.mark.parametrize(("name", "rank"), [("planar_3r", 3), ("satellite_ur5", 6), ("satellite_panda", 6)])
-def test_rank_of_most_configurations(name: str, rank: int) -> None:
+def test_generic_rank_of_the_generalised_jacobian(name: str, rank: int) -> None:
     assert generic_rank(ffsms.load(name)) == rank
 
 
@@ -82,7 +82,7 @@ def test_manipulability_is_yoshikawas_determinant(rng: np.random.Generator) -> N
     np.testing.assert_allclose(batch.manipulability, np.abs(np.linalg.det(in_plane)), atol=1e-14)
 
 
-def test_a_row_does_not_know_the_others(rng: np.random.Generator) -> None:
+def test_a_row_does_not_depend_on_the_other_rows(rng: np.random.Generator) -> None:
     """The same bits, whatever the length of the stack."""
     sms = ffsms.load("satellite_panda")
     joints = rng.uniform(-2.0, 2.0, (50, 7))
