@@ -1,4 +1,4 @@
-"""The coupling metrics in other units, for other points of the base, and with some rows only."""
+"""Coupling metrics in other units, for other points of the base, and for selected rows."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ Builder = Callable[..., Any]
 ROOT = Path(__file__).parents[2]
 
 
-def at_random(random_tree: Builder, seed: int, n: int) -> tuple[ffsms.SpaceManipulator, ffsms.State]:
+def random_state(random_tree: Builder, seed: int, n: int) -> tuple[ffsms.SpaceManipulator, ffsms.State]:
     sms = ffsms.SpaceManipulator(random_tree(seed, n, ("revolute",)).model(), "tip")
     rng = np.random.default_rng(seed)
     base = pin.SE3(pin.rpy.rpyToMatrix(rng.uniform(-1, 1, size=3)), rng.uniform(-1, 1, size=3))
     return sms, sms.at(sms.configuration(rng.uniform(-2.0, 2.0, size=n), base))
 
 
-def in_other_units(sms: ffsms.SpaceManipulator, factor: float) -> ffsms.SpaceManipulator:
-    """The same robot with every length times `factor`: told in a unit that is 1 / factor metres."""
+def scaled_robot(sms: ffsms.SpaceManipulator, factor: float) -> ffsms.SpaceManipulator:
+    """Return the same robot in a unit of length of 1 / factor metres."""
     model = sms.model.copy()
     for j in range(1, model.njoints):
         place, body = model.jointPlacements[j], model.inertias[j]
@@ -37,34 +37,34 @@ def in_other_units(sms: ffsms.SpaceManipulator, factor: float) -> ffsms.SpaceMan
     return ffsms.SpaceManipulator(model, sms.end_effector)
 
 
-def rebuilt(coupling: Any) -> Array:
+def matrix_of(coupling: Any) -> Array:
     S = np.zeros((len(coupling.U), len(coupling.V)))
     np.fill_diagonal(S, coupling.sigma)
     return np.asarray(coupling.U @ S @ coupling.V.T)
 
 
-def test_the_default_is_the_papers(random_tree: Builder) -> None:
-    sms, state = at_random(random_tree, 1, 5)
+def test_defaults_are_those_of_the_paper(random_tree: Builder) -> None:
+    sms, state = random_state(random_tree, 1, 5)
     for other in (state.coupling_at(), state.coupling_at(1.0, sms.base_com, "all")):
         np.testing.assert_array_equal(other.sigma, state.coupling.sigma)
         assert other.entropy == state.coupling.entropy
 
 
 @pytest.mark.parametrize("n", [3, 7])
-def test_a_length_is_a_unit(random_tree: Builder, n: int) -> None:
-    sms, state = at_random(random_tree, 2, n)
+def test_a_characteristic_length_is_a_change_of_unit(random_tree: Builder, n: int) -> None:
+    sms, state = random_state(random_tree, 2, n)
     for length in (10.0, 0.1, 0.001):
         q = np.array(state.q)
         q[:3] /= length
-        wanted = in_other_units(sms, 1.0 / length).at(q).coupling
-        got = state.coupling_at(characteristic_length=length)
-        np.testing.assert_allclose(got.sigma, wanted.sigma, rtol=1e-11, atol=1e-13 * wanted.sigma[0])
-        assert got.entropy == pytest.approx(wanted.entropy, abs=1e-12)
-        assert abs(got.entropy - state.coupling.entropy) > 1e-3
+        expected = scaled_robot(sms, 1.0 / length).at(q).coupling
+        scaled = state.coupling_at(characteristic_length=length)
+        np.testing.assert_allclose(scaled.sigma, expected.sigma, rtol=1e-11, atol=1e-13 * expected.sigma[0])
+        assert scaled.entropy == pytest.approx(expected.entropy, abs=1e-12)
+        assert abs(scaled.entropy - state.coupling.entropy) > 1e-3
 
 
-def test_the_reference_point_is_that_points_motion(random_tree: Builder) -> None:
-    sms, state = at_random(random_tree, 3, 6)
+def test_the_coupling_at_a_point_is_the_twist_of_that_point(random_tree: Builder) -> None:
+    sms, state = random_state(random_tree, 3, 6)
     point = np.array([0.4, -0.3, 0.7])
     model = sms.model.copy()
     frame = model.addFrame(pin.Frame("point", 1, 0, pin.SE3(np.eye(3), point), pin.FrameType.OP_FRAME))
@@ -73,44 +73,44 @@ def test_the_reference_point_is_that_points_motion(random_tree: Builder) -> None
         pin.forwardKinematics(model, data, state.q, sms.velocity(state.q, rates))
         axes = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
         columns.append(pin.getFrameVelocity(model, data, frame, axes).vector)
-    wanted = np.array(columns).T
-    np.testing.assert_allclose(rebuilt(state.coupling_at(reference=point)), wanted, rtol=0.0, atol=1e-13)
+    expected = np.array(columns).T
+    np.testing.assert_allclose(matrix_of(state.coupling_at(reference=point)), expected, rtol=0.0, atol=1e-13)
     assert np.abs(state.coupling_at(reference=point).sigma - state.coupling.sigma).max() > 1e-3
-    # Both at once: first the point, then the unit.
-    wanted[:3] /= 0.25
-    np.testing.assert_allclose(rebuilt(state.coupling_at(0.25, point)), wanted, rtol=0.0, atol=1e-13)
+    # The point is changed before the unit.
+    expected[:3] /= 0.25
+    np.testing.assert_allclose(matrix_of(state.coupling_at(0.25, point)), expected, rtol=0.0, atol=1e-13)
 
 
 @pytest.mark.parametrize("n", [1, 2, 3, 7])
-def test_some_rows_only(random_tree: Builder, n: int) -> None:
-    _, state = at_random(random_tree, 4, n)
-    for rows, cut in (("translation", slice(0, 3)), ("rotation", slice(3, 6))):
-        got = state.coupling_at(rows=rows)  # type: ignore[arg-type]
-        assert got.U.shape == (3, 3)
-        assert got.V.shape == (n, n)
-        assert got.sigma.shape == (min(3, n),)
-        np.testing.assert_allclose(rebuilt(got), state.C_bm[cut], rtol=0.0, atol=1e-14)
-        share = got.sigma / got.sigma.sum()
-        by_the_book = -sum(x * np.log(x) for x in share if x > 0.0) / np.log(n) if n > 1 else 0.0
-        assert got.entropy == pytest.approx(by_the_book, abs=1e-13)
+def test_metrics_of_translation_or_rotation_alone(random_tree: Builder, n: int) -> None:
+    _, state = random_state(random_tree, 4, n)
+    for rows, block in (("translation", slice(0, 3)), ("rotation", slice(3, 6))):
+        scaled = state.coupling_at(rows=rows)  # type: ignore[arg-type]
+        assert scaled.U.shape == (3, 3)
+        assert scaled.V.shape == (n, n)
+        assert scaled.sigma.shape == (min(3, n),)
+        np.testing.assert_allclose(matrix_of(scaled), state.C_bm[block], rtol=0.0, atol=1e-14)
+        share = scaled.sigma / scaled.sigma.sum()
+        entropy = -sum(x * np.log(x) for x in share if x > 0.0) / np.log(n) if n > 1 else 0.0
+        assert scaled.entropy == pytest.approx(entropy, abs=1e-13)
     translation, rotation = state.coupling_at(rows="translation"), state.coupling_at(rows="rotation")
-    # The unit cancels where all rows share it, and rotation is that of every point.
+    # The unit cancels if all rows have it, and the rotation is the same for every point.
     assert state.coupling_at(0.01, rows="translation").entropy == pytest.approx(
         translation.entropy, abs=1e-12
     )
-    moved = state.coupling_at(0.01, [1.0, 2.0, 3.0], "rotation")
-    np.testing.assert_array_equal(moved.sigma, rotation.sigma)
-    # Between them: small units leave translation, large ones rotation.
+    other_point = state.coupling_at(0.01, [1.0, 2.0, 3.0], "rotation")
+    np.testing.assert_array_equal(other_point.sigma, rotation.sigma)
+    # Small lengths leave translation alone, large lengths rotation alone.
     assert state.coupling_at(1e-9).entropy == pytest.approx(translation.entropy, abs=1e-6)
     assert state.coupling_at(1e9).entropy == pytest.approx(rotation.entropy, abs=1e-6)
 
 
-def test_assistance_depends_on_none_of_it(random_tree: Builder) -> None:
-    _, state = at_random(random_tree, 5, 4)
+def test_assistance_depends_on_no_scaling(random_tree: Builder) -> None:
+    _, state = random_state(random_tree, 5, 4)
     rates, direction = np.array([0.1, -0.2, 0.3, 0.2]), np.array([1.0, 2.0, -1.0])
-    wanted = state.coupling.assistance(rates, direction)
+    expected = state.coupling.assistance(rates, direction)
     for other in (state.coupling_at(0.1), state.coupling_at(2.0, [1.0, 0.0, 0.0], "translation")):
-        assert other.assistance(rates, direction) == wanted
+        assert other.assistance(rates, direction) == expected
 
 
 @pytest.mark.parametrize(
@@ -122,15 +122,15 @@ def test_assistance_depends_on_none_of_it(random_tree: Builder) -> None:
         ({"rows": "linear"}, "rows"),
     ],
 )
-def test_wrong_values(
+def test_wrong_scalings_are_refused(
     planar: ffsms.SpaceManipulator, refused: Callable[..., FfsmsError], arguments: Any, name: str
 ) -> None:
     state = planar.at(planar.configuration([0.1, 0.2, 0.3]))
     refused(lambda: state.coupling_at(**arguments), InvalidValue, f"{name} must")
 
 
-def test_the_tables_in_the_docs_are_the_codes() -> None:
+def test_the_tables_in_the_docs_agree_with_the_code() -> None:
     script = loaded("benchmarks/metrics.py")
-    kept = (ROOT / "docs" / "records" / "metrics.md").read_text(encoding="utf-8")
-    assert kept.partition("\n\n")[2] == f"{script.tables()}\n"
+    recorded = (ROOT / "docs" / "records" / "metrics.md").read_text(encoding="utf-8")
+    assert recorded.partition("\n\n")[2] == f"{script.tables()}\n"
     assert script.tables().count("\n|") == 12

@@ -1,4 +1,4 @@
-"""The reaction null space: its dimension, and that the base stays where it says over a finite motion."""
+"""The reaction null space: its dimension, and the base at rest over a finite motion."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from ffsms_pin.errors import FfsmsError, InvalidValue
 from ffsms_pin.robot.base_motion import advance
 
 Array = NDArray[np.float64]
-Of = Literal["attitude", "twist"]
+Kept = Literal["attitude", "twist"]
 ROWS = {"attitude": slice(3, 6), "twist": slice(0, 6)}
 
 
@@ -39,7 +39,7 @@ def posture(sms: ffsms.SpaceManipulator, rng: Any) -> Array:
         ("satellite_ur5", 3, 0),
     ],
 )
-def test_dimension(name: str, attitude: int, twist: int, rng: Any) -> None:
+def test_dimension_and_completeness(name: str, attitude: int, twist: int, rng: Any) -> None:
     sms = robot(name)
     for _ in range(20):
         state = sms.at(posture(sms, rng))
@@ -48,9 +48,9 @@ def test_dimension(name: str, attitude: int, twist: int, rng: Any) -> None:
             assert N.shape == (sms.n, dimension)
             np.testing.assert_allclose(N.T @ N, np.eye(dimension), atol=1e-14)
             for column in N.T:
-                moved = sms.at(state.q, sms.velocity(state.q, column))
-                assert np.abs(moved.base_twist[ROWS[of]]).max() < 1e-9 * state.coupling.sigma[0]
-            # It is all of the space: whatever is orthogonal to it moves the base.
+                state_with_motion = sms.at(state.q, sms.velocity(state.q, column))
+                assert np.abs(state_with_motion.base_twist[ROWS[of]]).max() < 1e-9 * state.coupling.sigma[0]
+            # The null space is complete: all orthogonal motions move the base.
             rest = np.linalg.svd(N.T)[2][dimension:].T if dimension else np.eye(sms.n)
             weakest = np.linalg.svd(state.C_bm[ROWS[of]] @ rest, compute_uv=False)[sms.n - dimension - 1]
             assert weakest > 1e-9 * state.coupling.sigma[0]
@@ -66,16 +66,16 @@ def test_dimension_of_random_trees(random_tree: Callable[..., Any], n: int) -> N
         assert state.reaction_null_space("twist").shape == (n, max(0, n - 6))
 
 
-def follow(
-    sms: ffsms.SpaceManipulator, q: Array, wish: Array, of: Of | None, duration: float, steps: int
+def integrate_rates(
+    sms: ffsms.SpaceManipulator, q: Array, requested: Array, of: Kept | None, duration: float, steps: int
 ) -> Array:
-    """The end (nq,) of a motion at the wished joint rates, in the null space only unless `of` is None."""
+    """Return the end (nq,) of a motion at requested joint rates, projected to the null space of `of`."""
 
     def rates_at(q: Array) -> Array:
         if of is None:
-            return wish
+            return requested
         N = sms.at(q).reaction_null_space(of)
-        return np.asarray(N @ (N.T @ wish))
+        return np.asarray(N @ (N.T @ requested))
 
     dt, rates = duration / steps, rates_at(q)
     for _ in range(steps):
@@ -85,7 +85,7 @@ def follow(
     return q
 
 
-def base_change(start: Array, end: Array, of: Of) -> float:
+def base_change(start: Array, end: Array, of: Kept) -> float:
     change = pin.log6(pin.XYZQUATToSE3(start[:7]).inverse() * pin.XYZQUATToSE3(end[:7])).vector
     return float(np.linalg.norm(change[ROWS[of]]))
 
@@ -100,24 +100,24 @@ def base_change(start: Array, end: Array, of: Of) -> float:
         ("satellite_panda", "twist"),
     ],
 )
-def test_finite_motion(name: str, of: Of) -> None:
+def test_the_base_stays_over_a_finite_motion(name: str, of: Kept) -> None:
     sms, rng = robot(name), np.random.default_rng(8)
     q0 = sms.configuration(0.5 * (sms.limits.lower + sms.limits.upper) + rng.uniform(0.2, 0.5, size=sms.n))
-    wish = rng.uniform(0.3, 0.6, size=sms.n) * rng.choice([-1.0, 1.0], size=sms.n)
-    free = base_change(q0, follow(sms, q0, wish, None, 1.0, 50), of)
+    requested = rng.uniform(0.3, 0.6, size=sms.n) * rng.choice([-1.0, 1.0], size=sms.n)
+    free = base_change(q0, integrate_rates(sms, q0, requested, None, 1.0, 50), of)
     errors = []
     for steps in (50, 100):
-        end = follow(sms, q0, wish, of, 1.0, steps)
+        end = integrate_rates(sms, q0, requested, of, 1.0, steps)
         errors.append(base_change(q0, end, of))
         assert np.linalg.norm(sms.joint_positions(end) - sms.joint_positions(q0)) > 0.1
-    # Between nodes the rates are straight lines, and so off the null space: by less the shorter the steps.
+    # Rates are linear between nodes, so they leave the null space by less with shorter steps.
     assert free > 5e-3
     assert errors[0] < 1e-3 * free
     assert errors[1] < 0.4 * errors[0]
 
 
-def test_an_arm_that_cannot_turn_its_base() -> None:
-    # A mass that slides along a line through all centres of mass: what turns the base is rounding only.
+def test_a_joint_that_cannot_turn_the_base_is_in_the_null_space() -> None:
+    # The mass slides along a line through all centres of mass, so the base turns by rounding alone.
     model = pin.Model()
     joint = model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "root_joint")
     model.appendBodyToJoint(
@@ -128,13 +128,13 @@ def test_an_arm_that_cannot_turn_its_base() -> None:
     model.appendBodyToJoint(joint, pin.Inertia(3.0, np.zeros(3), 0.1 * np.eye(3)), pin.SE3.Identity())
     model.addFrame(pin.Frame("mass", joint, 0, pin.SE3.Identity(), pin.FrameType.OP_FRAME))
     sms = ffsms.SpaceManipulator(model, "mass")
-    turn = pin.rpy.rpyToMatrix(np.array([0.3, -0.7, 1.1]))
-    state = sms.at(sms.configuration([0.83], pin.SE3(turn, np.ones(3))))
+    rotation = pin.rpy.rpyToMatrix(np.array([0.3, -0.7, 1.1]))
+    state = sms.at(sms.configuration([0.83], pin.SE3(rotation, np.ones(3))))
     np.testing.assert_allclose(np.abs(state.reaction_null_space("attitude")), [[1.0]], atol=1e-15)
     assert state.reaction_null_space("twist").shape == (1, 0)
 
 
-def test_tolerance(rng: Any) -> None:
+def test_the_dimension_grows_with_the_tolerance(rng: Any) -> None:
     sms = robot("satellite_panda")
     state = sms.at(posture(sms, rng))
     sigma, before = state.coupling.sigma, 0
@@ -149,13 +149,15 @@ def test_tolerance(rng: Any) -> None:
 
 
 @pytest.mark.parametrize("of", ["translation", None])
-def test_wrong_word(planar: ffsms.SpaceManipulator, refused: Callable[..., FfsmsError], of: Any) -> None:
+def test_an_unknown_base_motion_is_refused(
+    planar: ffsms.SpaceManipulator, refused: Callable[..., FfsmsError], of: Any
+) -> None:
     state = planar.at(planar.configuration([0.1, 0.2, 0.3]))
     refused(lambda: state.reaction_null_space(of), InvalidValue, "of must", '"attitude" or "twist"')
 
 
 @pytest.mark.parametrize("tolerance", [-1e-3, 1.0, np.nan])
-def test_wrong_tolerance(
+def test_a_wrong_tolerance_is_refused(
     planar: ffsms.SpaceManipulator, refused: Callable[..., FfsmsError], tolerance: Any
 ) -> None:
     state = planar.at(planar.configuration([0.1, 0.2, 0.3]))

@@ -1,4 +1,4 @@
-"""Singular values and entropies of stacks of matrices, against LAPACK's and those of one matrix."""
+"""Singular values and entropies of stacks of matrices, against LAPACK and single matrices."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ Array = NDArray[np.float64]
 COUNT = 400
 
 
-def with_values(rng: np.random.Generator, values: Array) -> Array:
-    """Random matrices (6, 7, B) of given singular values (6, B)."""
-    U, _ = np.linalg.qr(rng.normal(size=(values.shape[1], 6, 6)))
-    V, _ = np.linalg.qr(rng.normal(size=(values.shape[1], 7, 7)))
-    return np.asarray(np.einsum("bik,kb,bjk->ijb", U, values, V[:, :, :6]))
+def with_values(rng: np.random.Generator, exact: Array) -> Array:
+    """Return random matrices (6, 7, B) with singular values (6, B)."""
+    U, _ = np.linalg.qr(rng.normal(size=(exact.shape[1], 6, 6)))
+    V, _ = np.linalg.qr(rng.normal(size=(exact.shape[1], 7, 7)))
+    return np.asarray(np.einsum("bik,kb,bjk->ijb", U, exact, V[:, :, :6]))
 
 
 def cases(rng: np.random.Generator) -> dict[str, Array]:
-    """Stacks that are hard for one reason each."""
+    """Return stacks with one numerical difficulty each."""
     planar = np.zeros((6, 4, COUNT))
     planar[[0, 1, 5]] = rng.normal(size=(3, 4, COUNT))
     return {
@@ -42,31 +42,31 @@ def cases(rng: np.random.Generator) -> dict[str, Array]:
 
 
 @pytest.mark.parametrize("case", cases(np.random.default_rng(0)))
-def test_singular_values_are_lapacks(case: str, rng: np.random.Generator) -> None:
+def test_singular_values_agree_with_lapack(case: str, rng: np.random.Generator) -> None:
     matrices = cases(rng)[case]
-    given = matrices.copy()
-    found = singular_values(matrices)
+    copy = matrices.copy()
+    values = singular_values(matrices)
     expected = np.linalg.svd(matrices.transpose(2, 0, 1), compute_uv=False).T
-    assert found.shape == expected.shape
-    assert (np.abs(found - expected) <= 2e-14 * expected[0]).all()
-    assert (np.diff(found, axis=0) <= 0.0).all()
-    np.testing.assert_array_equal(matrices, given)
+    assert values.shape == expected.shape
+    assert (np.abs(values - expected) <= 2e-14 * expected[0]).all()
+    assert (np.diff(values, axis=0) <= 0.0).all()
+    np.testing.assert_array_equal(matrices, copy)
 
 
-def test_small_singular_values_keep_digits_that_squares_lose(rng: np.random.Generator) -> None:
-    values = np.sort(10.0 ** rng.uniform(-9.0, 0.0, (6, COUNT)), axis=0)[::-1]
-    matrices = with_values(rng, values)
+def test_small_singular_values_are_more_precise_than_by_squares(rng: np.random.Generator) -> None:
+    exact = np.sort(10.0 ** rng.uniform(-9.0, 0.0, (6, COUNT)), axis=0)[::-1]
+    matrices = with_values(rng, exact)
     squares = np.linalg.eigvalsh(np.einsum("ikb,jkb->bij", matrices, matrices))
     by_squares = np.sqrt(np.maximum(squares, 0.0))[:, ::-1].T
-    assert np.abs(singular_values(matrices) - values).max() < 3e-15
-    assert np.abs(by_squares - values).max() > 1e-10
+    assert np.abs(singular_values(matrices) - exact).max() < 3e-15
+    assert np.abs(by_squares - exact).max() > 1e-10
 
 
 @pytest.mark.parametrize("n", [1, 3, 7])
-def test_entropies_are_those_of_one_spectrum_each(n: int, rng: np.random.Generator) -> None:
+def test_stacked_entropies_equal_single_entropies(n: int, rng: np.random.Generator) -> None:
     sigma = np.sort(rng.uniform(size=(min(n, 6), 50)), axis=0)[::-1].copy()
     sigma[-1, :10] = 0.0
     sigma[:, 10] = 0.0
-    found = entropies(sigma, n)
+    values = entropies(sigma, n)
     expected = [entropy_of_values(column.tolist(), n) for column in sigma.T]
-    np.testing.assert_allclose(found, expected, atol=1e-14)
+    np.testing.assert_allclose(values, expected, atol=1e-14)

@@ -1,4 +1,4 @@
-"""The attitude of a base along a motion: against Pinocchio's exponentials, and against small steps."""
+"""The base attitude along a motion, against Pinocchio's exponentials and small steps."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ FINE = Grid(30, 3, 3)
 MOMENTUM = np.array([0.2, -0.1, 0.3, 0.3, -0.2, 0.4])
 
 
-def moved(
+def rollouts_of(
     grid: Grid, momentum: FloatArray | None, rng: np.random.Generator
 ) -> tuple[opt.Problem, RateSpline, Rollouts]:
-    """Two motions of the seven-joint arm from an attitude of its own."""
+    """Return a problem, its spline, and two motions of a seven-joint arm from a rotated base."""
     sms = ffsms.load("satellite_panda")
     q0 = sms.configuration(0.5 * (sms.limits.lower + sms.limits.upper))
     q0[3:7] = pin.Quaternion(pin.exp3(np.array([0.3, -0.4, 0.2]))).coeffs()
@@ -32,28 +32,32 @@ def moved(
 
 
 def test_attitudes_are_products_of_rotations(rng: np.random.Generator) -> None:
-    problem, spline, at = moved(TINY, None, rng)
-    omega = apply_rates(at.arm.spin, at.rates)
+    problem, spline, rollouts = rollouts_of(TINY, None, rng)
+    omega = apply_rates(rollouts.arm.spin, rollouts.rates)
     to_points, over_all, late_interval = spline.quadrature
     count, gauss = over_all.shape
     for s in range(2):
-        R, found = problem.rotation0, []
+        R, attitudes = problem.rotation0, []
         for i in range(count):
             if i == late_interval:
                 late = R
-            own = omega[:, s, i * gauss : (i + 1) * gauss]
-            found += [R @ pin.exp3(own @ weights) for weights in to_points[i]]
-            R = R @ pin.exp3(own @ over_all[i])
-        wanted = np.stack([*found, late, R], axis=-1)
-        np.testing.assert_allclose(at.base_attitude[:, :, s], wanted, rtol=0.0, atol=1e-13)
-    assert not at.angular_drift.any()
+            interval_rates = omega[:, s, i * gauss : (i + 1) * gauss]
+            attitudes += [R @ pin.exp3(interval_rates @ weights) for weights in to_points[i]]
+            R = R @ pin.exp3(interval_rates @ over_all[i])
+        expected = np.stack([*attitudes, late, R], axis=-1)
+        np.testing.assert_allclose(rollouts.base_attitude[:, :, s], expected, rtol=0.0, atol=1e-13)
+    assert not rollouts.angular_drift.any()
 
 
 @pytest.mark.parametrize("momentum", [None, MOMENTUM])
-def test_attitude_at_the_end_by_small_steps(momentum: FloatArray | None, rng: np.random.Generator) -> None:
-    """The end of a motion on many intervals, by 3000 midpoint steps of the momentum equation."""
-    problem, spline, at = moved(FINE, momentum, rng)
-    p = np.asarray(np.linalg.lstsq(spline.rates.free, at.rates[:, 0].T, rcond=None)[0], dtype=np.float64)
+def test_the_final_attitude_agrees_with_small_steps(
+    momentum: FloatArray | None, rng: np.random.Generator
+) -> None:
+    """Integrate the momentum equation by 3000 midpoint steps."""
+    problem, spline, rollouts = rollouts_of(FINE, momentum, rng)
+    p = np.asarray(
+        np.linalg.lstsq(spline.rates.free, rollouts.rates[:, 0].T, rcond=None)[0], dtype=np.float64
+    )
     steps = 3000
     times = np.asarray((np.arange(steps) + 0.5) * problem.duration / steps, dtype=np.float64)
     rates = spline.rates_at(times).of(p, problem.joint_rates).T
@@ -70,8 +74,8 @@ def test_attitude_at_the_end_by_small_steps(momentum: FloatArray | None, rng: np
             half = R @ pin.exp3(0.5 * h * (omega + inverse @ R.T @ momentum[3:]))
             omega = omega + inverse @ half.T @ momentum[3:]
         R = R @ pin.exp3(h * omega)
-    np.testing.assert_allclose(at.base_attitude[:, :, 0, -1], R, rtol=0.0, atol=2e-5)
+    np.testing.assert_allclose(rollouts.base_attitude[:, :, 0, -1], R, rtol=0.0, atol=2e-5)
     if momentum is not None:
-        inward = np.einsum("yxsk,y->xsk", at.base_attitude, momentum[3:])
-        own = np.einsum("xysk,ysk->xsk", at.arm.inverse, inward)
-        np.testing.assert_allclose(at.angular_drift, own, rtol=0.0, atol=1e-9)
+        inward = np.einsum("yxsk,y->xsk", rollouts.base_attitude, momentum[3:])
+        drift = np.einsum("xysk,ysk->xsk", rollouts.arm.inverse, inward)
+        np.testing.assert_allclose(rollouts.angular_drift, drift, rtol=0.0, atol=1e-9)

@@ -1,4 +1,4 @@
-"""The kernel's headers as flight software takes them: on their own, without exceptions and allocation."""
+"""The kernel's headers as used by flight software: without Python, exceptions and allocation."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from ffsms_pin.checks import FloatArray
 from ffsms_pin.system.batch.arm import ArmStack
 
 HEADERS = Path(kernel.__file__).parent
-BORDER = "arrays.hpp"  # what crosses it to Python
+BORDER = "arrays.hpp"  # the interface to Python
 MAIN = r"""
 @INCLUDES@
 #include <cstdio>
@@ -54,25 +54,27 @@ int main() {
 """
 
 
-def numbers(values: FloatArray) -> str:
+def hex_numbers(values: FloatArray) -> str:
     return ", ".join(float(x).hex() for x in np.ravel(values))
 
 
 @pytest.mark.parametrize("name", ["planar_3r", "satellite_panda"])
-def test_the_headers_give_what_python_sees(name: str, tmp_path: Path, rng: np.random.Generator) -> None:
+def test_the_headers_give_the_numbers_of_the_python_module(
+    name: str, tmp_path: Path, rng: np.random.Generator
+) -> None:
     sms = ffsms.load(name)
     stack, joints = ArmStack(sms), rng.uniform(-1.0, 1.0, sms.n)
-    given = {
+    replacements = {
         "INCLUDES": "\n".join(
-            f'#include "{one.name}"' for one in sorted(HEADERS.glob("*.hpp")) if one.name != BORDER
+            f'#include "{header.name}"' for header in sorted(HEADERS.glob("*.hpp")) if header.name != BORDER
         ),
-        **dict(zip(("JOINTS", "BODIES", "TIP"), map(numbers, stack.numbers), strict=True)),
-        "AT": numbers(joints),
+        **dict(zip(("JOINTS", "BODIES", "TIP"), map(hex_numbers, stack.numbers), strict=True)),
+        "AT": hex_numbers(joints),
         "N": str(sms.n),
         "LAST": str(stack.last),
     }
     text = MAIN
-    for key, value in given.items():
+    for key, value in replacements.items():
         text = text.replace(f"@{key}@", value)
     (tmp_path / "main.cpp").write_text(text)
     strict = ["-std=c++17", "-O2", "-ffp-contract=off", "-fno-exceptions", "-fno-rtti"]
@@ -86,10 +88,10 @@ def test_the_headers_give_what_python_sees(name: str, tmp_path: Path, rng: np.ra
     assert printed[-1] == kernel.kernel.entropies(arm.coupling)[0, 0]
 
 
-def test_no_header_but_the_border_knows_python_or_allocates() -> None:
-    for one in HEADERS.glob("*.hpp"):
-        if one.name != BORDER:
-            text = one.read_text()
-            for word in ("nanobind", "Python.h", "std::vector", "new ", "malloc", "throw "):
-                lines = [line for line in text.splitlines() if word in line.partition("//")[0]]
-                assert not lines, (one.name, lines)
+def test_headers_are_free_of_python_allocation_and_exceptions() -> None:
+    for header in HEADERS.glob("*.hpp"):
+        if header.name != BORDER:
+            text = header.read_text()
+            for token in ("nanobind", "Python.h", "std::vector", "new ", "malloc", "throw "):
+                lines = [line for line in text.splitlines() if token in line.partition("//")[0]]
+                assert not lines, (header.name, lines)

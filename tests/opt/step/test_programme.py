@@ -1,4 +1,4 @@
-"""The programme of a step, against its plain formulas, term by term."""
+"""The quadratic program of a step, against its plain formulas."""
 
 from __future__ import annotations
 
@@ -21,32 +21,32 @@ TARGET = np.array([0.45, 0.75, 0.0])
 
 
 @pytest.mark.parametrize("name", ["planar_3r", "satellite_panda"])
-def test_the_built_programme_is_that_of_the_plain_formulas(name: str) -> None:
-    """One stepper for all states, fast ones among them: nothing of one is left in the next."""
+def test_the_qp_of_a_step_agrees_with_the_plain_formulas(name: str) -> None:
+    """A single stepper is used for all states, slow and fast."""
     sms = ffsms.load(name)
-    rng, stepper, gave = np.random.default_rng(7), make_stepper(sms), 0
+    rng, stepper, with_extra_rows = np.random.default_rng(7), make_stepper(sms), 0
     middle, half = 0.5 * (sms.limits.upper + sms.limits.lower), 0.5 * (sms.limits.upper - sms.limits.lower)
     for k in range(30):
         q = sms.configuration(middle + 0.9 * half * rng.uniform(-1.0, 1.0, sms.n))
         rates = (0.1, 0.9)[k % 2] * sms.limits.velocity * rng.uniform(-1.0, 1.0, sms.n)
         stepper.reset()
         built, plain = stepper.build(q, rates, TARGET, 6.0), plain_programme(sms, q, rates, TARGET, 6.0)
-        gave += len(plain.l) > 2 * sms.n + Points(sms).count
-        for found, expected in zip(built, plain, strict=True):
-            np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-12)
-    assert (gave > 0) == (name == "satellite_panda")
+        with_extra_rows += len(plain.l) > 2 * sms.n + Points(sms).count
+        for result, expected in zip(built, plain, strict=True):
+            np.testing.assert_allclose(result, expected, rtol=0.0, atol=1e-12)
+    assert (with_extra_rows > 0) == (name == "satellite_panda")
 
 
-def test_building_remembers_nothing(planar: ffsms.SpaceManipulator) -> None:
+def test_building_a_qp_leaves_no_state(planar: ffsms.SpaceManipulator) -> None:
     q, rates = planar.configuration([0.4, 0.7, -0.5]), np.array([0.1, -0.2, 0.1])
     stepper, fresh = make_stepper(planar), make_stepper(planar)
     stepper.build(planar.configuration([1.0, 0.2, 0.4]), -rates, TARGET, 2.0)
-    found, expected = stepper.step(q, rates, TARGET, 5.0), fresh.step(q, rates, TARGET, 5.0)
-    np.testing.assert_array_equal(found.joint_rates, expected.joint_rates)
+    result, expected = stepper.step(q, rates, TARGET, 5.0), fresh.step(q, rates, TARGET, 5.0)
+    np.testing.assert_array_equal(result.joint_rates, expected.joint_rates)
 
 
-def test_rows_with_two_sides_give_way_on_each() -> None:
-    """Of two rows that are hard, and three that give way: one on both sides, one below, one above."""
+def test_soft_rows_are_relaxed_on_both_sides() -> None:
+    """Two rows are hard; three are soft: on both sides, below, and above."""
     rng = np.random.default_rng(0)
     sms = ffsms.load("planar_3r")
     step = StepState(sms, sms.configuration(rng.normal(size=3)), np.zeros(3), 0.01, 5.0)
@@ -54,8 +54,8 @@ def test_rows_with_two_sides_give_way_on_each() -> None:
     soft = Rows(
         rng.normal(size=(3, 3)), np.array([-1.0, 0.2, -UNBOUNDED]), np.array([1.0, UNBOUNDED, 0.3]), 0.5
     )
-    given = TARGET, 1.0, np.zeros(3), None, StepWeights()
-    problem = step_qp(step, *given, [hard, soft])[1].problem()
+    arguments = TARGET, 1.0, np.zeros(3), None, StepWeights()
+    problem = step_qp(step, *arguments, [hard, soft])[1].problem()
     for _ in range(50):
         alpha, slack = rng.normal(size=3), float(rng.uniform(0.0, 2.0))
         x = np.concatenate([alpha, [0.4], [slack]])
@@ -71,7 +71,7 @@ def test_rows_with_two_sides_give_way_on_each() -> None:
 
 
 class _Posture(Term):
-    """Joint rates that are wished for."""
+    """A term that prefers given joint rates."""
 
     name = "posture"
 
@@ -85,40 +85,43 @@ class _Posture(Term):
         return self._weight * np.eye(step.sms.n), self._weight * self._rates
 
 
-def test_terms_add_to_the_objective_as_they_say() -> None:
+def test_terms_add_to_the_objective() -> None:
     sms, rng = ffsms.load("satellite_panda"), np.random.default_rng(3)
     q = sms.configuration(0.5 * (sms.limits.lower + sms.limits.upper))
-    wished, rates = rng.uniform(-0.1, 0.1, 7), np.zeros(7)
+    preferred, rates = rng.uniform(-0.1, 0.1, 7), np.zeros(7)
     target = sms.at(q).end_effector_pose.translation + np.array([0.1, -0.2, 0.1])
     with_, without = (
-        Stepper(sms, 0.1, 10.0, [StepJoints()], terms) for terms in ([_Posture(1e-3, wished)], [])
+        Stepper(sms, 0.1, 10.0, [StepJoints()], terms) for terms in ([_Posture(1e-3, preferred)], [])
     )
     V = StepState(sms, q, rates, 0.1, 5.0).V
     problems = with_.build(q, rates, target, 5.0), without.build(q, rates, target, 5.0)
     x = rng.normal(size=9)
     u = V @ x[:7]
     share = problems[0].value(x) - problems[1].value(x)
-    assert share == pytest.approx(1e-3 * (0.5 * u @ u - wished @ u), abs=1e-12)
-    near, far = (stepper.step(q, rates, target, 5.0) for stepper in (with_, without))
-    gap = np.linalg.norm(near.joint_rates - wished), np.linalg.norm(far.joint_rates - wished)
-    assert gap[0] < 0.9 * gap[1]
-    # It ranks below the direction.
-    assert near.cost < 1e-4
+    assert share == pytest.approx(1e-3 * (0.5 * u @ u - preferred @ u), abs=1e-12)
+    with_term, without_term = (stepper.step(q, rates, target, 5.0) for stepper in (with_, without))
+    distances = (
+        np.linalg.norm(with_term.joint_rates - preferred),
+        np.linalg.norm(without_term.joint_rates - preferred),
+    )
+    assert distances[0] < 0.9 * distances[1]
+    # The term has less weight than the direction.
+    assert with_term.cost < 1e-4
 
 
-def test_a_limit_may_be_written_by_anyone(planar: ffsms.SpaceManipulator) -> None:
-    """The end effector must not move down, although the target is there."""
+def test_a_custom_limit_is_kept(planar: ffsms.SpaceManipulator) -> None:
+    """The limit forbids downward motion, and the target is below."""
     q = planar.configuration([0.4, 0.7, -0.5])
     target = planar.at(q).end_effector_pose.translation + np.array([0.05, -0.4, 0.0])
 
     def not_down(step: StepState) -> Rows:
         return Rows(step.J_star[1:2], np.zeros(1), np.full(1, UNBOUNDED), softness=1.0)
 
-    for limits, held in (([StepJoints(), StepRows(not_down)], True), ([StepJoints()], False)):
+    for limits, limited in (([StepJoints(), StepRows(not_down)], True), ([StepJoints()], False)):
         stepper, rates = Stepper(planar, 0.01, 10.0, limits), np.zeros(3)
         for k in range(20):
             step = stepper.step(q, rates, target, 4.0 - 0.01 * k)
             assert step.solved
             rates = step.joint_rates
-        falls = float(StepState(planar, q, rates, 0.01, 1.0).J_star[1] @ rates)
-        assert (falls >= -1e-9) == held
+        vertical_velocity = float(StepState(planar, q, rates, 0.01, 1.0).J_star[1] @ rates)
+        assert (vertical_velocity >= -1e-9) == limited

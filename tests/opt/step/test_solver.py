@@ -1,4 +1,4 @@
-"""ProxQP on programmes of steps: optimality, another solver, warm and cold starts, and failure."""
+"""ProxQP on the problems of steps: optimality, another solver, warm and cold starts, and failure."""
 
 from __future__ import annotations
 
@@ -16,47 +16,46 @@ from ffsms_pin.opt.step.stepper import StepProblem, StepSolver
 TARGET = np.array([0.45, 0.75, 0.0])
 
 
-def optimality_gap(problem: StepProblem, x: FloatArray, near: float = 1e-9) -> float:
-    """How far the gradient at a feasible x is from a combination of the active rows with the right signs."""
+def optimality_gap(problem: StepProblem, x: FloatArray, tolerance: float = 1e-9) -> float:
+    """Return the residual of the stationarity condition at a feasible x."""
     rows = np.vstack([problem.C, np.eye(x.size)])
     low, high = np.concatenate([problem.l, problem.lower]), np.concatenate([problem.u, problem.upper])
-    active = np.vstack([rows[rows @ x > high - near], -rows[rows @ x < low + near]])
+    active = np.vstack([rows[rows @ x > high - tolerance], -rows[rows @ x < low + tolerance]])
     gradient = problem.H @ x + problem.g
     return float(np.linalg.norm(gradient)) if active.size == 0 else float(nnls(active.T, -gradient)[1])
 
 
-def random_programme(rng: np.random.Generator, n: int, rows: int) -> StepProblem:
+def random_problem(rng: np.random.Generator, n: int, rows: int) -> StepProblem:
     B, C = rng.normal(size=(n, n)), rng.normal(size=(rows, n))
-    inside = C @ rng.uniform(-0.9, 0.9, n)  # of all rows: the programme has a solution
+    centre = C @ rng.uniform(-0.9, 0.9, n)  # feasible for all rows
     return StepProblem(
         H=B @ B.T + 0.1 * np.eye(n),
         g=3.0 * rng.normal(size=n),
         C=C,
-        l=inside - rng.uniform(0.05, 1.0, rows),
-        u=inside + rng.uniform(0.05, 1.0, rows),
+        l=centre - rng.uniform(0.05, 1.0, rows),
+        u=centre + rng.uniform(0.05, 1.0, rows),
         lower=np.full(n, -1.0),
         upper=np.ones(n),
     )
 
 
-def test_random_programmes_one_after_the_other_are_solved_to_the_last_digits() -> None:
-    """Unrelated problems: starting from the last one's solution does no harm."""
-    rng, solver, start, agree = np.random.default_rng(5), StepSolver(), None, 0
+def test_unrelated_problems_with_warm_starts_are_solved_to_full_precision() -> None:
+    rng, solver, start, identical = np.random.default_rng(5), StepSolver(), None, 0
     for _ in range(200):
-        problem = random_programme(rng, 5, 8)
-        found, cold = solver.solve(as_solved(problem), start), StepSolver().solve(as_solved(problem))
-        assert found.solved
-        assert problem.violation(found.x) < 1e-12
-        assert optimality_gap(problem, found.x) < 1e-10
-        np.testing.assert_allclose(found.x, by_daqp(problem), rtol=0.0, atol=1e-8)
-        agree += np.array_equal(found.x, cold.x)
-        start = (found.x, found.z)
-    # To the last bit, but where a multiplier is as small as the tolerance.
-    assert agree >= 198
+        problem = random_problem(rng, 5, 8)
+        solution, cold = solver.solve(as_solved(problem), start), StepSolver().solve(as_solved(problem))
+        assert solution.solved
+        assert problem.violation(solution.x) < 1e-12
+        assert optimality_gap(problem, solution.x) < 1e-10
+        np.testing.assert_allclose(solution.x, by_daqp(problem), rtol=0.0, atol=1e-8)
+        identical += np.array_equal(solution.x, cold.x)
+        start = (solution.x, solution.z)
+    # Warm and cold solutions are identical unless a multiplier is as small as the tolerance.
+    assert identical >= 198
 
 
 @pytest.mark.parametrize("name", ["planar_3r", "satellite_panda"])
-def test_programmes_of_steps_are_solved_to_their_optimality_conditions(name: str) -> None:
+def test_qps_of_steps_satisfy_their_optimality_conditions(name: str) -> None:
     sms, rng = ffsms.load(name), np.random.default_rng(3)
     stepper, bound = make_stepper(sms), 0
     for k in range(30):
@@ -64,34 +63,40 @@ def test_programmes_of_steps_are_solved_to_their_optimality_conditions(name: str
         rates = (0.2, 0.8)[k % 2] * sms.limits.velocity * rng.uniform(-1.0, 1.0, sms.n)
         stepper.reset()
         problem = stepper.build(q, rates, TARGET, (6.0, 0.5)[k % 3 == 0])
-        found = StepSolver().solve(as_solved(problem))
-        assert found.solved
-        assert problem.violation(found.x) < 1e-9
-        assert optimality_gap(problem, found.x, 1e-7) < 1e-7
+        solution = StepSolver().solve(as_solved(problem))
+        assert solution.solved
+        assert problem.violation(solution.x) < 1e-9
+        assert optimality_gap(problem, solution.x, 1e-7) < 1e-7
         other = by_daqp(problem)
-        assert problem.value(found.x) <= problem.value(other) + 1e-9
-        np.testing.assert_allclose(found.x, other, rtol=0.0, atol=1e-5)
+        assert problem.value(solution.x) <= problem.value(other) + 1e-9
+        np.testing.assert_allclose(solution.x, other, rtol=0.0, atol=1e-5)
         step = stepper.step(q, rates, TARGET, (6.0, 0.5)[k % 3 == 0])
         assert step.solved
-        np.testing.assert_allclose(step.alpha, found.x[: sms.n], rtol=0.0, atol=1e-9)
-        bound += int(np.count_nonzero(found.z))
+        np.testing.assert_allclose(step.alpha, solution.x[: sms.n], rtol=0.0, atol=1e-9)
+        bound += int(np.count_nonzero(solution.z))
     assert bound > 30
 
 
-def test_a_programme_without_rows_is_solved() -> None:
-    none = np.full(4, UNBOUNDED)
+def test_a_qp_without_rows_is_solved() -> None:
+    unbounded = np.full(4, UNBOUNDED)
     problem = StepProblem(
-        np.eye(4), np.array([1.0, -2.0, 0.5, 0.0]), np.zeros((0, 4)), np.zeros(0), np.zeros(0), -none, none
+        np.eye(4),
+        np.array([1.0, -2.0, 0.5, 0.0]),
+        np.zeros((0, 4)),
+        np.zeros(0),
+        np.zeros(0),
+        -unbounded,
+        unbounded,
     )
-    found = StepSolver().solve(as_solved(problem))
-    assert found.solved
-    np.testing.assert_allclose(found.x, [-1.0, 2.0, -0.5, 0.0], atol=1e-12)
+    solution = StepSolver().solve(as_solved(problem))
+    assert solution.solved
+    np.testing.assert_allclose(solution.x, [-1.0, 2.0, -0.5, 0.0], atol=1e-12)
 
 
 @pytest.mark.parametrize("kind", ["contradiction", "nan"])
-def test_a_failure_is_reported_and_forgotten(kind: str) -> None:
+def test_a_failure_is_reported_and_does_not_affect_later_solutions(kind: str) -> None:
     rng, solver = np.random.default_rng(1), StepSolver()
-    good = random_programme(rng, 9, 30)
+    good = random_problem(rng, 9, 30)
     first = solver.solve(as_solved(good))
     if kind == "contradiction":
         C = good.C.copy()
@@ -107,9 +112,9 @@ def test_a_failure_is_reported_and_forgotten(kind: str) -> None:
     )
 
 
-def test_a_start_that_leads_nowhere_gives_way_to_nothing() -> None:
+def test_a_useless_warm_start_does_not_change_the_solution() -> None:
     rng, solver = np.random.default_rng(2), StepSolver()
-    problem = random_programme(rng, 5, 8)
+    problem = random_problem(rng, 5, 8)
     expected = StepSolver().solve(as_solved(problem)).x
     wild = (1e9 * rng.normal(size=5), 1e12 * rng.normal(size=13))
     np.testing.assert_allclose(solver.solve(as_solved(problem), wild).x, expected, rtol=0.0, atol=1e-9)

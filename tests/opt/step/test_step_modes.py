@@ -1,4 +1,4 @@
-"""Steps of robots whose base is held: the mode's C_bm and J*, its base motion, and rows for the wheels."""
+"""Steps in driven base modes: C_bm and J*, base motion, and rows for the wheels."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ from ffsms_pin.opt.trajectory import measure
 from ffsms_pin.robot.base_motion import advance
 
 PYRAMID = [[1, 0, 1], [-1, 0, 1], [0, 1, 1], [0, -1, 1]]
-HELD = ("rotation-floating", "rotation-flying", "translation-flying", "flying")
+MODES = ("rotation-floating", "rotation-flying", "translation-flying", "flying")
 TARGET = [0.45, 0.75, 0.0]
-WHEELS = WheelLimits()  # which keep 8 % in hand
+WHEELS = WheelLimits()  # with a margin of 8 %
 
 
 def planar(**values: Any) -> ffsms.SpaceManipulator:
-    """`planar_3r` with four wheels of 0.1 N m and 1 N m s, unless told otherwise."""
+    """Return `planar_3r` with four wheels, by default of 0.1 N m and 1 N m s."""
     wheels = ffsms.ReactionWheels(PYRAMID, 0.001364, **{"torque": 0.1, "momentum": 1.0, **values})
     return ffsms.load("planar_3r").with_actuators(wheels=wheels)
 
@@ -42,28 +42,28 @@ def planned(sms: ffsms.SpaceManipulator, mode: str = "rotation-floating", method
 
 
 def spatial(seed: int) -> tuple[ffsms.SpaceManipulator, FloatArray, FloatArray]:
-    """A Panda on its satellite somewhere, its joints moving."""
+    """Return a Panda on its satellite, a random configuration and joint rates."""
     sms, rng = ffsms.load("satellite_panda"), np.random.default_rng(seed)
     joints = 0.5 * (sms.limits.lower + sms.limits.upper) + rng.uniform(-0.3, 0.3, 7)
     return sms, sms.configuration(joints, random_pose(rng)), rng.uniform(-0.3, 0.3, 7)
 
 
-@pytest.mark.parametrize("mode", HELD)
-def test_the_state_is_that_of_the_mode(mode: str) -> None:
+@pytest.mark.parametrize("mode", MODES)
+def test_step_states_agree_with_the_mode(mode: str) -> None:
     for seed in range(4):
         sms, q, rates = spatial(seed)
         step, expected = StepState(sms, q, rates, 0.01, 5.0, mode=mode), mode_measures(sms.at(q), mode)
         np.testing.assert_allclose(step.J_star, expected.J_star, atol=1e-12)
         assert step.entropy == pytest.approx(expected.entropy, abs=1e-12)
-        # The base as it then moves: of the paper's twist nothing along what is held.
+        # The base twist has no driven component.
         twist = sms.at(q, np.concatenate([step.reaction @ rates, rates])).base_twist
         np.testing.assert_allclose(twist, expected.C_bm @ rates, atol=1e-12)
         assert opt.Problem(sms, q, [1.0, 0.0, 0.0], mode=mode).mode == step.mode
 
 
-@pytest.mark.parametrize("mode", HELD)
-def test_the_base_moves_as_the_mode_says(mode: str) -> None:
-    """Over many steps, of what should stand still nothing is left but rounding and quadrature."""
+@pytest.mark.parametrize("mode", MODES)
+def test_the_driven_base_coordinates_stay_at_rest(mode: str) -> None:
+    """After 100 steps the error is due to rounding and quadrature alone."""
     sms, q, rates = spatial(5)
     before, momentum = sms.at(q), None
     if mode == "rotation-floating":
@@ -72,53 +72,53 @@ def test_the_base_moves_as_the_mode_says(mode: str) -> None:
     for _ in range(100):
         q, rates = advance(sms, q, rates, np.full(7, 0.05), 0.01, momentum, mode)
     after = sms.at(q)
-    moved = after.base_pose.translation - before.base_pose.translation
-    turned = pin.log3(before.base_pose.rotation.T @ after.base_pose.rotation)
+    displacement = after.base_pose.translation - before.base_pose.translation
+    rotation = pin.log3(before.base_pose.rotation.T @ after.base_pose.rotation)
     if "rotation" in mode:
-        assert np.linalg.norm(turned) < 1e-12
+        assert np.linalg.norm(rotation) < 1e-12
         drift = np.zeros(3) if momentum is None else momentum[:3] / after.H_b[0, 0]
         np.testing.assert_allclose(after.com - before.com, drift, atol=1e-9)
-        assert np.linalg.norm(moved) > 1e-3
+        assert np.linalg.norm(displacement) > 1e-3
     else:
-        assert np.linalg.norm(moved) < 1e-9
-        assert (np.linalg.norm(turned) > 1e-3) == (mode == "translation-flying")
+        assert np.linalg.norm(displacement) < 1e-9
+        assert (np.linalg.norm(rotation) > 1e-3) == (mode == "translation-flying")
     assert not np.array_equal(first[7:], q[7:])
 
 
-@pytest.mark.parametrize("what", ["momentum", "torque"])
-def test_rows_say_what_the_wheels_will_do(what: str) -> None:
-    """At a row's bound, by Pinocchio's centroidal momentum at the step's end, the wheel is at its limit."""
+@pytest.mark.parametrize("quantity", ["momentum", "torque"])
+def test_rows_bound_the_wheels_at_the_end_of_the_step(quantity: str) -> None:
+    """A step to the bound of a row brings the wheel to its limit, by Pinocchio's centroidal momentum."""
     bare, q, rates = spatial(7)
     axes, mode, dt = ffsms.ReactionWheels(PYRAMID, 0.02).axes, "rotation-floating", 1e-3
     total, data = np.array([0.1, -0.2, 0.05, 0.3]), bare.model.createData()
 
     def momentum(q: FloatArray, rates: FloatArray) -> FloatArray:
-        """Of the wheels: what arm and base do not have of the total."""
+        """Return the wheels' momenta: the total without the momentum of arm and base."""
         v = bare.velocity(q, rates, None, mode)
-        of_arm = pin.computeCentroidalMomentum(bare.model, data, q, v).angular
-        return np.asarray(total - np.linalg.pinv(axes.T) @ pin.XYZQUATToSE3(q[:7]).rotation.T @ of_arm)
+        arm_momentum = pin.computeCentroidalMomentum(bare.model, data, q, v).angular
+        return np.asarray(total - np.linalg.pinv(axes.T) @ pin.XYZQUATToSE3(q[:7]).rotation.T @ arm_momentum)
 
     now = momentum(q, rates)
-    # Limits of the momentum that are near by, so that it takes one step to them.
-    most = (np.abs(now) + 5e-4) / 0.92 if what == "momentum" else np.full(4, 0.5)
-    limits: dict[str, Any] = {what: most}
+    # The momentum limits are within one step.
+    limit = (np.abs(now) + 5e-4) / 0.92 if quantity == "momentum" else np.full(4, 0.5)
+    limits: dict[str, Any] = {quantity: limit}
     sms = bare.with_actuators(wheels=replace(ffsms.ReactionWheels(PYRAMID, 0.02), **limits))
     rows = WHEELS.rows(StepState(sms, q, rates, dt, 5.0, mode=mode, wheel_total=total))
     assert rows is not None
     for i, (row, lower, upper) in enumerate(zip(*rows[:3], strict=True)):
-        # The wheels lose what the arm gets: the lower bound is that of the wheel's largest momentum.
+        # Arm and wheels exchange momentum, so the lower bound is set by the wheel's largest momentum.
         for bound, sign in ((lower, 1.0), (upper, -1.0)):
-            if what == "momentum" and sign != np.sign(now[i]):
+            if quantity == "momentum" and sign != np.sign(now[i]):
                 continue
             u = rates + row * (bound - row @ rates)
             end, _ = advance(sms, q, rates, (u - rates) / dt, dt, None, mode)
             after = momentum(end, u)[i]
-            found = after if what == "momentum" else (after - now[i]) / dt
-            assert found == pytest.approx(sign * 0.92 * most[i], rel=2e-3)
+            value = after if quantity == "momentum" else (after - now[i]) / dt
+            assert value == pytest.approx(sign * 0.92 * limit[i], rel=2e-3)
 
 
-def test_friction_counts_in_the_rows() -> None:
-    """A wheel that turns has so much less torque to give, one way, and more the other."""
+def test_rows_include_the_friction_of_the_wheels() -> None:
+    """Friction of a spinning wheel shifts the bounds of its torque."""
     bare, q, rates = spatial(8)
     total, limits = np.full(4, 0.3), []
     for friction in (0.0, 2e-3):
@@ -127,15 +127,15 @@ def test_friction_counts_in_the_rows() -> None:
         rows = WHEELS.rows(step)
         assert rows is not None
         limits.append((rows.lower, rows.upper))
-    (low, up), (low_rubbed, up_rubbed) = limits
-    np.testing.assert_allclose(up_rubbed - low_rubbed, up - low, rtol=1e-9)
-    assert np.abs(low_rubbed - low).min() > 0.0
+    (low, up), (low_with_friction, up_with_friction) = limits
+    np.testing.assert_allclose(up_with_friction - low_with_friction, up - low, rtol=1e-9)
+    assert np.abs(low_with_friction - low).min() > 0.0
 
 
-def test_wheels_that_feel_the_same_share_a_row() -> None:
-    """All wheels of a planar arm turn about one axis; the weakest decides."""
+def test_wheels_about_one_axis_share_a_row() -> None:
+    """The weakest wheel sets the bound."""
     sms = planar(momentum=[1.0, 0.5, 0.3, 2.0], torque=np.inf)
-    # Far from the limits of the joints, which would widen the row.
+    # Joint limits are inactive because they would widen the row.
     fast = np.full(3, 1e9)
     sms = sms.with_limits(replace(sms.limits, acceleration=fast, velocity=fast))
     step = StepState(sms, start(sms), np.zeros(3), 0.01, 5.0, mode="rotation-floating")
@@ -149,7 +149,7 @@ def test_wheels_that_feel_the_same_share_a_row() -> None:
     assert rows.lower[0] == pytest.approx(-rows.upper[0], rel=1e-9)
 
 
-def test_no_rows_where_no_wheels_hold_the_attitude() -> None:
+def test_wheels_that_hold_no_attitude_have_no_rows() -> None:
     sms = planar()
     for mode in ("floating", "rotation-flying"):
         assert WHEELS.rows(StepState(sms, start(sms), np.zeros(3), 0.01, 5.0, mode=mode)) is None
@@ -157,49 +157,49 @@ def test_no_rows_where_no_wheels_hold_the_attitude() -> None:
     assert WHEELS.rows(StepState(bare, start(bare), np.zeros(3), 0.01, 5.0, mode="rotation-floating")) is None
 
 
-@pytest.mark.parametrize("mode", HELD)
-def test_marches_in_a_mode(mode: str) -> None:
-    """Reached, and measured by the plan's own roll-out, another one: the base stands as it should."""
+@pytest.mark.parametrize("mode", MODES)
+def test_rollouts_in_a_driven_mode(mode: str) -> None:
+    """The rollout of the plan is another implementation than that of the steps."""
     sms = planar()
     plan = planned(sms, mode)
     assert plan.reached, plan.note
     assert (plan.note == "") == plan.within_tolerance
     twists = np.array([sms.at(q, v).base_twist for q, v in zip(plan.q, plan.v, strict=True)])
-    held = twists[:, 3:] if "rotation" in mode else twists[:, :3] if mode != "flying" else twists
-    assert np.abs(held).max() < 1e-12
-    # What the step saw is what the motion is.
+    driven = twists[:, 3:] if "rotation" in mode else twists[:, :3] if mode != "flying" else twists
+    assert np.abs(driven).max() < 1e-12
+    # The entropies of the steps agree with the motion.
     entropy = [mode_measures(sms.at(q), mode).entropy for q in plan.q[:-1:40]]
     np.testing.assert_allclose(plan.entropy[::40], entropy, atol=1e-9)
     assert bool(plan.wheel_momentum.any()) == (mode == "rotation-floating")
 
 
 @pytest.mark.parametrize("method", METHODS[1:])
-def test_every_method_marches_with_the_attitude_held(method: str) -> None:
+def test_step_methods_plan_with_a_controlled_attitude(method: str) -> None:
     plan = planned(planar(torque=10.0), method=method)
     assert plan.base_rotation.max() < 1e-12
     assert plan.clear, plan.note
     assert plan.position_error[-1] < 0.01
-    # The paper's own way chatters: it is near in the end, and comes there late.
+    # The paper's method chatters and arrives late.
     assert plan.reached or method == "paper"
 
 
-def test_a_floating_march_misses_with_the_attitude_held() -> None:
-    """With and without the mode: the same joint motion, and the end effector is somewhere else."""
+def test_a_floating_rollout_misses_with_a_controlled_attitude() -> None:
+    """The same joint motion ends elsewhere with a controlled attitude."""
     sms = planar()
     problem = opt.Problem(sms, start(sms), TARGET, 12.0, 0.05, mode="rotation-floating")
     assert measure(problem, planned(sms, "floating").joint_rates).position_error[-1] > 0.05
 
 
 def test_rows_keep_the_wheels_within_their_momentum() -> None:
-    usual = np.abs(planned(planar()).wheel_momentum).max()
-    sms = planar(torque=np.inf, momentum=0.7 * usual)
+    largest = np.abs(planned(planar()).wheel_momentum).max()
+    sms = planar(torque=np.inf, momentum=0.7 * largest)
     plan = planned(sms)
     assert plan.reached, plan.note
-    assert np.abs(plan.wheel_momentum).max() < 0.7 * usual
+    assert np.abs(plan.wheel_momentum).max() < 0.7 * largest
 
 
-def test_a_march_that_the_wheels_hold_back_says_so() -> None:
-    """The wheel and the momentum that would do; with it, and a little, the march arrives."""
+def test_the_note_of_a_rollout_gives_a_sufficient_wheel_momentum() -> None:
+    """With 1.1 times the reported momentum the rollout arrives."""
     plan = planned(planar(torque=np.inf, momentum=0.007), method="resolved-rate")
     assert not plan.reached
     assert plan.broken == {}
@@ -218,7 +218,7 @@ def test_the_step_planner_in_a_mode() -> None:
     floating = opt.StepPlanner(sms, 0.02).step(start(sms), rates, target, 11.0)
     assert step.entropy != floating.entropy
     assert step.entropy == pytest.approx(mode_measures(sms.at(start(sms)), "rotation-floating").entropy)
-    # A copy goes on alike, and so does another one with the same settings.
+    # Copies keep mode and wheel momentum.
     copies = pickle.loads(pickle.dumps(planner)), planner.like()
     for copy in copies:
         assert copy.mode == "rotation-floating"

@@ -1,4 +1,4 @@
-"""The state of a step is that of the robot, from fewer calls."""
+"""`StepState` agrees with the state of the robot."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from ffsms_pin.opt.step.state import StepState
 
 
 @pytest.mark.parametrize("name", ["planar_3r", "satellite_panda"])
-def test_it_is_that_of_the_robot(name: str) -> None:
+def test_step_states_agree_with_robot_states(name: str) -> None:
     sms, rng = ffsms.load(name), np.random.default_rng(1)
     for _ in range(5):
         joints = 0.5 * rng.uniform(sms.limits.lower, sms.limits.upper)
@@ -25,7 +25,7 @@ def test_it_is_that_of_the_robot(name: str) -> None:
         np.testing.assert_allclose(step.reaction, -np.linalg.solve(M[:6, :6], M[:6, 6:]), atol=1e-12)
         np.testing.assert_allclose(sms.velocity(q, rates)[:6], step.reaction @ rates, atol=1e-12)
         assert step.entropy == pytest.approx(state.coupling.entropy, abs=1e-12)
-        # Columns of V up to sign, those of no coupling up to a turn among themselves.
+        # Columns of V agree up to sign; columns without coupling are not unique.
         rank = min(6, sms.n) if sms.n > 3 else 2
         product = np.abs(step.V.T @ state.coupling.V)[:rank, :rank]
         np.testing.assert_allclose(product, np.eye(rank), atol=1e-6)
@@ -35,8 +35,7 @@ def test_it_is_that_of_the_robot(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", ["planar_3r", "satellite_xarm7"])
-def test_drift(name: str) -> None:
-    """What the momentum alone gives, as the state's own formulas say."""
+def test_drift_agrees_with_the_state(name: str) -> None:
     sms, rng = ffsms.load(name), np.random.default_rng(2)
     momentum = rng.normal(size=6)
     if name == "planar_3r":
@@ -51,14 +50,14 @@ def test_drift(name: str) -> None:
     np.testing.assert_allclose(step.reaction, still.reaction, atol=1e-13)
 
 
-def test_it_stays_when_the_next_one_is_made(planar: ffsms.SpaceManipulator) -> None:
-    """Values are no views of the scratch memory."""
+def test_a_step_state_is_unchanged_by_the_next_state(planar: ffsms.SpaceManipulator) -> None:
+    """Values are no views of shared buffers."""
     rates = np.zeros(3)
     first = StepState(planar, planar.configuration([0.1, 0.2, 0.3]), rates, 0.01, 5.0)
     kept = [np.array(x) for x in (first.reaction, first.J_star, first.J_arm, first.V)]
-    place = first.pose.translation.copy()
+    position = first.pose.translation.copy()
     StepState(planar, planar.configuration([0.9, -0.7, 1.3]), rates, 0.01, 5.0)
     for before, now in zip(kept, (first.reaction, first.J_star, first.J_arm, first.V), strict=True):
         np.testing.assert_array_equal(before, now)
-    np.testing.assert_array_equal(first.pose.translation, place)
+    np.testing.assert_array_equal(first.pose.translation, position)
     assert pin.sharedMemory()

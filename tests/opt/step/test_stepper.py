@@ -1,4 +1,4 @@
-"""Steps: their cost, the references, and what other parts of the library use."""
+"""Steps: cost, references, copies and arguments."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ from ffsms_pin.opt.step.stepper import Stepper, StepWeights
 
 
 @pytest.mark.parametrize("kappa", [1.0, 10.0, 1000.0])
-def test_the_cost_of_an_unhindered_step_is_zero(planar: ffsms.SpaceManipulator, kappa: float) -> None:
+def test_the_cost_of_an_unconstrained_step_is_zero(planar: ffsms.SpaceManipulator, kappa: float) -> None:
     q, rates, stepper = planar.configuration([0.4, 0.7, -0.5]), np.zeros(3), make_stepper(planar, kappa=kappa)
-    for k in range(50):  # speeding up, the acceleration limits have a say
+    for k in range(50):  # acceleration limits are active at first
         rates = stepper.step(q, rates, TARGET, 12.0 - 0.01 * k).joint_rates
     step = stepper.step(q, rates, TARGET, 11.5)
-    # Where the cost is steep, what the speed weighs beside the direction shows a little.
+    # With a steep cost the weight of the speed has a small effect.
     assert step.cost < (1e-6 if kappa == 1.0 else 1e-9)
     assert step.cost == pytest.approx(step_cost(step.cos_theta, step.entropy, kappa))
     state = planar.at(q)
@@ -37,7 +37,7 @@ def test_the_cost_of_an_unhindered_step_is_zero(planar: ffsms.SpaceManipulator, 
     )
 
 
-def test_at_the_target_the_arm_stays(planar: ffsms.SpaceManipulator) -> None:
+def test_an_arm_at_its_target_stays(planar: ffsms.SpaceManipulator) -> None:
     q = planar.configuration([0.4, 0.7, -0.5])
     here = planar.at(q).end_effector_pose.translation
     step = make_stepper(planar).step(q, np.zeros(3), here, 1.0)
@@ -46,33 +46,33 @@ def test_at_the_target_the_arm_stays(planar: ffsms.SpaceManipulator) -> None:
 
 
 @pytest.mark.parametrize("reference", ["resolved-rate", "least-disturbance", "minimum-effort"])
-def test_classical_references_go_straight(reference: str) -> None:
+def test_classical_references_move_straight(reference: str) -> None:
     sms = ffsms.load("satellite_xarm7")
     q0 = sms.configuration([0.2, -0.5, 0.3, 1.2, 0.2, 0.9, 0.1])
     start = sms.at(q0).end_effector_pose.translation
-    way = np.array([-0.1, 0.2, 0.15])
+    displacement = np.array([-0.1, 0.2, 0.15])
     stepper = make_stepper(sms, 0.02, reference=reference)
-    q = path(sms, q0, plan_stepwise(stepper, q0, start + way, 6.0).rates, 0.02)
+    q = path(sms, q0, plan_stepwise(stepper, q0, start + displacement, 6.0).rates, 0.02)
     places = np.array([sms.at(row).end_effector_pose.translation for row in q[::10]]) - start
-    across = places - np.outer(places @ way, way) / (way @ way)
+    across = places - np.outer(places @ displacement, displacement) / (displacement @ displacement)
     assert np.abs(across).max() < 2e-3
-    assert missed(sms, q[-1], start + way) < 1e-3
+    assert missed(sms, q[-1], start + displacement) < 1e-3
 
 
-def test_the_references_differ_in_what_they_spare() -> None:
+def test_least_disturbance_turns_the_base_less() -> None:
     sms = ffsms.load("satellite_xarm7")
     q0 = sms.configuration([0.2, -0.5, 0.3, 1.2, 0.2, 0.9, 0.1])
     target = sms.at(q0).end_effector_pose.translation + np.array([-0.1, 0.2, 0.15])
-    turn = {}
+    rotation = {}
     for reference in ("resolved-rate", "least-disturbance"):
         q = path(
             sms, q0, plan_stepwise(make_stepper(sms, 0.02, reference=reference), q0, target, 6.0).rates, 0.02
         )
-        turn[reference] = np.linalg.norm(pin.log3(pin.XYZQUATToSE3(q[-1, :7]).rotation))
-    assert turn["least-disturbance"] < 0.85 * turn["resolved-rate"]
+        rotation[reference] = np.linalg.norm(pin.log3(pin.XYZQUATToSE3(q[-1, :7]).rotation))
+    assert rotation["least-disturbance"] < 0.85 * rotation["resolved-rate"]
 
 
-def test_preferred_rates_are_taken_as_far_as_the_limits_allow(planar: ffsms.SpaceManipulator) -> None:
+def test_preferred_rates_are_clipped_to_the_limits(planar: ffsms.SpaceManipulator) -> None:
     q, rates = random_state(planar, 3)
     stepper = make_stepper(planar, collision="off")
     lower, upper = rate_bounds(planar.layout.positions(q), rates, planar.limits, stepper.dt)
@@ -82,7 +82,7 @@ def test_preferred_rates_are_taken_as_far_as_the_limits_allow(planar: ffsms.Spac
     outside = np.array([5.0, -5.0, inside[2]])
     step = stepper.advance(q, rates, TARGET, 5.0, prefer=outside)
     np.testing.assert_allclose(step.joint_rates, np.clip(outside, lower, upper), rtol=0.0, atol=1e-9)
-    # The step's own objective is back in the next one.
+    # The next step has its usual objective.
     np.testing.assert_allclose(
         stepper.step(q, rates, TARGET, 5.0).joint_rates,
         make_stepper(planar, collision="off").step(q, rates, TARGET, 5.0).joint_rates,
@@ -94,16 +94,16 @@ def test_preferred_rates_are_taken_as_far_as_the_limits_allow(planar: ffsms.Spac
 def test_a_stepper_like_another_keeps_its_settings(planar: ffsms.SpaceManipulator) -> None:
     weights, limits = StepWeights(change=1e-4), [StepJoints(), AlphaBox()]
     stepper = Stepper(planar, 0.02, 5.0, limits, (), weights, "resolved-rate", np.ones(6))
-    made = stepper.like()
-    assert (made.sms, made.dt, made.kappa, made.weights) == (planar, 0.02, 5.0, weights)
-    assert [type(limit) for limit in made.limits] == [StepJoints, AlphaBox]
-    assert made.momentum is not None
-    assert made.momentum.tolist() == [1.0] * 6
-    assert made.reference == "resolved-rate"
+    copied = stepper.like()
+    assert (copied.sms, copied.dt, copied.kappa, copied.weights) == (planar, 0.02, 5.0, weights)
+    assert [type(limit) for limit in copied.limits] == [StepJoints, AlphaBox]
+    assert copied.momentum is not None
+    assert copied.momentum.tolist() == [1.0] * 6
+    assert copied.reference == "resolved-rate"
     assert stepper.like(sms=ffsms.load("satellite_panda")).sms.n == 7
 
 
-def test_another_step_length_is_that_of_another_stepper(planar: ffsms.SpaceManipulator) -> None:
+def test_a_changed_step_length_takes_effect(planar: ffsms.SpaceManipulator) -> None:
     q, rates = random_state(planar, 2)
     stepper = make_stepper(planar, 0.01)
     stepper.dt = 0.05
@@ -111,7 +111,7 @@ def test_another_step_length_is_that_of_another_stepper(planar: ffsms.SpaceManip
     np.testing.assert_array_equal(stepper.step(q, rates, TARGET, 5.0).joint_rates, expected.joint_rates)
 
 
-def test_a_copied_stepper_goes_on_as_the_first(planar: ffsms.SpaceManipulator) -> None:
+def test_a_copied_stepper_continues_like_the_original(planar: ffsms.SpaceManipulator) -> None:
     q, rates = random_state(planar, 3)
     stepper = make_stepper(planar)
     stepper.reset([0.0, -1.0, 0.0])
@@ -119,9 +119,11 @@ def test_a_copied_stepper_goes_on_as_the_first(planar: ffsms.SpaceManipulator) -
     copies = [copy.deepcopy(stepper), pickle.loads(pickle.dumps(stepper))]
     other, later = random_state(planar, 4)
     expected = stepper.step(other, later, TARGET, 4.0)
-    for made in copies:
-        np.testing.assert_array_equal(made.step(other, later, TARGET, 4.0).joint_rates, expected.joint_rates)
-        built = zip(made.build(q, rates, TARGET, 5.0), stepper.build(q, rates, TARGET, 5.0), strict=True)
+    for copied in copies:
+        np.testing.assert_array_equal(
+            copied.step(other, later, TARGET, 4.0).joint_rates, expected.joint_rates
+        )
+        built = zip(copied.build(q, rates, TARGET, 5.0), stepper.build(q, rates, TARGET, 5.0), strict=True)
         assert all(np.array_equal(a, b) for a, b in built)
 
 
@@ -141,8 +143,8 @@ def test_arguments_of_any_kind_give_the_same_step(planar: ffsms.SpaceManipulator
         (q.tolist(), rates.tolist(), TARGET.tolist(), 5),
         (q, strided[:, 0], TARGET, np.float64(5.0)),
     ):
-        found = make_stepper(planar).step(*arguments).joint_rates
-        np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-12)
+        joint_rates = make_stepper(planar).step(*arguments).joint_rates
+        np.testing.assert_allclose(joint_rates, expected, rtol=0.0, atol=1e-12)
     assert make_stepper(planar).step(q, rates, pose, 5.0).solved
 
 
@@ -156,7 +158,7 @@ def test_arguments_of_any_kind_give_the_same_step(planar: ffsms.SpaceManipulator
         ({"time_left": "soon"}, "time_left"),
     ],
 )
-def test_bad_arguments_are_named(
+def test_wrong_arguments_are_named(
     planar: ffsms.SpaceManipulator, change: dict[str, object], name: str
 ) -> None:
     arguments: dict[str, Any] = {"q": planar.configuration([0, 0, 0]), "joint_rates": np.zeros(3)}
@@ -175,14 +177,18 @@ def test_bad_arguments_are_named(
         ({"momentum": [1.0]}, "momentum"),
     ],
 )
-def test_bad_settings_are_named(planar: ffsms.SpaceManipulator, change: dict[str, Any], name: str) -> None:
+def test_wrong_settings_are_named(planar: ffsms.SpaceManipulator, change: dict[str, Any], name: str) -> None:
     settings: dict[str, Any] = {"dt": 0.01, "kappa": 10.0, "limits": []} | change
     with pytest.raises(InvalidValue, match=name):
         Stepper(planar, **settings)
 
 
 def test_bounded_rates_are_within_the_accelerations(planar: ffsms.SpaceManipulator) -> None:
-    stepper, joints, wanted = make_stepper(planar), np.array([0.3, 0.5, -0.4]), np.array([9.0, -9.0, 0.001])
-    within = stepper.bounded(joints, np.zeros(3), wanted)
-    most = planar.limits.acceleration * stepper.dt
-    np.testing.assert_allclose(within, [most[0], -most[1], 0.001], atol=1e-12)
+    stepper, joints, requested = (
+        make_stepper(planar),
+        np.array([0.3, 0.5, -0.4]),
+        np.array([9.0, -9.0, 0.001]),
+    )
+    bounded = stepper.bounded(joints, np.zeros(3), requested)
+    largest = planar.limits.acceleration * stepper.dt
+    np.testing.assert_allclose(bounded, [largest[0], -largest[1], 0.001], atol=1e-12)

@@ -1,4 +1,4 @@
-"""Starts from the last solution, failure, threads, and the same bits in every process."""
+"""Warm starts, failed steps, threads, and identical bits in every process."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ from ffsms_pin.threads import InUse
 
 
 @pytest.mark.parametrize("case", ["joint limit", "into the base", "panda"])
-def test_steps_from_the_last_solution_are_those_from_nothing(case: str) -> None:
-    """To rounding; and the solver needs fewer iterations for them."""
+def test_warm_started_steps_agree_with_cold_starts(case: str) -> None:
+    """Warm starts need fewer iterations."""
     sms = ffsms.load("satellite_panda" if case == "panda" else "planar_3r")
     if case == "panda":
         middle, half = 0.5 * (sms.limits.upper + sms.limits.lower), 0.5 * sms.limits.upper
@@ -32,8 +32,8 @@ def test_steps_from_the_last_solution_are_those_from_nothing(case: str) -> None:
         target, duration = sms.at(sms.configuration(goal)).end_effector_pose.translation.copy(), 3.0
     elif case == "joint limit":
         q = sms.configuration(np.deg2rad([60.0, 30.0, -10.0]))
-        beyond = sms.configuration(np.deg2rad([105.0, 30.0, -10.0]))
-        target, duration = sms.at(beyond).end_effector_pose.translation, 4.0
+        beyond_limit = sms.configuration(np.deg2rad([105.0, 30.0, -10.0]))
+        target, duration = sms.at(beyond_limit).end_effector_pose.translation, 4.0
     else:
         q = sms.configuration(np.deg2rad([75.0, 60.0, 20.0]))
         target, duration = sms.at(q).base_pose.act(np.array([0.1, 0.15, 0.0])), 4.0
@@ -54,8 +54,8 @@ def test_steps_from_the_last_solution_are_those_from_nothing(case: str) -> None:
 
 
 @pytest.mark.parametrize("name", ["planar_3r", "satellite_panda"])
-def test_where_nothing_is_possible_the_arm_brakes_within_its_limits_and_says_so(name: str) -> None:
-    """A limit that contradicts itself."""
+def test_infeasible_steps_brake_within_the_limits_and_are_reported(name: str) -> None:
+    """The rows of the limit contradict each other."""
     sms = ffsms.load(name)
     middle = 0.5 * (sms.limits.upper + sms.limits.lower)
     q, rates = sms.configuration(middle), 0.05 * sms.limits.velocity * np.linspace(-1.0, 1.0, sms.n)
@@ -64,15 +64,15 @@ def test_where_nothing_is_possible_the_arm_brakes_within_its_limits_and_says_so(
         return Rows(np.vstack([step.J_star[:1]] * 2), np.array([0.9, -1.0]), np.array([1.0, -0.9]))
 
     stepper = Stepper(sms, 0.01, 10.0, [StepJoints(), StepRows(contradiction)])
-    done = plan_stepwise(stepper, q, TARGET, 0.05)
-    assert done.note == "the arm braked in 5 of 5 steps that were not solved"
+    result = plan_stepwise(stepper, q, TARGET, 0.05)
+    assert result.note == "the arm braked in 5 of 5 steps that were not solved"
     for _ in range(12):
         step = stepper.step(q, rates, TARGET, 5.0)
         assert not step.solved
         change = np.abs(step.joint_rates - rates)
         assert (change <= 0.01 * sms.limits.acceleration + 1e-15).all()
         if rates.any():
-            # All joints in the same time: the rates keep their proportion, and the first joint does its most.
+            # The rates keep their proportion, and one joint brakes at its limit.
             np.testing.assert_allclose(
                 step.joint_rates * np.abs(rates).max(), rates * np.abs(step.joint_rates).max()
             )
@@ -82,7 +82,7 @@ def test_where_nothing_is_possible_the_arm_brakes_within_its_limits_and_says_so(
         assert np.isfinite(step.cost)
         rates = step.joint_rates
     assert not rates.any()
-    # The next step that has a solution finds it.
+    # The next feasible step is solved.
     stepper.limits = stepper.limits[:1]
     assert stepper.step(q, rates, TARGET, 5.0).solved
 
@@ -90,11 +90,11 @@ def test_where_nothing_is_possible_the_arm_brakes_within_its_limits_and_says_so(
 def test_a_stepper_in_two_threads_is_refused(planar: ffsms.SpaceManipulator) -> None:
     entered, leave = threading.Event(), threading.Event()
 
-    def waiting(step: StepState) -> None:
+    def wait_in_limit(step: StepState) -> None:
         entered.set()
         assert leave.wait(10.0)
 
-    stepper = Stepper(planar, 0.01, 10.0, [StepJoints(), StepRows(waiting)])
+    stepper = Stepper(planar, 0.01, 10.0, [StepJoints(), StepRows(wait_in_limit)])
     q, rates = random_state(planar, 1)
     results: list[Any] = []
     thread = threading.Thread(target=lambda: results.append(stepper.step(q, rates, TARGET, 5.0)))
@@ -107,7 +107,7 @@ def test_a_stepper_in_two_threads_is_refused(planar: ffsms.SpaceManipulator) -> 
     leave.set()
     thread.join()
     assert results[0].solved
-    # The refusal has changed nothing, and the stepper works on; one of its own works in another thread.
+    # The refusal has no effect on the running step, and the stepper works afterwards.
     expected = Stepper(planar, 0.01, 10.0, [StepJoints()]).step(q, rates, TARGET, 5.0)
     np.testing.assert_array_equal(results[0].joint_rates, expected.joint_rates)
     assert stepper.step(q, rates, TARGET, 5.0).solved
@@ -119,12 +119,12 @@ import hashlib
 import numpy as np
 from step_parts import make_stepper, plan_stepwise
 import ffsms_pin as ffsms
-padding = [np.empty(size) for size in range(1, {padding})]  # memory lies elsewhere
+padding = [np.empty(size) for size in range(1, {padding})]  # other memory addresses
 digest = hashlib.sha256()
-for name, way in (("planar_3r", [-0.3, 0.3, 0.0]), ("satellite_panda", [-0.2, 0.3, 0.1])):
+for name, displacement in (("planar_3r", [-0.3, 0.3, 0.0]), ("satellite_panda", [-0.2, 0.3, 0.1])):
     sms = ffsms.load(name)
     q = sms.configuration(0.5 * (sms.limits.lower + sms.limits.upper) + 0.1)
-    target = sms.at(q).end_effector_pose.translation + np.array(way)
+    target = sms.at(q).end_effector_pose.translation + np.array(displacement)
     digest.update(plan_stepwise(make_stepper(sms), q, target, 3.0).rates.tobytes())
 print(digest.hexdigest())
 """
@@ -133,10 +133,10 @@ print(digest.hexdigest())
 def test_processes_give_the_same_bits() -> None:
     tests = Path(__file__).parents[2]
     code = f"import sys; sys.path[:0] = [{str(tests)!r}, {str(tests.parent)!r}]\n" + _BITS
-    found = {
+    digests = {
         subprocess.run(
             [sys.executable, "-c", code.format(padding=padding)], capture_output=True, text=True, check=True
         ).stdout
         for padding in (2, 1777)
     }
-    assert len(found) == 1
+    assert len(digests) == 1

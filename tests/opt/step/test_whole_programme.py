@@ -1,6 +1,6 @@
-"""Every step of a march against the whole programme, written from the plain formulas and solved by DAQP.
+"""Steps of a rollout against the full QP, written from the plain formulas and solved by DAQP.
 
-What a limit leaves out because it cannot bind, and how the solver is started, must not show.
+Inactive rows that limits leave out, and warm starts, do not change the solution.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from ffsms_pin.robot.base_motion import advance
 
 
 @pytest.mark.parametrize("case", ["freely", "into the base", "bodies"])
-def test_steps_are_those_of_the_whole_programme(case: str) -> None:
+def test_steps_agree_with_the_full_qp(case: str) -> None:
     sms, dt = ffsms.load("satellite_panda" if case == "bodies" else "planar_3r"), 0.01
     if case == "freely":
         joints, target, steps = np.deg2rad([1.0, 1.0, 1.0]), np.array([0.45, 0.75, 0.0]), 300
@@ -29,20 +29,20 @@ def test_steps_are_those_of_the_whole_programme(case: str) -> None:
         target = sms.at(sms.configuration(joints)).base_pose.act(np.array([0.1, 0.15, 0.0]))
     else:
         joints, steps = 0.5 * (sms.limits.lower + sms.limits.upper), 200
-        way = np.array([-0.5, 0.1, -0.3])  # towards the base
-        target = sms.at(sms.configuration(joints)).end_effector_pose.translation + way
+        displacement = np.array([-0.5, 0.1, -0.3])  # towards the base
+        target = sms.at(sms.configuration(joints)).end_effector_pose.translation + displacement
     clearances = At(BodyStack(sms, "hulls", 0.01)) if case == "bodies" else Points(sms)
     stepper = Stepper(sms, dt, 10.0, [JointLimits(), AlphaBox(), Clearance(0.01)])
-    q, rates, bound = sms.configuration(joints), np.zeros(sms.n), 0
+    q, rates, active = sms.configuration(joints), np.zeros(sms.n), 0
     for k in range(steps):
-        left = 1.0 + (steps - k) * dt
-        stepper.side = np.zeros(3)  # that of the present motion
-        step = stepper.step(q, rates, target, left)
+        time_left = 1.0 + (steps - k) * dt
+        stepper.side = np.zeros(3)  # the side of the present motion
+        step = stepper.step(q, rates, target, time_left)
         assert step.solved
         value, gradient = clearances.gradients(q)
-        problem = plain_programme(sms, q, rates, target, left, (value, gradient))
+        problem = plain_programme(sms, q, rates, target, time_left, (value, gradient))
         x = by_daqp(problem)
         np.testing.assert_allclose(step.alpha, x[: sms.n], rtol=0.0, atol=1e-9)
-        bound += bool((problem.C @ x - problem.l)[-len(value) :].min() < 1e-9)
+        active += bool((problem.C @ x - problem.l)[-len(value) :].min() < 1e-9)
         q, rates = advance(sms, q, rates, (step.joint_rates - rates) / dt, dt)
-    assert (bound > 20) == (case != "freely")
+    assert (active > 20) == (case != "freely")
