@@ -1,4 +1,4 @@
-"""Compare the packaged joint laws and a law of your own on a plant that differs from the model.
+"""Compare three packaged joint laws and a law of your own on a plant that differs from the model.
 
 Your own law is passivity-based sliding mode on the reduced system; docs/simulate.md has its stability proof.
 

@@ -19,7 +19,7 @@ print("ros2 topic pub --once /joint_trajectory_controller/joint_trajectory \\")
 print('    trajectory_msgs/msg/JointTrajectory "$(cat plan.yaml)"')
 
 export.to_csv(sms, plan, "plan.csv")
-again = export.read_csv(sms, "plan.csv")  # also for joint motions of other planners, such as MoveIt
+again = export.read_csv(sms, "plan.csv")  # the base poses of a table must agree with its joint motion
 print(f"{len(plan.t)} rows; largest difference after reading: {np.abs(again.q - plan.q).max():.0e}")
 assert again.reached
 assert np.allclose(again.q, plan.q, atol=1e-12)
