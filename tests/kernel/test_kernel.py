@@ -1,4 +1,4 @@
-"""The compiled kernel: against Pinocchio and NumPy, robot by robot, and what it refuses."""
+"""The compiled kernel against Pinocchio and NumPy, and refused arguments."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ TREES = {"one joint": (3, 1, ("revolute",)), "sliding": (4, 5, ("prismatic",)), 
 
 @pytest.fixture(scope="module", params=ROBOTS)
 def robot(request: pytest.FixtureRequest, random_tree: Callable[..., Any]) -> ffsms.SpaceManipulator:
-    """Packaged robots, one of two arms, and random trees whose base's centre of mass is off its origin."""
+    """Packaged robots, also with two arms, and random trees whose base has an offset centre of mass."""
     if request.param in TREES:
         seed, n, kinds = TREES[request.param]
         tree = random_tree(seed, n) if kinds is None else random_tree(seed, n, kinds)
@@ -34,14 +34,16 @@ def robot(request: pytest.FixtureRequest, random_tree: Callable[..., Any]) -> ff
 
 
 @pytest.mark.parametrize("mode", MODES)
-def test_the_arm_is_pinocchios(robot: ffsms.SpaceManipulator, mode: str, rng: np.random.Generator) -> None:
-    joints = rng.uniform(-2.0, 2.0, (robot.n, 9))  # one pack and one more
+def test_quantities_of_the_arm_agree_with_pinocchio(
+    robot: ffsms.SpaceManipulator, mode: str, rng: np.random.Generator
+) -> None:
+    joints = rng.uniform(-2.0, 2.0, (robot.n, 9))  # a full pack and a single configuration
     stack = ArmStack(robot, mode)
     arm = stack.evaluate(joints)
     model, data = robot.model, robot.model.createData()
     for k in (0, 5, 8):
         q = robot.configuration(joints[:, k])
-        q[:7] = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)  # the root at the origin, unturned
+        q[:7] = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)  # the root at the origin, without rotation
         pin.computeAllTerms(model, data, q, np.zeros(model.nv))
         places = [data.oMi[j] for j in range(2, model.njoints)]
         scale = 1e-12 * max(1.0, float(np.abs(data.J).max()), float(np.abs(arm.points[..., k]).max()))
@@ -57,7 +59,7 @@ def test_the_arm_is_pinocchios(robot: ffsms.SpaceManipulator, mode: str, rng: np
         coupling = mode_coupling(state.H_b, state.H_bm, mode)
         np.testing.assert_allclose(arm.coupling[..., k], coupling, atol=scale)
         np.testing.assert_allclose(arm.jstar[..., k], (state.J_b @ coupling + state.J_m)[:3], atol=scale)
-        # The point that does not move; moments of what joints carry are in the momenta above.
+        # The reference point is the total centre of mass, or the base's if the base is driven.
         still = state.com if stack.moves else stack.base_com
         np.testing.assert_allclose(arm.com[:, k], still, atol=scale)
 
@@ -66,41 +68,41 @@ def test_a_pack_has_the_bits_of_single_configurations(
     robot: ffsms.SpaceManipulator, rng: np.random.Generator
 ) -> None:
     joints = rng.uniform(-2.0, 2.0, (robot.n, 8))
-    joints[:, 3] *= 1e7  # beyond where the kernel's own sine serves
-    rates, by = rng.normal(size=joints.shape), rng.normal(size=(6, *joints.shape))
+    joints[:, 3] *= 1e7  # beyond the range of the kernel's own sine
+    rates, direction = rng.normal(size=joints.shape), rng.normal(size=(6, *joints.shape))
     stack = ArmStack(robot)
-    together = stack.evaluate(joints)
+    packed = stack.evaluate(joints)
     for k in range(8):
-        at = [slice(k, k + 1)]
-        alone = stack.evaluate(joints[:, at[0]])
-        for one, of_all in zip(alone.arrays(), together.arrays(), strict=True):
-            np.testing.assert_array_equal(one, of_all[..., at[0]])
+        index = [slice(k, k + 1)]
+        single = stack.evaluate(joints[:, index[0]])
+        for value, all_values in zip(single.arrays(), packed.arrays(), strict=True):
+            np.testing.assert_array_equal(value, all_values[..., index[0]])
         pairs = [
             *zip(
-                velocity_slopes(stack, alone, rates[:, at[0]]),
-                velocity_slopes(stack, together, rates),
+                velocity_slopes(stack, single, rates[:, index[0]]),
+                velocity_slopes(stack, packed, rates),
                 strict=True,
             ),
             (
-                coupling_slopes(stack, alone, by[..., at[0]]),
-                coupling_slopes(stack, together, by),
+                coupling_slopes(stack, single, direction[..., index[0]]),
+                coupling_slopes(stack, packed, direction),
             ),
-            *zip(entropy_and_gradient(alone.coupling), entropy_and_gradient(together.coupling), strict=True),
+            *zip(entropy_and_gradient(single.coupling), entropy_and_gradient(packed.coupling), strict=True),
         ]
-        for one, of_all in pairs:
-            np.testing.assert_array_equal(one, of_all[..., at[0]])
+        for value, all_values in pairs:
+            np.testing.assert_array_equal(value, all_values[..., index[0]])
 
 
 @pytest.mark.parametrize("largest", [0.8, 10.0, 1e3, 1e6, 1e9])
-def test_sine_and_cosine(largest: float, rng: np.random.Generator) -> None:
+def test_sine_and_cosine_agree_with_numpy(largest: float, rng: np.random.Generator) -> None:
     angles = rng.uniform(-largest, largest, (3, 20000))
     rotations = ArmStack(ffsms.load("planar_3r")).evaluate(angles).rotations
     np.testing.assert_allclose(rotations[0, 0, 0], np.cos(angles[0]), atol=2.5e-16)
     np.testing.assert_allclose(rotations[1, 0, 0], np.sin(angles[0]), atol=2.5e-16)
 
 
-def test_entropies_where_values_are_equal_or_lost(rng: np.random.Generator) -> None:
-    """Against the decomposition itself; squares lose digits below 1e-8 of the largest, no more than that."""
+def test_entropies_of_equal_and_zero_singular_values(rng: np.random.Generator) -> None:
+    """The kernel works with squares, which lose digits below 1e-8 of the largest value."""
     U, _ = np.linalg.qr(rng.normal(size=(6, 6)))
     V, _ = np.linalg.qr(rng.normal(size=(7, 7)))
     for sigma in (
@@ -117,7 +119,9 @@ def test_entropies_where_values_are_equal_or_lost(rng: np.random.Generator) -> N
         assert np.isfinite(gradient).all()
 
 
-def test_a_tree_goes_to_other_processes(robot: ffsms.SpaceManipulator, rng: np.random.Generator) -> None:
+def test_a_pickled_tree_gives_the_same_values(
+    robot: ffsms.SpaceManipulator, rng: np.random.Generator
+) -> None:
     tree, joints = ArmStack(robot).tree, rng.uniform(-1.0, 1.0, (robot.n, 3))
     other = pickle.loads(pickle.dumps(tree))
     np.testing.assert_array_equal(kernel.coupled(tree, joints), kernel.coupled(other, joints))
@@ -136,12 +140,12 @@ print(kernel.__file__, hashlib.sha256(plan.q.tobytes()).hexdigest())
 
 
 def test_a_plan_has_the_same_bits_with_and_without_wide_instructions() -> None:
-    found = [
-        subprocess.run([sys.executable, "-c", _PLAN, which], capture_output=True, text=True, check=True)
-        for which in ("wide", "narrow")
+    runs = [
+        subprocess.run([sys.executable, "-c", _PLAN, width], capture_output=True, text=True, check=True)
+        for width in ("wide", "narrow")
     ]
-    (wide, plan), (narrow, same) = (one.stdout.split() for one in found)
-    assert plan == same
+    (wide, plan), (narrow, narrow_plan) = (run.stdout.split() for run in runs)
+    assert plan == narrow_plan
     has_both = (Path(narrow).parent / "avx2").is_dir() and instructions.get("AVX2")
     assert (wide != narrow) == bool(has_both)
 
@@ -154,8 +158,10 @@ def test_wrong_shapes_are_refused() -> None:
         kernel.velocity_slopes(tree, np.zeros((3, 2)), np.zeros((3, 3)))
     with pytest.raises(TypeError, match="shape=\\(4, \\*\\)"):
         kernel.rate_bounds(np.zeros((3, 3)), np.zeros(3), np.zeros(3), 0.01)
-    turned = np.linspace(0.0, 1.0, 6).reshape(2, 3).T  # not one row after the other in memory
-    np.testing.assert_array_equal(kernel.coupled(tree, turned), kernel.coupled(tree, turned.copy("C")))
+    transposed = np.linspace(0.0, 1.0, 6).reshape(2, 3).T  # not contiguous
+    np.testing.assert_array_equal(
+        kernel.coupled(tree, transposed), kernel.coupled(tree, transposed.copy("C"))
+    )
     row = np.eye(1, 17)
     with pytest.raises(ValueError, match="comes before"):
         kernel.Tree(row, np.ones((2, 13)), np.zeros((1, 12)), 0, True, True)

@@ -1,4 +1,4 @@
-"""What is refused is called as it was typed, with what it may be; a method takes its own options only."""
+"""Error messages with the name of the argument and its allowed values; options of each method."""
 
 from __future__ import annotations
 
@@ -16,17 +16,20 @@ from ffsms_pin.errors import FfsmsError, InvalidValue, UnknownOption
 
 Refused = Callable[..., FfsmsError]
 TARGET = [0.45, 0.65, 0.0]
-PLACES = "must be a position (3,) [m], a pinocchio.SE3"
-WAYPOINT = f"{PLACES}, a homogeneous matrix (4, 4) or an opt.Waypoint (a single waypoint is via=[[x, y, z]])"
+POSITION_OR_POSE = "must be a position (3,) [m], a pinocchio.SE3"
+WAYPOINT = (
+    f"{POSITION_OR_POSE}, a homogeneous matrix (4, 4) "
+    "or an opt.Waypoint (a single waypoint is via=[[x, y, z]])"
+)
 MOVING = opt.Moving(lambda t: TARGET)
 
 
 @pytest.mark.parametrize(
-    ("options", "words"),
+    ("options", "message"),
     [
         (
             {"target": 0.3},
-            (f"target {PLACES} or a homogeneous matrix (4, 4), a function", "got 0.3"),
+            (f"target {POSITION_OR_POSE} or a homogeneous matrix (4, 4), a function", "got 0.3"),
         ),
         ({"target": "there"}, ("target must be a position", "got 'there'")),
         ({"target": [1.0, np.inf, 0.0]}, ("target must be finite",)),
@@ -40,7 +43,7 @@ MOVING = opt.Moving(lambda t: TARGET)
         ({"via": "abc"}, ("via must be a sequence of waypoints", "got 'abc'")),
         (
             {"also": {"link_2": 0.3}},
-            (f"also['link_2'] {PLACES} or a matrix (4, 4), an opt.",),
+            (f"also['link_2'] {POSITION_OR_POSE} or a matrix (4, 4), an opt.",),
         ),
         ({"also": {"link_2": MOVING}}, ("also['link_2'] must be fixed",)),
         ({"also": {3: TARGET}}, ("also must have names of frames as keys", "got 3")),
@@ -61,17 +64,17 @@ MOVING = opt.Moving(lambda t: TARGET)
         ({"progress": 3}, ("progress must be a function or None",)),
     ],
 )
-def test_plan_names_an_argument_as_it_was_typed(
-    options: dict[str, Any], words: tuple[str, ...], planar: ffsms.SpaceManipulator, refused: Refused
+def test_errors_of_plan_name_the_argument(
+    options: dict[str, Any], message: tuple[str, ...], planar: ffsms.SpaceManipulator, refused: Refused
 ) -> None:
-    given = {"target": TARGET, "duration": 2.0, "dt": 0.1, **options}
+    arguments = {"target": TARGET, "duration": 2.0, "dt": 0.1, **options}
     q0 = planar.configuration(np.radians([1.0, 1.0, 1.0]))
-    error = refused(lambda: opt.plan(planar, q0, **given), InvalidValue, *words)
+    error = refused(lambda: opt.plan(planar, q0, **arguments), InvalidValue, *message)
     assert str(error).startswith(next(iter(options)))
 
 
 @pytest.mark.parametrize(
-    ("options", "words"),
+    ("options", "message"),
     [
         ({"goal": 0.3}, "goal must be a position"),
         ({"terms": "effort"}, "terms must be a sequence of opt.Term, got 'effort'"),
@@ -81,11 +84,13 @@ def test_plan_names_an_argument_as_it_was_typed(
         ({"locked": "joint_1"}, "locked=['joint_1']"),
     ],
 )
-def test_a_problem_names_an_argument_as_it_was_typed(
-    options: dict[str, Any], words: str, planar: ffsms.SpaceManipulator, refused: Refused
+def test_errors_of_a_problem_name_the_argument(
+    options: dict[str, Any], message: str, planar: ffsms.SpaceManipulator, refused: Refused
 ) -> None:
-    given = {"goal": TARGET, **options}
-    refused(lambda: opt.Problem(planar, planar.configuration(np.zeros(3)), **given), InvalidValue, words)
+    arguments = {"goal": TARGET, **options}
+    refused(
+        lambda: opt.Problem(planar, planar.configuration(np.zeros(3)), **arguments), InvalidValue, message
+    )
 
 
 @pytest.mark.parametrize("option", [{"effort": 1e-3}, {"base": 0.1}, {"time_limit": 1.0}])
@@ -95,22 +100,22 @@ def test_an_option_that_a_method_does_not_take_is_refused(
 ) -> None:
     q0 = planar.configuration(np.radians([1.0, 1.0, 1.0]))
     (name,) = option
-    words = f"{name} is not an option of method '{method}'"
-    refused(lambda: opt.plan(planar, q0, TARGET, 2.0, 0.1, method=method, **option), InvalidValue, words)
+    message = f"{name} is not an option of method '{method}'"
+    refused(lambda: opt.plan(planar, q0, TARGET, 2.0, 0.1, method=method, **option), InvalidValue, message)
 
 
-def test_waypoints_are_lists_or_rows_of_an_array(planar: ffsms.SpaceManipulator) -> None:
+def test_waypoints_may_be_lists_or_rows_of_an_array(planar: ffsms.SpaceManipulator) -> None:
     q0 = planar.configuration(np.radians([1.0, 40.0, -30.0]))
     middle = planar.at(q0).end_effector_pose.translation + np.array([-0.02, 0.02, 0.0])
     target = middle + np.array([-0.02, 0.02, 0.0])
-    listed, array = (
+    from_lists, from_array = (
         opt.plan(planar, q0, target, 4.0, 0.1, time_limit=1e-9, via=via)
         for via in ([middle.tolist()], middle[None])
     )
-    assert (listed.q == array.q).all()
+    assert (from_lists.q == from_array.q).all()
 
 
-def test_an_option_of_many_plans_that_there_is_not(planar: ffsms.SpaceManipulator, refused: Refused) -> None:
+def test_an_unknown_option_of_plan_many_is_refused(planar: ffsms.SpaceManipulator, refused: Refused) -> None:
     q0 = planar.configuration(np.zeros(3))
     wrong: dict[str, Any] = {"efort": 1.0}
     refused(

@@ -25,8 +25,8 @@ def test_entropy_and_its_gradient(n: int, rng: np.random.Generator) -> None:
         np.testing.assert_allclose(gradient[index], slope, atol=1e-8)
 
 
-def test_entropy_of_coupling_that_lacks_a_direction(rng: np.random.Generator) -> None:
-    """A planar arm of four joints has three singular values: the fourth is rounding, and has no say."""
+def test_entropy_of_a_coupling_of_deficient_rank(rng: np.random.Generator) -> None:
+    """A planar arm of four joints has three singular values; the fourth is rounding."""
     C, h = np.zeros((6, 4, 1)), 1e-6
     C[[0, 1, 5], :, 0] = rng.normal(size=(3, 4))
     value, gradient = entropy_and_gradient(C)
@@ -41,7 +41,7 @@ def test_entropy_of_coupling_that_lacks_a_direction(rng: np.random.Generator) ->
 
 @pytest.mark.parametrize("n", [3, 6, 7])
 def test_singular_values_and_vectors(n: int, rng: np.random.Generator) -> None:
-    """Against the decomposition itself, where values are lost, too."""
+    """Compare with LAPACK, also for singular matrices."""
     C = rng.normal(size=(6, n, 3))
     C[2:, :, 1] = 0.0  # of rank two
     C[:, -1, 2] = (1.0 + 1e-7) * C[:, 0, 2]  # nearly singular

@@ -1,4 +1,4 @@
-"""Verdicts of flown motions, against the verdict of the plan and against plain geometry."""
+"""Verdicts on simulated motions, compared with verdicts on plans and with plain geometry."""
 
 from __future__ import annotations
 
@@ -34,18 +34,18 @@ def plan(problem: opt.Problem) -> opt.Trajectory:
     return opt.solve(problem)
 
 
-def judged(problem: opt.Problem, plan: opt.Trajectory, q: FloatArray | None = None) -> flown.Verdict:
+def judge_plan(problem: opt.Problem, plan: opt.Trajectory, q: FloatArray | None = None) -> flown.Verdict:
     return flown.judge(problem, problem.sms, plan.t, plan.q if q is None else q, plan.v)
 
 
-def with_last_joints(plan: opt.Trajectory, turn: FloatArray) -> FloatArray:
-    """Return the plan's configurations, the joints turned at the end."""
+def with_last_joints(plan: opt.Trajectory, joint_offset: FloatArray) -> FloatArray:
+    """Return the plan's configurations with an offset of the last joint positions."""
     q = plan.q.copy()
-    q[-1, 7:] += turn
+    q[-1, 7:] += joint_offset
     return q
 
 
-def test_a_recording_is_the_motion_that_was_planned(problem: opt.Problem, plan: opt.Trajectory) -> None:
+def test_a_recording_of_a_plan_agrees_with_its_motion(problem: opt.Problem, plan: opt.Trajectory) -> None:
     planned = problem.motion(plan.joint_rates)
     motion = flown.recorded(problem, problem.sms, plan.t, plan.q, plan.v)
     for name in (
@@ -60,7 +60,7 @@ def test_a_recording_is_the_motion_that_was_planned(problem: opt.Problem, plan: 
         np.testing.assert_allclose(getattr(motion, name), getattr(planned, name)[..., ::2], atol=1e-12)
 
 
-def test_recorded_velocities_are_pinocchios(problem: opt.Problem, plan: opt.Trajectory) -> None:
+def test_recorded_velocities_agree_with_pinocchio(problem: opt.Problem, plan: opt.Trajectory) -> None:
     sms, rng = problem.sms, np.random.default_rng(1)
     v = plan.v + rng.normal(size=plan.v.shape)  # also of a base that does not follow the momentum equation
     motion = flown.recorded(problem, sms, plan.t, plan.q, v)
@@ -79,20 +79,24 @@ def _moved_by_base(state: ffsms.State, point: FloatArray) -> FloatArray:
 
 
 def test_a_flight_along_its_plan_has_arrived(problem: opt.Problem, plan: opt.Trajectory) -> None:
-    verdict = judged(problem, plan)
+    verdict = judge_plan(problem, plan)
     assert plan.reached
     assert verdict.arrived
     assert not verdict.misses
     np.testing.assert_allclose(verdict.orientation_error, plan.orientation_error, atol=1e-9)
 
 
-def test_an_attitude_that_is_missed_is_no_arrival(problem: opt.Problem, plan: opt.Trajectory) -> None:
-    turn = np.zeros(7)
-    turn[-1] = 0.5  # about the tool's own axis: the position stays
-    verdict = judged(problem, plan, with_last_joints(plan, turn))
+def test_a_flight_that_misses_the_attitude_has_not_arrived(
+    problem: opt.Problem, plan: opt.Trajectory
+) -> None:
+    joint_offset = np.zeros(7)
+    joint_offset[-1] = 0.5  # about the tool's own axis: the position stays
+    verdict = judge_plan(problem, plan, with_last_joints(plan, joint_offset))
     assert not verdict.arrived
     assert "28.6 deg" in verdict.misses[0] or "28.7 deg" in verdict.misses[0]
-    position = judged(replace(problem, goal=problem.place.position), plan, with_last_joints(plan, turn))
+    position = judge_plan(
+        replace(problem, goal=problem.place.position), plan, with_last_joints(plan, joint_offset)
+    )
     assert position.arrived
 
 
@@ -102,50 +106,52 @@ def test_a_flight_that_ends_early_has_not_arrived(problem: opt.Problem, plan: op
     assert any("ended at" in miss for miss in verdict.misses)
 
 
-def test_another_frame_that_misses_its_goal_is_no_arrival(problem: opt.Problem, plan: opt.Trajectory) -> None:
+def test_a_flight_whose_other_frame_misses_has_not_arrived(
+    problem: opt.Problem, plan: opt.Trajectory
+) -> None:
     sms = problem.sms
     there = sms.at(plan.q[-1]).frame("panda_link4").pose.translation
     near, far = (
         replace(problem, limits=[*problem.limits, opt.FrameGoal("panda_link4", there + shift)])
         for shift in (np.zeros(3), np.array([0.0, 0.0, 0.05]))
     )
-    assert judged(near, plan).arrived
-    verdict = judged(far, plan)
+    assert judge_plan(near, plan).arrived
+    verdict = judge_plan(far, plan)
     assert not verdict.arrived
     assert "'panda_link4' ends 50 mm" in verdict.misses[0]
     assert verdict.frame_errors["panda_link4"][-1, 0] == pytest.approx(0.05, abs=1e-9)
 
 
-def test_a_waypoint_that_is_missed_is_no_arrival(problem: opt.Problem, plan: opt.Trajectory) -> None:
+def test_a_flight_that_misses_a_waypoint_has_not_arrived(problem: opt.Problem, plan: opt.Trajectory) -> None:
     half = plan.end_effector[len(plan.t) // 2]
     time = float(plan.t[len(plan.t) // 2])
     for shift, passes in ((0.0, True), (0.1, False)):
         via = opt.Waypoint(half + np.array([0.0, 0.0, shift]), time=time, name="gate")
-        verdict = judged(replace(problem, limits=[*problem.limits, via]), plan)
+        verdict = judge_plan(replace(problem, limits=[*problem.limits, via]), plan)
         assert verdict.arrived == passes
     assert "'gate' is missed by 100" in verdict.misses[0]
 
 
-def test_a_base_limit_that_is_broken_is_no_arrival(problem: opt.Problem, plan: opt.Trajectory) -> None:
-    most = float(plan.base_rotation.max())
-    for allowed, kept in ((1.1 * most, True), (0.9 * most, False)):
-        limits = [*problem.limits, opt.BaseLimits(attitude=allowed)]
-        assert judged(replace(problem, limits=limits), plan).arrived == kept
-
-
-def test_the_base_may_move_before_the_first_row_of_its_limit(
+def test_a_flight_that_violates_a_base_limit_has_not_arrived(
     problem: opt.Problem, plan: opt.Trajectory
 ) -> None:
-    moved, shift = plan.q.copy(), np.array([0.3, 0.0, 0.0])
-    moved[:, :3] += shift  # the plant starts elsewhere than the plan: its base has not moved by that
+    limit = float(plan.base_rotation.max())
+    for allowed, kept in ((1.1 * limit, True), (0.9 * limit, False)):
+        limits = [*problem.limits, opt.BaseLimits(attitude=allowed)]
+        assert judge_plan(replace(problem, limits=limits), plan).arrived == kept
+
+
+def test_a_base_limit_counts_from_the_first_row(problem: opt.Problem, plan: opt.Trajectory) -> None:
+    displaced, shift = plan.q.copy(), np.array([0.3, 0.0, 0.0])
+    displaced[:, :3] += shift  # the plant starts at another position, which is no base motion
     limits = [opt.BaseLimits(translation=0.2)]
     goal = problem.place.transformed(shift, np.eye(3))
     there = pin.SE3(goal.rotation, goal.position)
-    assert judged(replace(problem, goal=there, limits=limits), plan, moved).arrived
+    assert judge_plan(replace(problem, goal=there, limits=limits), plan, displaced).arrived
 
 
-class Counted(opt.Limit):
-    """A limit without a note: a third of the joints' torques, in N m."""
+class ThirdOfTorque(opt.Limit):
+    """A limit on a third of the joints' torques, without a note [N m]."""
 
     name = "a third"
 
@@ -156,14 +162,16 @@ class Counted(opt.Limit):
         return []
 
     def violation(self, motion: Any) -> opt.Violation:
-        most = motion.stack.robot.limits.torque[:, None] / 3.0
-        return opt.Violation(max(float((np.abs(motion.forces[:-6, 0]) - most).max()), 0.0))
+        limit = motion.stack.robot.limits.torque[:, None] / 3.0
+        return opt.Violation(max(float((np.abs(motion.forces[:-6, 0]) - limit).max()), 0.0))
 
 
-def test_a_limit_of_ones_own_that_is_broken_is_no_arrival(problem: opt.Problem, plan: opt.Trajectory) -> None:
+def test_a_flight_that_violates_a_custom_limit_has_not_arrived(
+    problem: opt.Problem, plan: opt.Trajectory
+) -> None:
     top = float(plan.end_effector[:, 2].max())
     kept, broken = (
-        judged(replace(problem, limits=[*problem.limits, Below(height)]), plan)
+        judge_plan(replace(problem, limits=[*problem.limits, Below(height)]), plan)
         for height in (top + 1e-3, top - 1e-3)
     )
     assert kept.arrived
@@ -171,20 +179,20 @@ def test_a_limit_of_ones_own_that_is_broken_is_no_arrival(problem: opt.Problem, 
     assert "the limit 'ceiling' is violated by 0.00104 m at" in broken.misses[0]
 
 
-def test_a_limit_of_ones_own_is_judged_with_the_recorded_torques(
+def test_a_custom_limit_is_judged_with_the_recorded_torques(
     problem: opt.Problem, plan: opt.Trajectory
 ) -> None:
-    problem, tau = replace(problem, limits=[*problem.limits, Counted()]), plan.tau[:-1].copy()
+    problem, tau = replace(problem, limits=[*problem.limits, ThirdOfTorque()]), plan.tau[:-1].copy()
     assert np.abs(tau / problem.sms.limits.torque).max() < 0.3
     assert flown.judge(problem, problem.sms, plan.t, plan.q, plan.v, tau).arrived
     tau[10, 2] = 0.5 * problem.sms.limits.torque[2]
     verdict = flown.judge(problem, problem.sms, plan.t, plan.q, plan.v, tau)
-    excess = problem.sms.limits.torque[2] / 6.0
-    assert verdict.misses == (f"the limit 'a third' is violated by {excess:.3g}",)
+    torque_excess = problem.sms.limits.torque[2] / 6.0
+    assert verdict.misses == (f"the limit 'a third' is violated by {torque_excess:.3g}",)
 
 
-def test_joints_beyond_their_limits_are_no_arrival(problem: opt.Problem, plan: opt.Trajectory) -> None:
-    """Up to what the errors of a law explain, 1 mrad and 4 % of a rate, a flight has arrived."""
+def test_a_flight_beyond_joint_limits_has_not_arrived(problem: opt.Problem, plan: opt.Trajectory) -> None:
+    """Tracking errors up to 1 mrad and 4 % of a rate are accepted."""
     sms, k = problem.sms, len(plan.t) // 2
     for share, arrives in ((1.03, True), (1.05, False)):
         v = plan.v.copy()
@@ -192,61 +200,68 @@ def test_joints_beyond_their_limits_are_no_arrival(problem: opt.Problem, plan: o
         verdict = flown.judge(problem, sms, plan.t, plan.q, v)
         assert verdict.arrived == arrives
     assert f"the rate limit of '{sms.joint_names[2]}' is violated by" in verdict.misses[0]
-    for beyond, arrives in ((5e-4, True), (2e-3, False)):
+    for excess, arrives in ((5e-4, True), (2e-3, False)):
         q = plan.q.copy()
-        q[k, 8] = sms.limits.upper[1] + beyond
+        q[k, 8] = sms.limits.upper[1] + excess
         verdict = flown.judge(replace(problem, limits=[opt.JointLimits()]), sms, plan.t, q, plan.v)
         assert verdict.arrived == arrives
     assert f"the position limit of '{sms.joint_names[1]}' is violated by 0.002 rad" in verdict.misses[0]
 
 
-def test_torques_beyond_their_limits_are_no_arrival(problem: opt.Problem, plan: opt.Trajectory) -> None:
-    tau, most = plan.tau[:-1].copy(), problem.sms.limits.torque
-    tau[7, 3] = -most[3]
+def test_a_flight_beyond_torque_limits_has_not_arrived(problem: opt.Problem, plan: opt.Trajectory) -> None:
+    tau, limit = plan.tau[:-1].copy(), problem.sms.limits.torque
+    tau[7, 3] = -limit[3]
     assert flown.judge(problem, problem.sms, plan.t, plan.q, plan.v, tau).arrived
-    tau[7, 3] = -1.1 * most[3]
+    tau[7, 3] = -1.1 * limit[3]
     verdict = flown.judge(problem, problem.sms, plan.t, plan.q, plan.v, tau)
     name = problem.sms.joint_names[3]
-    shown = f"'{name}' has {1.1 * most[3]:.3g} N m at {plan.t[7]:.3g} s, its limit is {most[3]:.3g} N m"
+    shown = f"'{name}' has {1.1 * limit[3]:.3g} N m at {plan.t[7]:.3g} s, its limit is {limit[3]:.3g} N m"
     assert verdict.misses == (shown,)
 
 
 def test_the_box_of_the_paper_is_judged(problem: opt.Problem, plan: opt.Trajectory) -> None:
     boxed, v = replace(problem, limits=[*problem.limits, opt.AlphaBox()]), plan.v.copy()
-    assert judged(boxed, plan).arrived
+    assert judge_plan(boxed, plan).arrived
     v[20, 6:] = 1.3 * problem.sms.at(plan.q[20]).coupling.V[:, 0]
     assert "|alpha_i| reaches 1.3" in flown.judge(boxed, boxed.sms, plan.t, plan.q, v).misses[0]
     added = replannable(replace(problem, limits=[]))
     assert [limit.name for limit in added.limits] == ["alpha box"]
-    assert flown.judge(added, added.sms, plan.t, plan.q, v).arrived  # re-planning has it, nobody asked for it
+    # The problem has no box; re-planning adds it.
+    assert flown.judge(added, added.sms, plan.t, plan.q, v).arrived
 
 
-def test_wheels_beyond_their_momentum_are_no_arrival(problem: opt.Problem, plan: opt.Trajectory) -> None:
+def test_a_flight_beyond_the_wheel_momentum_has_not_arrived(
+    problem: opt.Problem, plan: opt.Trajectory
+) -> None:
     wheels = ffsms.ReactionWheels(np.eye(3), inertia=0.01, torque=1.0, momentum=5.0)
     sms = problem.sms.with_actuators(wheels=wheels)
-    held = opt.Problem(sms, problem.q0, problem.goal, duration=12.0, dt=0.05, mode="rotation-floating")
-    for most, arrives in ((5.0, True), (5.1, False)):
+    problem_with_wheels = opt.Problem(
+        sms, problem.q0, problem.goal, duration=12.0, dt=0.05, mode="rotation-floating"
+    )
+    for limit, arrives in ((5.0, True), (5.1, False)):
         momentum = np.zeros((len(plan.t), 3))
-        momentum[9, 1] = -most
-        verdict = flown.judge(held, sms, plan.t, plan.q, plan.v, wheel_momentum=momentum)
+        momentum[9, 1] = -limit
+        verdict = flown.judge(problem_with_wheels, sms, plan.t, plan.q, plan.v, wheel_momentum=momentum)
         assert verdict.arrived == arrives, verdict.misses
     shown = f"'wheel 2' has 5.1 N m s at {plan.t[9]:.3g} s, its limit is 5 N m s"
     assert verdict.misses == (shown,)
 
 
-def test_a_velocity_that_is_asked_for_counts(problem: opt.Problem, plan: opt.Trajectory) -> None:
+def test_a_flight_that_misses_the_velocity_has_not_arrived(
+    problem: opt.Problem, plan: opt.Trajectory
+) -> None:
     still = opt.Pose(pin.SE3(problem.place.rotation, problem.place.position), twist=np.zeros(6))
     fast = opt.Pose(still.pose, twist=[0.0, 0.0, 0.1, 0.0, 0.0, 0.0])
-    assert judged(replace(problem, goal=still), plan).arrived
-    verdict = judged(replace(problem, goal=fast), plan)
-    off = re.search(r"([0-9.]+) mm/s off", verdict.misses[0])
-    assert off is not None
-    assert float(off[1]) == pytest.approx(100.0, abs=1.0)
+    assert judge_plan(replace(problem, goal=still), plan).arrived
+    verdict = judge_plan(replace(problem, goal=fast), plan)
+    reported = re.search(r"([0-9.]+) mm/s off", verdict.misses[0])
+    assert reported is not None
+    assert float(reported[1]) == pytest.approx(100.0, abs=1.0)
 
 
 @pytest.mark.parametrize("on", ["inertial", "base"])
-def test_the_least_clearance_counts_obstacles(problem: opt.Problem, plan: opt.Trajectory, on: str) -> None:
-    """A ball so large that coal itself finds it 8 mm from the nearest body, at the instants of the plan."""
+def test_the_least_clearance_includes_obstacles(problem: opt.Problem, plan: opt.Trajectory, on: str) -> None:
+    """By coal, the ball is 8 mm from the nearest body at the instants of the plan."""
     sms, k = problem.sms, len(plan.t) // 2
     root = pin.XYZQUATToSE3(plan.q[k, :7])
     place = plan.end_effector[k] + np.array([0.0, 0.35, 0.0])
@@ -257,38 +272,40 @@ def test_the_least_clearance_counts_obstacles(problem: opt.Problem, plan: opt.Tr
         pin.updateGeometryPlacements(model, data, geometry, placed, q)
         ball_at = at if on == "inertial" else pin.XYZQUATToSE3(q[:7]) * at
         for body, pose in zip(geometry.geometryObjects, placed.oMg, strict=True):
-            poses = [coal.Transform3s(one.rotation, one.translation) for one in (pose, ball_at)]
+            poses = [coal.Transform3s(item.rotation, item.translation) for item in (pose, ball_at)]
             result = coal.DistanceResult()
             coal.distance(body.geometry, poses[0], point, poses[1], coal.DistanceRequest(), result)
             distances.append(result.min_distance + 1e-3)
     ball = opt.Obstacle(coal.Sphere(min(distances) - 0.008), at, on=on)
-    own = judged(replace(problem, limits=[opt.Clearance(0.01)]), plan).clearance
-    least = judged(replace(problem, limits=[opt.Clearance(0.01, obstacles=[ball])]), plan).clearance
-    assert own is not None
+    without_ball = judge_plan(replace(problem, limits=[opt.Clearance(0.01)]), plan).clearance
+    least = judge_plan(replace(problem, limits=[opt.Clearance(0.01, obstacles=[ball])]), plan).clearance
+    assert without_ball is not None
     assert least is not None
-    assert own.distance > 0.01  # without the obstacle nothing is so near
-    assert least.distance == pytest.approx(0.008, abs=1.5e-3)  # hulls stand for meshes
+    assert without_ball.distance > 0.01  # the distance without the ball
+    assert least.distance == pytest.approx(0.008, abs=1.5e-3)  # hulls approximate meshes
     assert not least.kept
-    # The place is on the surface of the body that is nearest.
+    # The reported position is on the surface of the nearest body.
     there = at.translation if on == "inertial" else (root * at).translation
     if on == "inertial":
         assert np.linalg.norm(np.array(least.place) - there) == pytest.approx(min(distances), abs=3e-3)
 
 
-def test_a_clearance_below_what_is_asked_is_a_breach(problem: opt.Problem, plan: opt.Trajectory) -> None:
-    least = judged(replace(problem, limits=[opt.Clearance(0.001)]), plan).clearance
+def test_a_clearance_below_the_required_distance_is_a_breach(
+    problem: opt.Problem, plan: opt.Trajectory
+) -> None:
+    least = judge_plan(replace(problem, limits=[opt.Clearance(0.001)]), plan).clearance
     assert least is not None
-    asked = opt.Clearance(least.distance + 0.005)
-    verdict = judged(replace(problem, limits=[asked]), plan)
+    required = opt.Clearance(least.distance + 0.005)
+    verdict = judge_plan(replace(problem, limits=[required]), plan)
     assert verdict.arrived
     assert verdict.breaches
     assert verdict.clearance is not None
     assert not verdict.clearance.kept
 
 
-def test_a_violation_without_a_note_is_in_the_note_of_the_plan(
+def test_the_note_of_a_plan_reports_violations_without_a_note(
     problem: opt.Problem, plan: opt.Trajectory
 ) -> None:
-    weak = measure(replace(problem, limits=[Counted()]), 20.0 * plan.joint_rates)
+    weak = measure(replace(problem, limits=[ThirdOfTorque()]), 20.0 * plan.joint_rates)
     assert not weak.reached
     assert "the limit 'a third' is violated by " in weak.note

@@ -1,4 +1,4 @@
-"""Parts as formulas: slopes, rows and verdicts that follow from them, and mistakes that are named."""
+"""Terms and limits as formulas: derivatives, rows and verdicts, and named mistakes."""
 
 from __future__ import annotations
 
@@ -30,8 +30,10 @@ class GazeFormula(opt.Term):
     name = "gaze"
 
     def residual(self, m: opt.Variables) -> Any:
-        way = self.at - m.tip
-        return np.sqrt(self.weight) * (way - way.norm() * m.frame("tip").axis([1.0, 0.0, 0.0]))
+        displacement = self.at - m.tip
+        return np.sqrt(self.weight) * (
+            displacement - displacement.norm() * m.frame("tip").axis([1.0, 0.0, 0.0])
+        )
 
 
 @dataclass(frozen=True)
@@ -43,7 +45,7 @@ class AboveFormula(opt.Inequality):
 
 
 class Formula(opt.Term):
-    """Whatever a function makes of the variables."""
+    """A term with a function of the variables as residual."""
 
     name = "formula"
 
@@ -61,7 +63,7 @@ def reach(sms: ffsms.SpaceManipulator, term: opt.Term, limit: opt.Limit) -> opt.
     return opt.Problem(sms, q0, [0.45, 0.75, 0.0], duration=8.0, dt=0.02, terms=terms, limits=limits)
 
 
-def test_a_formula_and_a_limit_by_hand_give_the_same_plan(planar: ffsms.SpaceManipulator) -> None:
+def test_a_formula_and_a_hand_written_limit_give_the_same_plan(planar: ffsms.SpaceManipulator) -> None:
     by_hand = opt.solve(reach(planar, GazeFormula(), Above(NORMAL, HEIGHT)))
     formula = opt.solve(reach(planar, GazeFormula(), AboveFormula()))
     assert formula.reached
@@ -69,7 +71,7 @@ def test_a_formula_and_a_limit_by_hand_give_the_same_plan(planar: ffsms.SpaceMan
     assert formula.shares["gaze"] == pytest.approx(by_hand.shares["gaze"], rel=1e-6)
 
 
-def test_rows_of_a_formula_are_those_by_hand(
+def test_rows_of_a_formula_agree_with_hand_written_rows(
     planar: ffsms.SpaceManipulator, rng: np.random.Generator
 ) -> None:
     q = planar.configuration(rng.uniform(-0.5, 0.5, 3))
@@ -77,8 +79,8 @@ def test_rows_of_a_formula_are_those_by_hand(
     step = StepState(planar, q, rng.normal(size=3), 0.01, 3.0, momentum)
     by_hand, formula = Above(NORMAL, HEIGHT).rows(step), AboveFormula().rows(step)
     assert formula is not None
-    for one, other in zip(formula[:3], by_hand[:3], strict=True):
-        np.testing.assert_allclose(one, other, atol=1e-12)
+    for value, other in zip(formula[:3], by_hand[:3], strict=True):
+        np.testing.assert_allclose(value, other, atol=1e-12)
     assert formula.softness == by_hand.softness
 
 
@@ -102,23 +104,23 @@ FORMULAS: dict[str, Callable[[opt.Variables], Any]] = {
 
 @pytest.mark.parametrize("robot", ["planar_3r", "satellite_panda"])
 @pytest.mark.parametrize("name", list(FORMULAS))
-def test_slopes_of_features(name: str, robot: str) -> None:
+def test_derivatives_of_variables(name: str, robot: str) -> None:
     assert opt.check(Formula(FORMULAS[name]), problem_of(ffsms.load(robot))) < 1e-5
 
 
 @pytest.mark.parametrize("name", list(TERMS))
-def test_check_finds_no_fault_with_ours(name: str) -> None:
+def test_packaged_terms_pass_the_check(name: str) -> None:
     assert opt.check(TERMS[name], problem_of(ffsms.load("planar_3r"), name)) < 1e-5
 
 
 @pytest.mark.parametrize("limit", [opt.BaseLimits(0.1, 0.05, 0.02, 0.03), opt.AlphaBox(), opt.WheelLimits()])
-def test_check_finds_no_fault_with_our_limits(limit: opt.Limit) -> None:
+def test_packaged_limits_pass_the_check(limit: opt.Limit) -> None:
     part = "wheels' torque" if isinstance(limit, opt.WheelLimits) else ""
     assert opt.check(limit, problem_of(ffsms.load("planar_3r"), part)) < 1e-4
     assert set(LIMITS) > {"attitude", "own"}
 
 
-def test_a_number_goes_into_all_components_of_a_vector_in_steps_too(planar: ffsms.SpaceManipulator) -> None:
+def test_a_number_is_added_to_all_components_of_a_vector(planar: ffsms.SpaceManipulator) -> None:
     class Mixed(opt.Inequality):
         name = "mixed"
 
@@ -128,17 +130,17 @@ def test_a_number_goes_into_all_components_of_a_vector_in_steps_too(planar: ffsm
     assert opt.check(Mixed(), problem_of(planar)) < 1e-4
 
 
-def test_check_says_which_slope_is_wrong(planar: ffsms.SpaceManipulator) -> None:
+def test_check_names_a_wrong_derivative(planar: ffsms.SpaceManipulator) -> None:
     class Wrong(GazeFormula):
         def residual(self, m: opt.Variables) -> Any:
-            found = super().residual(m)
-            return m.variable(found.value, {**found.slopes, "by_turn": 1.1 * found.slopes["by_turn"]})
+            right = super().residual(m)
+            return m.variable(right.value, {**right.slopes, "by_turn": 1.1 * right.slopes["by_turn"]})
 
     with pytest.raises(PartError, match=r"Wrong\.residual has a wrong slope: by_turn\[\d\] of variable 0"):
         opt.check(Wrong(), problem_of(planar))
 
 
-def test_check_finds_rows_with_a_wrong_sign(planar: ffsms.SpaceManipulator) -> None:
+def test_check_reports_rows_with_a_wrong_sign(planar: ffsms.SpaceManipulator) -> None:
     class Wrong(Above):
         def rows(self, step: Any) -> opt.Rows:
             rows = super().rows(step)
@@ -150,21 +152,23 @@ def test_check_finds_rows_with_a_wrong_sign(planar: ffsms.SpaceManipulator) -> N
         opt.check(Wrong((1.0, 0.0, 0.0), 2.0), problem)
 
 
-class Plain(GazeFormula):
+class PlainResidual(GazeFormula):
     def residual(self, m: opt.Variables) -> Any:
-        way = np.array(AT)[:, None, None] - m.end_effector
-        return np.sqrt(self.weight) * (way - np.linalg.norm(way, axis=0) * m.attitude[:, 0])
+        displacement = np.array(AT)[:, None, None] - m.end_effector
+        return np.sqrt(self.weight) * (displacement - np.linalg.norm(displacement, axis=0) * m.attitude[:, 0])
 
 
 class Mixed(GazeFormula):
-    """Loses the slopes of the length alone."""
+    """A term that loses the derivatives of the length alone."""
 
     def residual(self, m: opt.Variables) -> Any:
-        way = self.at - m.tip
-        return np.sqrt(self.weight) * (way - np.linalg.norm(way, axis=0) * m.tip.axis([1.0, 0.0, 0.0]))
+        displacement = self.at - m.tip
+        return np.sqrt(self.weight) * (
+            displacement - np.linalg.norm(displacement, axis=0) * m.tip.axis([1.0, 0.0, 0.0])
+        )
 
 
-class PlainRoom(AboveFormula):
+class PlainSlack(AboveFormula):
     def slack(self, m: opt.Variables) -> Any:
         return np.einsum("x,xsk->sk", NORMAL, m.end_effector) - HEIGHT
 
@@ -172,9 +176,12 @@ class PlainRoom(AboveFormula):
 @pytest.mark.parametrize(
     ("part", "text"),
     [
-        (Plain(), r"Plain\.residual returns a plain array without slopes: compute it from m\.tip, m\.frame"),
+        (
+            PlainResidual(),
+            r"PlainResidual\.residual returns a plain array without slopes: compute it from m\.tip, m\.frame",
+        ),
         (Mixed(), r"Mixed\.residual loses slopes: .* use x\.norm\(\)"),
-        (PlainRoom(), r"PlainRoom\.slack returns a plain array .* compute it from m\.tip, m\.frame"),
+        (PlainSlack(), r"PlainSlack\.slack returns a plain array .* compute it from m\.tip, m\.frame"),
     ],
 )
 def test_a_part_without_slopes_is_refused_by_the_problem(
@@ -200,41 +207,41 @@ def test_mistakes_name_the_part(
     planar: ffsms.SpaceManipulator, formula: Callable[[opt.Variables], Any], text: str
 ) -> None:
     motion = finished(problem_of(planar), 0.1 * np.ones((9, 3)))
-    with pytest.raises(FfsmsError, match=text) as found:
+    with pytest.raises(FfsmsError, match=text) as caught:
         residuals_of(Formula(formula), motion)
-    if isinstance(found.value, PartError):
-        assert str(found.value).startswith("Formula.residual ")
-        assert (found.value.part, found.value.method) == ("Formula", "residual")
+    if isinstance(caught.value, PartError):
+        assert str(caught.value).startswith("Formula.residual ")
+        assert (caught.value.part, caught.value.method) == ("Formula", "residual")
 
 
 class Wrong(opt.Limit):
-    """A limit that gives something of no use."""
+    """A limit that returns a wrong value."""
 
     name = "wrong"
 
-    def __init__(self, given: Any) -> None:
-        self.given = given
+    def __init__(self, returned: Any) -> None:
+        self.returned = returned
 
     def residual(self, m: Any) -> list[opt.Variable]:
         return []
 
     def rows(self, step: Any) -> Any:
-        return self.given() if callable(self.given) else self.given
+        return self.returned() if callable(self.returned) else self.returned
 
     def violation(self, motion: opt.Rollouts) -> Any:
         return self.rows(None)
 
 
 @pytest.mark.parametrize(
-    ("given", "text"),
+    ("returned", "text"),
     [
         (3.0, "must return opt.Rows or None; got float"),
         (opt.Rows(np.zeros((1, 2)), np.zeros(1), np.ones(1)), r"must return G \(k, 3\), .* got \(\(1, 2\)"),
         (lambda: [1, 2][3], "failed with IndexError: list index out of range"),
     ],
 )
-def test_mistakes_in_rows_name_the_limit(planar: ffsms.SpaceManipulator, given: Any, text: str) -> None:
-    planner = opt.StepPlanner(planar, limits=[Wrong(given)])
+def test_mistakes_in_rows_name_the_limit(planar: ffsms.SpaceManipulator, returned: Any, text: str) -> None:
+    planner = opt.StepPlanner(planar, limits=[Wrong(returned)])
     with pytest.raises(PartError, match=rf"Wrong\.rows {text}"):
         planner.step(planar.configuration(np.zeros(3)), np.zeros(3), [0.7, 0.5, 0.0], 4.0)
 
@@ -255,20 +262,20 @@ def test_a_share_that_is_no_float_names_the_term(planar: ffsms.SpaceManipulator)
 
 @dataclass(frozen=True)
 class Elbow(opt.Inequality):
-    """A joint is near a place, at the times at which that counts."""
+    """A limit that keeps a joint near a position at the times of `when`."""
 
     when: str = "always"
     name = "elbow"
     absolute_margin = 0.01
     binding = 1e-3
-    at = np.array([0.601, 0.24, 0.0])  # that is 0.3 m from the goal, as long as the last link
+    at = np.array([0.601, 0.24, 0.0])  # 0.3 m from the goal, the length of the last link
 
     def slack(self, m: Any) -> Any:
         return 0.02 - (m.frame("joint_3") - self.at).norm()
 
 
 @pytest.mark.parametrize("when", ["deadline", "last tenth"])
-def test_room_may_count_at_the_end_only(planar: ffsms.SpaceManipulator, when: str) -> None:
+def test_a_limit_may_apply_at_the_end_only(planar: ffsms.SpaceManipulator, when: str) -> None:
     q0 = planar.configuration([0.2, 0.4, -0.3])
     free, kept = (
         opt.Problem(planar, q0, [0.75, 0.5, 0.0], 6.0, 0.05, limits=[opt.JointLimits(), *limits])
@@ -276,35 +283,35 @@ def test_room_may_count_at_the_end_only(planar: ffsms.SpaceManipulator, when: st
     )
     data, frame = planar.model.createData(), planar.model.getFrameId("joint_3")
 
-    def ways(plan: opt.Trajectory) -> FloatArray:
-        found = []
+    def distances(plan: opt.Trajectory) -> FloatArray:
+        values = []
         for q in plan.q:
             pin.framesForwardKinematics(planar.model, data, q)
-            found.append(np.linalg.norm(data.oMf[frame].translation - Elbow.at))
-        return np.array(found)
+            values.append(np.linalg.norm(data.oMf[frame].translation - Elbow.at))
+        return np.array(values)
 
-    plan, otherwise = opt.solve(kept), opt.solve(free)
+    plan, free_plan = opt.solve(kept), opt.solve(free)
     assert plan.reached, plan.note
     late = plan.t >= (0.9 * 6.0 - 1e-9 if when == "last tenth" else 6.0)
-    assert ways(plan)[late].max() <= 0.02
-    assert ways(plan)[0] > 0.05
-    assert ways(otherwise)[-1] > 0.03
-    broken = measure(kept, otherwise.joint_rates)
-    assert broken.broken["elbow"] == pytest.approx(ways(otherwise)[late].max() - 0.02, abs=1e-6)
+    assert distances(plan)[late].max() <= 0.02
+    assert distances(plan)[0] > 0.05
+    assert distances(free_plan)[-1] > 0.03
+    violating = measure(kept, free_plan.joint_rates)
+    assert violating.broken["elbow"] == pytest.approx(distances(free_plan)[late].max() - 0.02, abs=1e-6)
     assert opt.check(Elbow(when), kept) < 1e-4
 
 
-def test_steps_come_as_fast_as_they_must(planar: ffsms.SpaceManipulator) -> None:
-    """Early no row asks for anything; late for the way over the time that is left, and a little more."""
+def test_rows_of_a_limit_at_the_deadline_require_enough_speed(planar: ffsms.SpaceManipulator) -> None:
+    """The row is inactive early; late it requires a little more than distance over time left."""
     q0 = planar.configuration([0.2, 0.4, -0.3])
     limit, rates = Elbow("deadline"), np.zeros(3)
     least = []
-    for left in (30.0, 2.0):
-        rows = limit.rows(StepState(planar, q0, rates, 0.01, left))
+    for time_left in (30.0, 2.0):
+        rows = limit.rows(StepState(planar, q0, rates, 0.01, time_left))
         assert rows is not None
         least.append(float(rows.lower[0]))
     data = planar.model.createData()
     pin.framesForwardKinematics(planar.model, data, q0)
-    way = float(np.linalg.norm(data.oMf[planar.model.getFrameId("joint_3")].translation - Elbow.at))
+    displacement = float(np.linalg.norm(data.oMf[planar.model.getFrameId("joint_3")].translation - Elbow.at))
     assert least[0] < 0.0
-    assert (way - 0.01) / 2.0 < least[1] <= 1.5 * (way - 0.01) / (2.0 - 0.1) + 1e-9
+    assert (displacement - 0.01) / 2.0 < least[1] <= 1.5 * (displacement - 0.01) / (2.0 - 0.1) + 1e-9

@@ -1,4 +1,4 @@
-"""What thrusters have to give to hold the base, and what they use."""
+"""The wrench of thrusters on a driven base, and their propellant."""
 
 from __future__ import annotations
 
@@ -18,26 +18,26 @@ from ffsms_pin.robot.base_motion import advance
 from ffsms_pin.system.batch.arm import ArmStack
 
 # Opposed pairs on the faces of a cube of 1 m.
-PLACES = np.array([[x, s * 0.5, 0.0] for x in (0.5, -0.5) for s in (1, -1)])
-PLACES = np.concatenate([PLACES, np.roll(PLACES, 1, axis=1), np.roll(PLACES, 2, axis=1)])
-WAYS = np.concatenate([np.roll([[-1.0, 0, 0]] * 2 + [[1.0, 0, 0]] * 2, i, axis=1) for i in range(3)])
+POSITIONS = np.array([[x, s * 0.5, 0.0] for x in (0.5, -0.5) for s in (1, -1)])
+POSITIONS = np.concatenate([POSITIONS, np.roll(POSITIONS, 1, axis=1), np.roll(POSITIONS, 2, axis=1)])
+DIRECTIONS = np.concatenate([np.roll([[-1.0, 0, 0]] * 2 + [[1.0, 0, 0]] * 2, i, axis=1) for i in range(3)])
 MODES = ("rotation-flying", "translation-flying", "flying")
 
 
 def thrusters(**values: Any) -> ffsms.Thrusters:
-    return ffsms.Thrusters(PLACES, WAYS, 50.0, **{"proportional": True, **values})
+    return ffsms.Thrusters(POSITIONS, DIRECTIONS, 50.0, **{"proportional": True, **values})
 
 
-def by_differences(
+def momentum_rate_by_differences(
     sms: ffsms.SpaceManipulator, q: FloatArray, rates: FloatArray, a: FloatArray, mode: str
 ) -> FloatArray:
-    """Rates of the total momentum (6,), by Pinocchio along the motion; moment about the base, base axes."""
+    """Return the rate of the total momentum (6,) about the base in base axes, by Pinocchio."""
     data, h = sms.model.createData(), 1e-4
     sides = []
     for sign in (1.0, -1.0):
-        there, u = advance(sms, q, rates, a, sign * h, None, mode)
-        v = sms.velocity(there, u, None, mode)
-        sides.append(pin.computeCentroidalMomentum(sms.model, data, there, v).vector.copy())
+        neighbour, u = advance(sms, q, rates, a, sign * h, None, mode)
+        v = sms.velocity(neighbour, u, None, mode)
+        sides.append(pin.computeCentroidalMomentum(sms.model, data, neighbour, v).vector.copy())
     rate = (sides[0] - sides[1]) / (2.0 * h)
     state = sms.at(q)
     R = state.base_pose.rotation
@@ -55,36 +55,36 @@ def state(name: str, seed: int) -> tuple[ffsms.SpaceManipulator, FloatArray, Flo
 
 @pytest.mark.parametrize("mode", MODES)
 @pytest.mark.parametrize("name", ["planar_3r", "satellite_panda", "two_arms"])
-def test_it_is_the_rate_of_the_momentum(name: str, mode: str) -> None:
+def test_the_wrench_is_the_rate_of_the_momentum(name: str, mode: str) -> None:
     for seed in range(3):
         sms, q, rates, a = state(name, seed)
         stack, joints = ArmStack(sms, mode), sms.joint_positions(q)
-        found = forces(stack, joints, rates, a)[-6:]
-        expected = by_differences(sms, q, rates, a, mode)
-        np.testing.assert_allclose(found, expected, atol=1e-6 * np.abs(expected).max())
+        wrench = forces(stack, joints, rates, a)[-6:]
+        expected = momentum_rate_by_differences(sms, q, rates, a, mode)
+        np.testing.assert_allclose(wrench, expected, atol=1e-6 * np.abs(expected).max())
         assert np.abs(expected).max() > 1e-2
-        none = expected[:3] if mode == "rotation-flying" else expected[3:]
-        assert (np.abs(none).max() < 1e-7) == (mode != "flying")
+        free_part = expected[:3] if mode == "rotation-flying" else expected[3:]
+        assert (np.abs(free_part).max() < 1e-7) == (mode != "flying")
 
 
 @pytest.mark.parametrize("mode", MODES)
-def test_slopes(mode: str) -> None:
+def test_derivatives_of_the_wrench(mode: str) -> None:
     sms, q, rates, a = state("satellite_panda", 4)
     stack = ArmStack(sms, mode)
     at = [sms.joint_positions(q), rates, a]
     slopes = force_slopes(stack, *(x[:, None] for x in at))
     rng = np.random.default_rng(0)
     for kind, slope in enumerate(slopes.values()):
-        way = rng.normal(size=7)
+        direction = rng.normal(size=7)
         sides = []
         for h in (1e-4, -1e-4):
-            moved = [x + (h * way if i == kind else 0.0) for i, x in enumerate(at)]
-            sides.append(forces(stack, *moved)[-6:])
+            shifted = [x + (h * direction if i == kind else 0.0) for i, x in enumerate(at)]
+            sides.append(forces(stack, *shifted)[-6:])
         expected = (sides[0] - sides[1]) / 2e-4
-        np.testing.assert_allclose(slope[-6:, :, 0] @ way, expected, atol=1e-5 * np.abs(expected).max())
+        np.testing.assert_allclose(slope[-6:, :, 0] @ direction, expected, atol=1e-5 * np.abs(expected).max())
 
 
-def test_the_square_of_a_smooth_size_is_the_size() -> None:
+def test_the_squared_root_of_size_approximates_the_size() -> None:
     x = np.array([-3.0, -1e-3, 0.0, 1e-4, 0.5, 20.0])
 
     def root(x: FloatArray) -> Variable:
@@ -99,20 +99,20 @@ def test_the_square_of_a_smooth_size_is_the_size() -> None:
 
 
 @pytest.mark.parametrize("mode", MODES)
-def test_a_plan_says_what_it_uses(mode: str) -> None:
-    """By the momenta of the plan's own nodes, and thrusters of which one of a pair pushes."""
+def test_the_propellant_of_a_plan_follows_from_its_momenta(mode: str) -> None:
+    """Thrusters are in opposed pairs, and one of each pair pushes."""
     sms = ffsms.load("planar_3r").with_actuators(thrusters=thrusters(specific_impulse=200.0))
     q0 = sms.configuration(np.radians([1.0, 1.0, 1.0]))
     plan = opt.plan(sms, q0, [0.45, 0.75, 0.0], 12.0, 0.05, mode=mode, method="resolved-rate")
     data = sms.model.createData()
     momenta = []
     for q, v in zip(plan.q, plan.v, strict=True):
-        about = pin.computeCentroidalMomentum(sms.model, data, q, v).vector.copy()
+        momentum = pin.computeCentroidalMomentum(sms.model, data, q, v).vector.copy()
         s = sms.at(q)
-        about[3:] += np.cross(s.com - s.base_pose.translation, about[:3])
-        momenta.append(about)
+        momentum[3:] += np.cross(s.com - s.base_pose.translation, momentum[:3])
+        momenta.append(momentum)
     rates = np.diff(np.array(momenta), axis=0) / plan.dt
-    if mode == "flying":  # about a base that stands still: the force's lever is in it already
+    if mode == "flying":  # the base is at rest
         assert np.abs(plan.q[:, :7] - plan.q[0, :7]).max() < 1e-12
     middles = 0.5 * (plan.q[1:] + plan.q[:-1])
     flow = 0.0
@@ -127,11 +127,11 @@ def test_a_plan_says_what_it_uses(mode: str) -> None:
     assert plan.wheel_energy == 0.0
 
 
-def test_nothing_is_used_where_nothing_is_held(tmp_path: Any) -> None:
+def test_a_floating_plan_uses_no_propellant(tmp_path: Any) -> None:
     sms = ffsms.load("planar_3r").with_actuators(thrusters=thrusters())
     q0 = sms.configuration(np.radians([1.0, 1.0, 1.0]))
     plan = opt.plan(sms, q0, [0.7, 0.5, 0.0], 8.0, 0.1, method="resolved-rate")
     assert plan.propellant == 0.0
-    held = opt.plan(sms, q0, [0.7, 0.5, 0.0], 8.0, 0.1, method="resolved-rate", mode="flying")
-    held.save(tmp_path / "plan.npz")
-    assert opt.Trajectory.load(tmp_path / "plan.npz").propellant == held.propellant > 0.0
+    flying = opt.plan(sms, q0, [0.7, 0.5, 0.0], 8.0, 0.1, method="resolved-rate", mode="flying")
+    flying.save(tmp_path / "plan.npz")
+    assert opt.Trajectory.load(tmp_path / "plan.npz").propellant == flying.propellant > 0.0

@@ -24,15 +24,15 @@ def test_cost_is_the_papers_formula(cos_theta: float, entropy: float, kappa: flo
 
 @given(entropies, kappas)
 def test_the_ideal_cosine_is_the_papers_formula(entropy: float, kappa: float) -> None:
-    grown = math.exp(kappa * (1.0 - entropy)) - 1.0
-    expected = -1.0 if grown <= math.exp(-kappa) else min(1.0, math.log(grown) / kappa)
-    # What is close to zero is lost in the plain formula's difference.
-    if grown > 1e-3:
+    argument = math.exp(kappa * (1.0 - entropy)) - 1.0
+    expected = -1.0 if argument <= math.exp(-kappa) else min(1.0, math.log(argument) / kappa)
+    # Near zero the difference in the plain formula loses digits.
+    if argument > 1e-3:
         assert ideal_cosine(entropy, kappa) == pytest.approx(expected, abs=1e-9)
 
 
 @given(entropies, st.floats(0.01, 1e6))
-def test_cost_vanishes_at_the_ideal_cosine_or_is_least_there(entropy: float, kappa: float) -> None:
+def test_the_cost_is_zero_or_least_at_the_ideal_cosine(entropy: float, kappa: float) -> None:
     best = ideal_cosine(entropy, kappa)
     assert -1.0 <= best <= 1.0
     least = step_cost(best, entropy, kappa)
@@ -43,10 +43,10 @@ def test_cost_vanishes_at_the_ideal_cosine_or_is_least_there(entropy: float, kap
 
 
 @pytest.mark.parametrize("kappa", [15.0, 30.0, 200.0])
-@pytest.mark.parametrize("lack", [1e-8, 1e-11, 1e-14])
-def test_the_ideal_cosine_where_the_entropy_is_nearly_one(kappa: float, lack: float) -> None:
-    """The formula down to -1, and the one that the kernel's marches have."""
-    entropy = 1.0 - lack
+@pytest.mark.parametrize("deficit", [1e-8, 1e-11, 1e-14])
+def test_the_ideal_cosine_with_an_entropy_near_one(kappa: float, deficit: float) -> None:
+    """Check the formula down to -1, and the kernel's implementation."""
+    entropy = 1.0 - deficit
     expected = max(-1.0, math.log(math.expm1(kappa * (1.0 - entropy))) / kappa)
     assert ideal_cosine(entropy, kappa) == pytest.approx(expected, abs=1e-12)
     assert kernel.ideal_cosine(entropy, kappa) == ideal_cosine(entropy, kappa)

@@ -1,6 +1,6 @@
-"""What every term and every limit has to pass in plans and in steps, with it and without.
+"""Plans and steps with and without each term and limit, packaged and custom (`own_parts`).
 
-The packaged ones and two of one's own (`own_parts`). Their slopes are in `test_part_slopes.py`.
+Their derivatives are checked in `test_part_slopes.py`.
 """
 
 from __future__ import annotations
@@ -32,60 +32,59 @@ from ffsms_pin.opt.step.stepper import Stepper
 from ffsms_pin.opt.trajectory import measure
 
 Free = Callable[[str], opt.Trajectory]
-Marched = Callable[[str], FloatArray]
+StepRates = Callable[[str], FloatArray]
 
 
 @pytest.fixture(scope="module")
 def free(planar: ffsms.SpaceManipulator) -> Free:
-    """The plan that nothing but its joints limits, in the mode of a part."""
-    found: dict[str, opt.Trajectory] = {}
+    """The plans with joint limits alone, by the mode of a part."""
+    cache: dict[str, opt.Trajectory] = {}
 
     def plan(part: str) -> opt.Trajectory:
         mode = MODES.get(part, "floating")
-        if mode not in found:
-            found[mode] = opt.solve(problem_of(planar, part))
-        return found[mode]
+        if mode not in cache:
+            cache[mode] = opt.solve(problem_of(planar, part))
+        return cache[mode]
 
     return plan
 
 
 @pytest.fixture(scope="module")
-def plan_stepwise(planar: ffsms.SpaceManipulator) -> Marched:
-    """Joint rates of a march that nothing but its joints limits, in the mode of a part."""
-    found: dict[str, FloatArray] = {}
+def plan_stepwise(planar: ffsms.SpaceManipulator) -> StepRates:
+    """The joint rates of rollouts with joint limits alone, by the mode of a part."""
+    cache: dict[str, FloatArray] = {}
 
     def rates(part: str) -> FloatArray:
         mode = MODES.get(part, "floating")
-        if mode not in found:
-            found[mode] = rates_of_march(problem_of(planar, part))
-        return found[mode]
+        if mode not in cache:
+            cache[mode] = rates_of_march(problem_of(planar, part))
+        return cache[mode]
 
     return rates
 
 
 @pytest.mark.parametrize("name", list(TERMS))
-def test_a_term_is_smaller_with_it_than_without(
-    name: str, planar: ffsms.SpaceManipulator, free: Free
-) -> None:
+def test_a_term_lowers_its_share(name: str, planar: ffsms.SpaceManipulator, free: Free) -> None:
     term = TERMS[name]
     plain: list[opt.Term] = [opt.Smooth(), opt.Effort()]
-    if isinstance(term, (opt.Coupling, opt.Effort)):  # what the usual plan spares already
-        plain = [one for one in (*plain, opt.Coupling()) if one.name != term.name]
+    if isinstance(term, (opt.Coupling, opt.Effort)):  # included in the default terms
+        plain = [other for other in (*plain, opt.Coupling()) if other.name != term.name]
         without = opt.solve(problem_of(planar, terms=plain))
         share = replace(measure(problem_of(planar, terms=[term]), without.joint_rates)).shares[term.name]
     else:
         plain.append(opt.Coupling())
         share = term.share(finished(problem_of(planar, name), free(name).joint_rates))
-    terms = [one for one in plain if one.name != term.name] + [term]
+    terms = [other for other in plain if other.name != term.name] + [term]
     plan = opt.solve(problem_of(planar, name, terms=terms))
     assert plan.reached
-    assert plan.shares.keys() == {one.name for one in terms}
+    assert plan.shares.keys() == {other.name for other in terms}
     assert plan.shares[term.name] < 0.9 * share
 
 
 @pytest.mark.parametrize("name", list(TERMS))
-def test_shares_are_integrals_of_squares(name: str, planar: ffsms.SpaceManipulator, free: Free) -> None:
-    """Worked out from the trajectory's own arrays."""
+def test_shares_agree_with_the_arrays_of_the_trajectory(
+    name: str, planar: ffsms.SpaceManipulator, free: Free
+) -> None:
     term, T = TERMS[name], 6.0
     if isinstance(term, (opt.WheelEnergy, opt.Propellant)):
         term = replace(term, rounding=1e-7)
@@ -93,11 +92,11 @@ def test_shares_are_integrals_of_squares(name: str, planar: ffsms.SpaceManipulat
     rates, accelerations = plan.joint_rates, plan.joint_accelerations
     middles = 0.5 * (rates[1:] + rates[:-1])
     spins = np.sum(plan.v[:, 3:6] ** 2, axis=1)
-    looks = []
+    alignments = []
     for q in plan.q:
         pose = planar.at(q).end_effector_pose
-        way = np.array(POINT) - pose.translation
-        looks.append(1.0 - pose.rotation[:, 0] @ way / np.linalg.norm(way))
+        displacement = np.array(POINT) - pose.translation
+        alignments.append(1.0 - pose.rotation[:, 0] @ displacement / np.linalg.norm(displacement))
     expected = {
         "coupling": plan.cost_integral,
         "soft coupling": 2.0 * plan.cost_integral,
@@ -108,7 +107,7 @@ def test_shares_are_integrals_of_squares(name: str, planar: ffsms.SpaceManipulat
         * plan.dt
         / 6.0,
         "base turn": 32.0 * 100.0 * (T / 8.0) ** 2 * np.trapezoid(spins, plan.t),
-        "own": 10.0 * np.trapezoid(looks, plan.t),
+        "own": 10.0 * np.trapezoid(alignments, plan.t),
         "wheel momentum": 3.0 * (T / 8.0) ** 2 * np.trapezoid(np.sum(plan.wheel_momentum**2, axis=1), plan.t),
         "wheel energy": 3.0 * (T / 8.0) ** 3 * plan.wheel_energy,
         **dict.fromkeys(
@@ -120,49 +119,49 @@ def test_shares_are_integrals_of_squares(name: str, planar: ffsms.SpaceManipulat
 
 
 @pytest.mark.parametrize("name", list(LIMITS))
-def test_plans_keep_a_limit_and_break_it_without(
+def test_plans_keep_a_limit_that_free_plans_violate(
     name: str, planar: ffsms.SpaceManipulator, free: Free
 ) -> None:
-    problem, usual = problem_of(planar, name), free(name)
-    sms, limit = LIMITS[name](planar, use_of(problem, usual.joint_rates))
+    problem, unconstrained = problem_of(planar, name), free(name)
+    sms, limit = LIMITS[name](planar, use_of(problem, unconstrained.joint_rates))
     limits = [limit] if name == "joints" else [opt.JointLimits(), limit]
-    held = problem_of(sms, name, limits=limits)
-    without = measure(held, usual.joint_rates)
+    limited = problem_of(sms, name, limits=limits)
+    without = measure(limited, unconstrained.joint_rates)
     assert not without.reached
     assert not without.clear
     assert without.broken.keys() == {limit.name}
     assert without.note
-    plan = opt.solve(held, HASTY)
+    plan = opt.solve(limited, HASTY)
     assert plan.reached, plan.note
     assert plan.broken == {}
     assert (plan.note == "") == plan.within_tolerance
-    # It is used nearly up, or binds nowhere because the way led round it.
+    # The limit is active, or the plan avoids it.
     instants = plan.binding.get(limit.name, np.empty(0))
     assert ((instants >= 0.0) & (instants <= 6.0)).all()
 
 
 @pytest.mark.parametrize("name", STEPPED)
-def test_marches_keep_a_limit_and_break_it_without(
-    name: str, planar: ffsms.SpaceManipulator, plan_stepwise: Marched
+def test_rollouts_keep_a_limit_that_free_rollouts_violate(
+    name: str, planar: ffsms.SpaceManipulator, plan_stepwise: StepRates
 ) -> None:
-    problem, usual = problem_of(planar, name), plan_stepwise(name)
-    sms, limit = LIMITS[name](planar, use_of(problem, usual))
+    problem, unconstrained = problem_of(planar, name), plan_stepwise(name)
+    sms, limit = LIMITS[name](planar, use_of(problem, unconstrained))
     limits = [limit] if name == "joints" else [opt.JointLimits(), limit]
-    held = problem_of(sms, name, limits=limits)
-    assert measure(held, usual).broken.keys() == {limit.name}
-    rates = rates_of_march(held)
-    plan = measure(held, rates)
+    limited = problem_of(sms, name, limits=limits)
+    assert measure(limited, unconstrained).broken.keys() == {limit.name}
+    rates = rates_of_march(limited)
+    plan = measure(limited, rates)
     assert plan.broken == {}, plan.note
-    # The arm goes as far as it may: it does not just stay.
+    # The arm moves.
     assert np.abs(rates).max() > 0.02
 
 
 @pytest.mark.parametrize("name", STEPPED)
 def test_steps_at_rest_within_a_limit_may_stay_at_rest(name: str, planar: ffsms.SpaceManipulator) -> None:
-    """Rows of a motion's start, where nothing is used up, allow zero rates."""
+    """Rows at the start of a motion allow zero rates."""
     problem = problem_of(planar, name)
-    moved = np.tile([0.05, -0.04, 0.06], (problem.steps + 1, 1))
-    sms, limit = LIMITS[name](planar, use_of(problem, moved))
+    moving_rates = np.tile([0.05, -0.04, 0.06], (problem.steps + 1, 1))
+    sms, limit = LIMITS[name](planar, use_of(problem, moving_rates))
     stepper = Stepper(sms, 0.02, 10.0, [limit], mode=problem.mode)
     built = stepper.build(problem.q0, np.zeros(3), GOAL, 6.0)
     still = np.zeros(len(built.g))

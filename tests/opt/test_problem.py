@@ -30,10 +30,10 @@ def plan(planar: ffsms.SpaceManipulator, q0: FloatArray) -> opt.Trajectory:
     return opt.solve(opt.Problem(planar, q0, GOAL, 6.0, 0.02))
 
 
-# -- what a problem is ---------------------------------------------------------------------------------
+# -- construction ---------------------------------------------------------------------------------------
 
 
-def test_defaults_are_the_documented_ones(planar: ffsms.SpaceManipulator, q0: FloatArray) -> None:
+def test_defaults_agree_with_the_documentation(planar: ffsms.SpaceManipulator, q0: FloatArray) -> None:
     problem = opt.Problem(planar, q0, GOAL)
     assert (problem.duration, problem.dt, problem.steps, problem.kappa) == (12.0, 0.01, 1200, 10.0)
     assert problem.terms == (opt.Coupling(), opt.Smooth(), opt.Effort())
@@ -42,20 +42,18 @@ def test_defaults_are_the_documented_ones(planar: ffsms.SpaceManipulator, q0: Fl
     assert problem.momentum is None
     assert not problem.joint_rates.any()
     assert problem.free.all()
-    # No momentum and a momentum of zero are the same.
+    # A momentum of zero is stored as None.
     assert opt.Problem(planar, q0, GOAL, momentum=np.zeros(6)).momentum is None
-    # A whole number of steps makes up the duration.
+    # The step is adapted to a whole number of steps.
     assert opt.Problem(planar, q0, GOAL, 1.0, 0.3).dt == pytest.approx(1.0 / 3.0)
     longer = problem.lasting(24.0)
     assert (longer.duration, longer.steps) == (24.0, 1200)
 
 
-def test_it_is_frozen_and_takes_no_part_in_what_it_was_made_of(
-    planar: ffsms.SpaceManipulator, q0: FloatArray
-) -> None:
-    given, rates, terms = q0.copy(), np.array([0.1, 0.0, 0.0]), list[opt.Term]([opt.Coupling()])
-    problem = opt.Problem(planar, given, GOAL, joint_rates=rates, terms=terms)
-    given[7:], rates[:] = 9.0, 9.0
+def test_a_problem_is_frozen_and_copies_its_arguments(planar: ffsms.SpaceManipulator, q0: FloatArray) -> None:
+    arguments, rates, terms = q0.copy(), np.array([0.1, 0.0, 0.0]), list[opt.Term]([opt.Coupling()])
+    problem = opt.Problem(planar, arguments, GOAL, joint_rates=rates, terms=terms)
+    arguments[7:], rates[:] = 9.0, 9.0
     terms.append(opt.Smooth())
     np.testing.assert_array_equal(problem.q0, q0)
     np.testing.assert_array_equal(problem.joint_rates, [0.1, 0.0, 0.0])
@@ -67,7 +65,7 @@ def test_it_is_frozen_and_takes_no_part_in_what_it_was_made_of(
 
 
 class Nothing:
-    """Neither a term nor a limit."""
+    """An object that is neither a term nor a limit."""
 
     name = "nothing"
 
@@ -76,7 +74,7 @@ MIRROR = pin.SE3(np.diag([1.0, 1.0, -1.0]), np.zeros(3))
 
 
 @pytest.mark.parametrize(
-    ("change", "words"),
+    ("change", "message"),
     [
         ({"sms": "planar_3r"}, ("sms", "SpaceManipulator")),
         ({"q0": np.zeros(3)}, ("q0",)),
@@ -107,19 +105,19 @@ MIRROR = pin.SE3(np.diag([1.0, 1.0, -1.0]), np.zeros(3))
         ({"extra_margins": {"clearance": -0.1}}, ("extra_margins['clearance']",)),
     ],
 )
-def test_what_is_wrong_is_named(
+def test_wrong_arguments_are_named(
     change: dict[str, Any],
-    words: tuple[str, ...],
+    message: tuple[str, ...],
     planar: ffsms.SpaceManipulator,
     q0: FloatArray,
     refused: Callable[..., FfsmsError],
 ) -> None:
-    given: dict[str, Any] = {"sms": planar, "q0": q0, "goal": GOAL} | change
-    refused(lambda: opt.Problem(**given), InvalidValue, *words)
+    arguments: dict[str, Any] = {"sms": planar, "q0": q0, "goal": GOAL} | change
+    refused(lambda: opt.Problem(**arguments), InvalidValue, *message)
 
 
 @pytest.mark.parametrize(
-    ("make", "word"),
+    ("make", "name"),
     [
         (lambda: opt.Coupling(0.0), "kappa"),
         (lambda: opt.Coupling(weight=-1.0), "weight"),
@@ -133,12 +131,12 @@ def test_what_is_wrong_is_named(
         (lambda: opt.Pose(pin.SE3.Identity(), orientation_reach=0.0), "orientation_reach"),
     ],
 )
-def test_parts_and_goals_are_checked_when_they_are_made(make: Callable[[], Any], word: str) -> None:
-    with pytest.raises(InvalidValue, match=word):
+def test_terms_and_goals_are_checked_at_construction(make: Callable[[], Any], name: str) -> None:
+    with pytest.raises(InvalidValue, match=name):
         make()
 
 
-def test_a_start_outside_the_joint_limits(planar: ffsms.SpaceManipulator) -> None:
+def test_a_start_outside_the_joint_limits_is_refused(planar: ffsms.SpaceManipulator) -> None:
     outside = planar.configuration([1.5, 0.0, 0.0])
     with pytest.raises(InvalidValue, match=r"joint 'joint_1'.*1\.5"):
         opt.Problem(planar, outside, GOAL)
@@ -147,8 +145,8 @@ def test_a_start_outside_the_joint_limits(planar: ffsms.SpaceManipulator) -> Non
 
 def test_a_moving_goal_has_the_velocity_of_its_path() -> None:
     def path(t: float) -> Any:
-        turned = pin.exp3(np.array([0.0, 0.1 * t, 0.0])) @ pin.exp3(np.array([0.0, 0.0, 0.2]))
-        return pin.SE3(turned, np.array([np.sin(t), t * t, 1.0]))
+        rotation = pin.exp3(np.array([0.0, 0.1 * t, 0.0])) @ pin.exp3(np.array([0.0, 0.0, 0.2]))
+        return pin.SE3(rotation, np.array([np.sin(t), t * t, 1.0]))
 
     place = opt.Moving(path).place(0.7)
     np.testing.assert_allclose(place.position, path(0.7).translation)
@@ -197,12 +195,14 @@ def test_plan_and_solve_give_the_same_bits(
     same(planned, opt.solve(problem))
 
 
-def test_shares_and_what_binds(planar: ffsms.SpaceManipulator, q0: FloatArray, plan: opt.Trajectory) -> None:
+def test_shares_and_active_instants(
+    planar: ffsms.SpaceManipulator, q0: FloatArray, plan: opt.Trajectory
+) -> None:
     assert plan.shares.keys() == {"coupling", "smooth", "effort"}
     assert plan.shares["coupling"] == pytest.approx(plan.cost_integral, rel=1e-12)
     assert plan.broken == {}
     assert plan.largest_alpha == np.abs(plan.alpha).max()
-    # A joint that goes up to its rate limit within 1.6 s, keeps it for 0.8 s and comes to rest again.
+    # The joint reaches its rate limit after 1.6 s, keeps it for 0.8 s and returns to rest.
     ramp = np.clip(np.minimum(np.linspace(0.0, 4.0, 101), np.linspace(4.0, 0.0, 101)) / 1.6, 0.0, 1.0)
     rates = np.outer(ramp, [planar.limits.velocity[0], 0.0, 0.0])
     fast = measure(opt.Problem(planar, planar.configuration([-0.5, 0.7, -0.5]), GOAL, 4.0, 0.04), rates)
@@ -211,19 +211,19 @@ def test_shares_and_what_binds(planar: ffsms.SpaceManipulator, q0: FloatArray, p
     np.testing.assert_allclose(instants, np.linspace(1.6, 2.4, 41), atol=1e-9)
 
 
-def test_shares_of_a_broken_and_own_parts_are_kept_in_the_file(
+def test_files_keep_shares_and_violations_of_custom_parts(
     planar: ffsms.SpaceManipulator, q0: FloatArray, plan: opt.Trajectory, tmp_path: Path
 ) -> None:
     terms = [opt.Coupling(), LookAt((0.3, 1.2, 0.0))]
     limits = [opt.JointLimits(), AbovePlane((0.0, 1.0, 0.0), 0.52), opt.Clearance(0.5)]
     problem = opt.Problem(planar, q0, GOAL, 6.0, 0.02, terms=terms, limits=limits)
-    told = measure(problem, plan.joint_rates)
-    assert told.shares.keys() == {"coupling", "look at"}
-    assert told.broken.keys() == {"plane", "clearance"}
-    assert {"plane", "clearance"} <= told.binding.keys()
-    assert "below the plane" in told.note
-    assert not told.reached
-    told.save(tmp_path / "told.npz")
-    again = opt.Trajectory.load(tmp_path / "told.npz")
-    same(again, told)
-    assert again.largest_alpha == told.largest_alpha
+    judged = measure(problem, plan.joint_rates)
+    assert judged.shares.keys() == {"coupling", "look at"}
+    assert judged.broken.keys() == {"plane", "clearance"}
+    assert {"plane", "clearance"} <= judged.binding.keys()
+    assert "below the plane" in judged.note
+    assert not judged.reached
+    judged.save(tmp_path / "judged.npz")
+    loaded = opt.Trajectory.load(tmp_path / "judged.npz")
+    same(loaded, judged)
+    assert loaded.largest_alpha == judged.largest_alpha

@@ -1,4 +1,4 @@
-"""The solvers know no term and no limit, neither by class nor by name, and plans do not depend on these."""
+"""Solvers refer to no term or limit by class or name, and plans do not depend on classes and names."""
 
 from __future__ import annotations
 
@@ -20,25 +20,25 @@ import ffsms_pin as ffsms
 from ffsms_pin import opt
 
 ROOT = Path(opt.__file__).parent
-# What users call, and what hands over to the solvers: these build parts from arguments, and ask none.
-FRONT = {"plans.py", "replan/step_planner.py"}
+# The user interface builds terms and limits from arguments.
+INTERFACE = {"plans.py", "replan/step_planner.py"}
 
 
-def every_part() -> set[type]:
-    """All terms and limits of the library."""
+def all_parts() -> set[type]:
+    """Return all terms and limits of the library."""
     for module in pkgutil.walk_packages([str(ROOT)], "ffsms_pin.opt."):
         importlib.import_module(module.name)
-    ahead, found = [*opt.Term.__subclasses__(), *opt.Limit.__subclasses__()], set()
-    while ahead:
-        one = ahead.pop()
-        ahead += one.__subclasses__()
-        found |= {one} if one.__module__.startswith("ffsms_pin.opt.") else set()
-    return found
+    pending, parts = [*opt.Term.__subclasses__(), *opt.Limit.__subclasses__()], set()
+    while pending:
+        part = pending.pop()
+        pending += part.__subclasses__()
+        parts |= {part} if part.__module__.startswith("ffsms_pin.opt.") else set()
+    return parts
 
 
-PARTS = every_part()
-CLASSES = {one.__name__ for one in PARTS}
-NAMES = {name for one in PARTS if isinstance(name := getattr(one, "name", None), str) and name}
+PARTS = all_parts()
+CLASSES = {part.__name__ for part in PARTS}
+NAMES = {name for part in PARTS if isinstance(name := getattr(part, "name", None), str) and name}
 
 
 def solver_files() -> list[Path]:
@@ -46,54 +46,56 @@ def solver_files() -> list[Path]:
     return sorted([*files, ROOT / "trajectory.py", ROOT / "plans.py"])
 
 
-def classes_asked_for(tree: ast.AST) -> Iterator[str]:
-    """Names in calls of isinstance and issubclass, and beside `type(x) is`."""
+def compared_classes(tree: ast.AST) -> Iterator[str]:
+    """Yield names in calls of isinstance and issubclass, and beside `type(x) is`."""
     for node in ast.walk(tree):
-        asked = isinstance(node, ast.Call) and getattr(node.func, "id", "") in ("isinstance", "issubclass")
+        is_check = isinstance(node, ast.Call) and getattr(node.func, "id", "") in ("isinstance", "issubclass")
         of_type = isinstance(node, ast.Compare) and "type(" in ast.unparse(node)
-        if asked or of_type:
-            yield from (one.id for one in ast.walk(node) if isinstance(one, ast.Name))
-            yield from (one.attr for one in ast.walk(node) if isinstance(one, ast.Attribute))
+        if is_check or of_type:
+            yield from (child.id for child in ast.walk(node) if isinstance(child, ast.Name))
+            yield from (child.attr for child in ast.walk(node) if isinstance(child, ast.Attribute))
 
 
-def imported(tree: ast.AST) -> Iterator[str]:
-    """What is imported from the library's parts."""
+def imported_parts(tree: ast.AST) -> Iterator[str]:
+    """Yield names that are imported from `ffsms_pin.opt`, except from re-planning."""
     for node in ast.walk(tree):
         if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("ffsms_pin.opt"):
-            own = (node.module or "").startswith("ffsms_pin.opt.replan")  # re-planning has a term of its own
-            yield from () if own else (one.name for one in node.names)
+            internal = (node.module or "").startswith("ffsms_pin.opt.replan")  # re-planning has its own term
+            yield from () if internal else (alias.name for alias in node.names)
 
 
-def texts(tree: ast.AST) -> Iterator[str]:
-    """Text constants that are no docstrings."""
-    said = {id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr)}
+def string_constants(tree: ast.AST) -> Iterator[str]:
+    """Yield string constants that are no docstrings."""
+    docstrings = {id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr)}
     for node in ast.walk(tree):
-        if isinstance(node, ast.Constant) and isinstance(node.value, str) and id(node) not in said:
+        if isinstance(node, ast.Constant) and isinstance(node.value, str) and id(node) not in docstrings:
             yield node.value
 
 
-def test_there_are_parts_and_solvers() -> None:
+def test_parts_and_solvers_are_listed() -> None:
     assert {"Coupling", "JointLimits", "Clearance", "BaseLimits", "WheelLimits"} <= CLASSES
     assert {"coupling", "joints", "clearance", "wheels"} <= NAMES
     assert len(solver_files()) > 15
 
 
 @pytest.mark.parametrize("path", solver_files(), ids=lambda path: path.relative_to(ROOT).as_posix())
-def test_no_solver_knows_a_part(path: Path) -> None:
+def test_solvers_refer_to_no_part(path: Path) -> None:
     tree, name = ast.parse(path.read_text(encoding="utf-8")), path.relative_to(ROOT).as_posix()
     if name == "replan/options.py":
         return  # numbers, and a part itself
-    # A waypoint may be given as its place, options of `plan` have names of a limit and a term, and a problem
-    # that is re-planned gets the box of alpha.
-    front = {"Waypoint", "via", "base", "effort", "clearance", "AlphaBox", "path"} if name in FRONT else set()
-    front |= {"path"} if name == "trajectory.py" else set()  # it is judged along a path
-    assert not CLASSES & set(classes_asked_for(tree)) - front
-    assert name in FRONT or not CLASSES & set(imported(tree)) - front
-    assert not NAMES & set(texts(tree)) - front
+    # Waypoints may be positions, options of `plan` have names of a limit and a term, and re-planned problems
+    # get the box of alpha.
+    allowed = (
+        {"Waypoint", "via", "base", "effort", "clearance", "AlphaBox", "path"} if name in INTERFACE else set()
+    )
+    allowed |= {"path"} if name == "trajectory.py" else set()  # motions are judged along a path
+    assert not CLASSES & set(compared_classes(tree)) - allowed
+    assert name in INTERFACE or not CLASSES & set(imported_parts(tree)) - allowed
+    assert not NAMES & set(string_constants(tree)) - allowed
 
 
-# What a limit says of itself beside its methods.
-ASKED = (
+# The attributes of a limit.
+LIMIT_ATTRIBUTES = (
     "margin",
     "ends",
     "joint_bounds",
@@ -107,17 +109,17 @@ ASKED = (
 )
 
 
-def own_limit(limit: opt.Limit, called: str = "my own") -> opt.Limit:
-    """A limit of the user's own, under another name, that answers what another one answers."""
+def custom_limit(limit: opt.Limit, name_: str = "my own") -> opt.Limit:
+    """Return a custom limit under another name that delegates to `limit`."""
 
-    class Own(opt.Limit):
+    class Custom(opt.Limit):
         def __init__(self, inner: opt.Limit) -> None:
-            self.inner, self.name = inner, called
-            for name in ASKED:
+            self.inner, self.name = inner, name_
+            for name in LIMIT_ATTRIBUTES:
                 setattr(self, name, getattr(inner, name))
 
         def for_robot(self, sms: ffsms.SpaceManipulator) -> opt.Limit:
-            return Own(self.inner.for_robot(sms))
+            return Custom(self.inner.for_robot(sms))
 
         def rows(self, step: Any) -> Any:
             return self.inner.rows(step)
@@ -128,13 +130,13 @@ def own_limit(limit: opt.Limit, called: str = "my own") -> opt.Limit:
         def violation(self, motion: Any) -> opt.Violation:
             return self.inner.violation(motion)
 
-    return Own(limit)
+    return Custom(limit)
 
 
-def own_term(term: opt.Term) -> opt.Term:
-    """The same of a term."""
+def custom_term(term: opt.Term) -> opt.Term:
+    """Return a custom term that delegates to `term`."""
 
-    class Own(opt.Term):
+    class Custom(opt.Term):
         name = "my own"
 
         measures_cost, kappa, smooths = term.measures_cost, term.kappa, term.smooths
@@ -152,25 +154,25 @@ def own_term(term: opt.Term) -> opt.Term:
         def share(self, motion: Any) -> float:
             return term.share(motion)
 
-    return Own()
+    return Custom()
 
 
 def ball(x: float, y: float) -> opt.Obstacle:
     return opt.Obstacle(coal.Sphere(0.05), pin.SE3(np.eye(3), np.array([x, y, 0.0])))
 
 
-def tight(sms: ffsms.SpaceManipulator, **limits: float) -> ffsms.SpaceManipulator:
+def limited_robot(sms: ffsms.SpaceManipulator, **limits: float) -> ffsms.SpaceManipulator:
     return sms.with_limits(replace(sms.limits, **{name: np.full(3, x) for name, x in limits.items()}))
 
 
-# What is limited, and the robot as it has to be for that to bind.
+# A limit, and a robot for which the limit is active.
 LIMITS: dict[str, tuple[opt.Limit, Callable[[ffsms.SpaceManipulator], ffsms.SpaceManipulator]]] = {
     "joints": (opt.JointLimits(), lambda sms: sms),
-    "torques": (opt.TorqueLimits(), lambda sms: tight(sms, torque=0.01)),
+    "torques": (opt.TorqueLimits(), lambda sms: limited_robot(sms, torque=0.01)),
     "clearance": (opt.Clearance(obstacles=[ball(0.8, 0.15)]), lambda sms: sms),
     "base": (opt.BaseLimits(0.15, 0.1, 0.05, 0.05), lambda sms: sms),
     "wheels": (opt.WheelLimits(), lambda sms: acting(sms, momentum=0.03, torque=0.02)),
-    "alpha box": (opt.AlphaBox(), lambda sms: tight(sms, velocity=5.0, acceleration=50.0)),
+    "alpha box": (opt.AlphaBox(), lambda sms: limited_robot(sms, velocity=5.0, acceleration=50.0)),
     "also": (opt.FrameGoal("joint_3", [0.63, 0.32, 0.0]), lambda sms: sms),
     "via": (opt.Waypoint([0.85, 0.3, 0.0], reach=0.05), lambda sms: sms),
     "via, timed": (opt.Waypoint([0.85, 0.3, 0.0], time=3.0, reach=0.05), lambda sms: sms),
@@ -186,45 +188,58 @@ TERMS: dict[str, opt.Term] = {
 
 
 def same(plans: list[opt.Trajectory], names: dict[str, str]) -> None:
-    ours, other = plans
-    np.testing.assert_array_equal(other.joint_rates, ours.joint_rates)
-    np.testing.assert_array_equal(other.base_rotation, ours.base_rotation)
-    assert (other.reached, other.note, other.kappa) == (ours.reached, ours.note, ours.kappa)
-    assert list(other.shares) == [names.get(key, key) for key in ours.shares]
-    assert list(other.shares.values()) == list(ours.shares.values())
-    assert [names.get(key, key) for key in ours.binding] == list(other.binding)
+    packaged, other = plans
+    np.testing.assert_array_equal(other.joint_rates, packaged.joint_rates)
+    np.testing.assert_array_equal(other.base_rotation, packaged.base_rotation)
+    assert (other.reached, other.note, other.kappa) == (packaged.reached, packaged.note, packaged.kappa)
+    assert list(other.shares) == [names.get(key, key) for key in packaged.shares]
+    assert list(other.shares.values()) == list(packaged.shares.values())
+    assert [names.get(key, key) for key in packaged.binding] == list(other.binding)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("which", [*LIMITS, *TERMS])
-def test_a_part_of_ones_own_gives_the_same_plan(planar: ffsms.SpaceManipulator, which: str) -> None:
-    part, robot = LIMITS.get(which, (None, acting))
-    sms, name = robot(planar), which.partition(",")[0]
+@pytest.mark.parametrize("part_name", [*LIMITS, *TERMS])
+def test_a_custom_part_gives_the_same_plan(planar: ffsms.SpaceManipulator, part_name: str) -> None:
+    part, robot = LIMITS.get(part_name, (None, acting))
+    sms, name = robot(planar), part_name.partition(",")[0]
     mode = {"wheels": "rotation-floating", "wheel energy": "rotation-floating", "propellant": "flying"}
     parts: list[opt.Limit] = [opt.JointLimits(), opt.Clearance()]
-    limits = [one for one in parts if part is None or one.name != name] + ([part] if part else [])
-    terms: list[opt.Term] = [one for one in (opt.Coupling(), opt.Smooth(), opt.Effort()) if one.name != which]
-    terms += [TERMS[which]] if which in TERMS else []
+    limits = [limit for limit in parts if part is None or limit.name != name] + ([part] if part else [])
+    terms: list[opt.Term] = [
+        term for term in (opt.Coupling(), opt.Smooth(), opt.Effort()) if term.name != part_name
+    ]
+    terms += [TERMS[part_name]] if part_name in TERMS else []
     plans, goal = [], [0.75, 0.5, 0.0]
-    for own in (False, True):
-        # Of wheels' own limits the problem adds one by that name where it is not there.
-        kept = [
-            own_limit(one, name if name == "wheels" else "my own") if own and one is part else one
-            for one in limits
+    for custom in (False, True):
+        # The problem adds wheel limits unless a limit has their name.
+        chosen_limits = [
+            custom_limit(limit, name if name == "wheels" else "my own") if custom and limit is part else limit
+            for limit in limits
         ]
-        sought = [own_term(one) if own and one is TERMS.get(which) else one for one in terms]
+        chosen_terms = [
+            custom_term(term) if custom and term is TERMS.get(part_name) else term for term in terms
+        ]
         q0 = sms.configuration([0.2, 0.4, -0.3])
-        duration = {"alpha box": 0.8, "joints": 3.0}.get(which, 6.0)
+        duration = {"alpha box": 0.8, "joints": 3.0}.get(part_name, 6.0)
         problem = opt.Problem(
-            sms, q0, goal, duration, duration / 120, sought, kept, mode=mode.get(which, "floating")
+            sms,
+            q0,
+            goal,
+            duration,
+            duration / 120,
+            chosen_terms,
+            chosen_limits,
+            mode=mode.get(part_name, "floating"),
         )
         plans.append(opt.solve(problem))
     same(plans, {} if name == "wheels" else {name: "my own"})
-    assert part is None or name in plans[0].binding or name in ("also", "via")  # which are passed well inside
+    assert (
+        part is None or name in plans[0].binding or name in ("also", "via")
+    )  # the last two are met with slack
 
 
-class Turn(opt.Inequality):
-    """The base turns by no more than 0.15 rad, as `opt.BaseLimits` has it; attributes as documented."""
+class BaseAttitudeLimit(opt.Inequality):
+    """The limit of `opt.BaseLimits(0.15)` as a formula with the documented attributes."""
 
     name, unit, holds_attitude, of_paper = "base", "rad", True, False
     margin, scale, absolute_margin, softness, trusted = 0.03 * 0.08, 0.15 / 0.03, 0.08 * 0.15, 0.1, 0.02
@@ -233,8 +248,8 @@ class Turn(opt.Inequality):
         return 0.15 - m.base.angle_from(m.rotation_start)
 
 
-class Weak(opt.Inequality):
-    """Joints of 0.01 N m, as `opt.TorqueLimits` has it."""
+class TorqueLimit(opt.Inequality):
+    """The limit of `opt.TorqueLimits` as a formula, for joints of 0.01 N m."""
 
     name, eased_by_time = "torques", True
     margin, scale, absolute_margin, largest_extra_margin = 0.03 * 0.08, 1.0 / 0.03, 0.08, 0.5 - 0.08
@@ -243,30 +258,32 @@ class Weak(opt.Inequality):
         return 1.0 - abs(m.torques) / np.full(3, 0.01)
 
 
-@pytest.mark.parametrize(("limit", "formula"), [(opt.BaseLimits(0.15), Turn()), (opt.TorqueLimits(), Weak())])
-def test_a_formula_of_ones_own_gives_the_same_plan(
+@pytest.mark.parametrize(
+    ("limit", "formula"), [(opt.BaseLimits(0.15), BaseAttitudeLimit()), (opt.TorqueLimits(), TorqueLimit())]
+)
+def test_a_custom_formula_gives_the_same_plan(
     planar: ffsms.SpaceManipulator, limit: opt.Limit, formula: opt.Limit
 ) -> None:
-    sms, plans = tight(planar, torque=0.01), []
-    for one in (limit, formula):
+    sms, plans = limited_robot(planar, torque=0.01), []
+    for limit_ in (limit, formula):
         q0 = sms.configuration([0.2, 0.4, -0.3])
-        problem = opt.Problem(sms, q0, [0.75, 0.5, 0.0], 6.0, 0.02, limits=[opt.JointLimits(), one])
+        problem = opt.Problem(sms, q0, [0.75, 0.5, 0.0], 6.0, 0.02, limits=[opt.JointLimits(), limit_])
         plans.append(opt.solve(problem))
     assert plans[0].reached
     np.testing.assert_array_equal(plans[1].joint_rates, plans[0].joint_rates)
 
 
-def test_a_corridor_of_ones_own_gives_the_same_plan() -> None:
+def test_a_custom_corridor_gives_the_same_plan() -> None:
     panda = ffsms.load("satellite_panda")
     q0 = panda.home()
     tip = panda.at(q0).end_effector_pose
 
-    class Mine(opt.Meet):
+    class CustomMeet(opt.Meet):
         def limits(self, duration: float) -> tuple[opt.Limit, ...]:
-            return tuple(own_limit(one, one.name) for one in super().limits(duration))
+            return tuple(custom_limit(limit, limit.name) for limit in super().limits(duration))
 
     plans = []
-    for kind in (opt.Meet, Mine):
+    for kind in (opt.Meet, CustomMeet):
         grasp = pin.SE3(tip.rotation, tip.translation + np.array([0.05, 0.05, 0.0]))
         client = ffsms.Client(30.0, np.diag([1.0, 1.2, 1.5]), grasp, [0.002, 0.0, 0.0, 0.0, 0.0, 0.01])
         limits = [opt.JointLimits()]

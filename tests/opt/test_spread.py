@@ -1,4 +1,4 @@
-"""The first-order spread of a plan's end beside motions of sampled robots."""
+"""The first-order spread of a plan's end, compared with motions of sampled robots."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ from ffsms_pin.opt.rollouts import rolled_out
 
 
 def covariance_of(sms: ffsms.SpaceManipulator, share: float) -> Any:
-    """Return that of masses, first moments and inertias off by a share each, the same for a body."""
+    """Return the covariance of inertial parameters with a common relative error for each body."""
     blocks = [share**2 * np.outer(row, row) for row in sms.inertial_parameters.reshape(-1, 10)]
-    whole = np.zeros((10 * len(blocks),) * 2)
+    covariance = np.zeros((10 * len(blocks),) * 2)
     for k, block in enumerate(blocks):
-        whole[10 * k : 10 * k + 10, 10 * k : 10 * k + 10] = block
-    return whole
+        covariance[10 * k : 10 * k + 10, 10 * k : 10 * k + 10] = block
+    return covariance
 
 
-def test_sampled_robots_end_within_the_spread(planar: ffsms.SpaceManipulator, plan: Trajectory) -> None:
+def test_the_spread_agrees_with_sampled_robots(planar: ffsms.SpaceManipulator, plan: Trajectory) -> None:
     share, rng, ends = 0.02, np.random.default_rng(3), []
     for _ in range(400):
         bodies = [
@@ -39,21 +39,23 @@ def test_sampled_robots_end_within_the_spread(planar: ffsms.SpaceManipulator, pl
         ends.append(motion.end_effector[:, 0, -1])
     sampled = np.cov(np.array(ends).T)
     spread = plan.spread(covariance_of(planar, share))
-    assert np.sqrt(spread[0, 0]) > 1e-4  # [m] so that there is something to compare
+    assert np.sqrt(spread[0, 0]) > 1e-4  # [m]
     np.testing.assert_allclose(spread[:2, :2], sampled[:2, :2], atol=0.15 * np.abs(sampled).max())
     np.testing.assert_allclose(spread[2], 0.0, atol=1e-15)
-    # Of first order: half the deviations, a quarter of the covariance.
+    # The spread is of first order: half the deviations give a quarter of the covariance.
     np.testing.assert_allclose(plan.spread(covariance_of(planar, 0.5 * share)), 0.25 * spread, atol=1e-12)
 
 
-def test_a_common_scale_moves_nothing(planar: ffsms.SpaceManipulator, plan: Trajectory) -> None:
+def test_a_common_scale_of_all_masses_gives_no_spread(
+    planar: ffsms.SpaceManipulator, plan: Trajectory
+) -> None:
     parameters = planar.inertial_parameters
     spread = plan.spread(0.01 * np.outer(parameters, parameters))
     np.testing.assert_allclose(spread, 0.0, atol=1e-16)
     np.testing.assert_array_equal(plan.spread(np.zeros((40, 40))), np.zeros((3, 3)))
 
 
-def test_a_plan_from_a_file_needs_the_robot(
+def test_the_spread_of_a_loaded_plan_requires_the_robot(
     planar: ffsms.SpaceManipulator, plan: Trajectory, tmp_path: Path, refused: Any
 ) -> None:
     plan.save(tmp_path / "plan.npz")
@@ -66,10 +68,12 @@ def test_a_plan_from_a_file_needs_the_robot(
     refused(lambda: plan.spread(np.triu(np.ones((40, 40)))), InvalidValue, "symmetric")
 
 
-def test_held_attitudes_count(planar: ffsms.SpaceManipulator, plan: Trajectory) -> None:
-    """A base that keeps its attitude moves by masses alone."""
+def test_a_driven_attitude_has_no_spread_by_inertias(
+    planar: ffsms.SpaceManipulator, plan: Trajectory
+) -> None:
+    """The motion of a base with a controlled attitude depends on masses alone."""
     inertia = np.zeros((40, 40))
     inertia[9, 9] = 0.01
-    floating, held = plan.spread(inertia), replace(plan, mode="rotation-floating").spread(inertia)
+    floating, driven = plan.spread(inertia), replace(plan, mode="rotation-floating").spread(inertia)
     assert np.trace(floating) > 1e-8
-    assert np.trace(held) == pytest.approx(0.0, abs=1e-18)
+    assert np.trace(driven) == pytest.approx(0.0, abs=1e-18)
