@@ -55,7 +55,7 @@ def test_limits_count_from_the_base_pose_of_the_first_step_after_a_reset(
 def test_rows_are_the_rate_of_the_distance(
     kind: str, panda: ffsms.SpaceManipulator, start: FloatArray
 ) -> None:
-    """With a vanishing step a row is -d|r|/dt over the joint rates, by finite differences of a roll-out."""
+    """With a vanishing step a row is -d|r|/dt over the joint rates, by finite differences of a rollout."""
     rng, h = np.random.default_rng(3), 1e-6
     q, _ = roll_out(panda, start, rng.normal(size=7), np.zeros((40, 7)), 0.01)
 
