@@ -69,4 +69,4 @@ def test_stacked_entropies_equal_single_entropies(n: int, rng: np.random.Generat
     sigma[:, 10] = 0.0
     values = entropies(sigma, n)
     expected = [entropy_of_values(column.tolist(), n) for column in sigma.T]
-    np.testing.assert_allclose(values, expected, atol=1e-14)
+    np.testing.assert_allclose(values, expected, rtol=0.0, atol=1e-14)
