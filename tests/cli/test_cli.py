@@ -1,4 +1,4 @@
-"""The command line end to end: results, tables and exit codes of a run."""
+"""Test results, tables and exit codes of `ffsms-pin run`."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ ALL = NUMBERS | {f"{name}.{ending}" for name in FIGURES for ending in ("pdf", "p
 
 
 def _ended(error: str) -> list[str]:
-    """The stages that ended; a slow machine has lines between that say how far one is."""
+    """Return the names of the finished stages, without the progress lines of a slow machine."""
     return [line.split(":")[0] for line in error.splitlines() if "% after" not in line]
 
 
@@ -85,7 +85,7 @@ def test_a_target_that_is_not_reached(
 def test_a_closed_loop_that_misses_the_target_has_not_arrived(
     quick: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """A heavy arm on a light base: the plan reaches, what follows it does not; planned again, it does."""
+    """With a wrong plant the plan reaches and the closed loop does not; with re-planning it does."""
     wrong = COARSE.replace("[control]", '[control]\nlaw = "computed-torque"').replace("3.0", "6.0")
     wrong += "[plant]\narm_mass = 3.0\nbase_mass = 0.5\n"
     quick.write_text(wrong)

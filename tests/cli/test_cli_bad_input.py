@@ -1,4 +1,4 @@
-"""Whatever is wrong with a command or its files is told in one line, and leaves nothing behind."""
+"""Test that errors of commands and their files print one line and leave no files."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from ffsms_pin.urdf import model_path
 def fails(
     capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> Callable[..., str]:
-    """Runs the command line and checks: exit code 2, one line on the error stream, nothing new on disk."""
+    """Return a function that runs a command and checks exit code 2, a one-line error and no new files."""
     monkeypatch.chdir(tmp_path)
 
     def check(*arguments: object) -> str:
@@ -91,7 +91,7 @@ def test_an_out_that_cannot_be_written(fails: Callable[..., str], quick: Path) -
     assert "is a file" in fails("run", quick, "--out", quick)
     assert "cannot be written" in fails("run", quick, "--out", quick / "below" / "a file")
     assert "must name a folder" in fails("run", quick, "--out", "")
-    # A name that no file system takes.
+    # The name is too long for the file system.
     assert "cannot be written" in fails("run", quick, "--out", "x" * 300)
 
 

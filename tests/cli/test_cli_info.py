@@ -1,4 +1,4 @@
-"""What `info`, `--help` and `--version` say."""
+"""Test the output of `info`, `--help` and `--version`."""
 
 from __future__ import annotations
 

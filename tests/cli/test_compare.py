@@ -1,4 +1,4 @@
-"""`ffsms-pin compare`: the methods side by side."""
+"""Test `ffsms-pin compare`."""
 
 from __future__ import annotations
 
@@ -50,12 +50,12 @@ def test_numbers_are_those_of_the_plans(comparison: Comparison) -> None:
         row = numbers[method]
         assert row["reached"] is made.reached
         assert row["cost_integral_s"] == made.cost_integral
-        # By another quadrature, on a fine grid.
+        # Integrate by another quadrature on a fine grid.
         t = np.linspace(0.0, made.duration, 20001)
         rates = np.array([made.sample(time)[1] for time in t])
         effort = float(np.square(rates).sum()) * (t[1] - t[0])
         assert row["joint_effort_rad2_per_s"] == pytest.approx(effort, rel=1e-3)
-        # The torques must put the kinetic energy in: by inverse dynamics of the whole system.
+        # The kinetic energy is not zero, so the torques must not be zero.
         energy = [comparison.sms.at(q, v).kinetic_energy for q, v in zip(made.q, made.v, strict=True)]
         assert max(energy) > 0.0
         assert row["torque_effort_N2m2s"] > 0.0
@@ -88,7 +88,7 @@ def test_the_papers_method_is_left_out_for_nonzero_momentum(
     printed = capsys.readouterr().out
     assert "left out: paper, which does not support momentum" in printed
     assert set(json.loads((out / "comparison.json").read_text())) == set(opt.METHODS) - {"paper"}
-    assert main(["compare", str(path), "--out", str(out), "--methods", "paper"]) == 2  # asked for by name
+    assert main(["compare", str(path), "--out", str(out), "--methods", "paper"]) == 2  # requested by name
 
 
 def test_the_reason_of_a_missed_target_is_printed(

@@ -1,4 +1,4 @@
-"""How a command ends: with one line, and a status that says whose fault it was."""
+"""Test the error line and the exit status of commands."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ LONG = f"{IN_DEGREES.lstrip()}[plan]\nduration = 300.0\ndt = 0.0005\n"
 
 
 def ends_with(monkeypatch: pytest.MonkeyPatch, error: BaseException) -> int:
-    """The status of a command that raises an error."""
+    """Return the exit status of a command that raises an error."""
 
     def run(arguments: argparse.Namespace) -> int:
         raise error
@@ -82,7 +82,7 @@ def test_signal_handlers_are_restored(monkeypatch: pytest.MonkeyPatch) -> None:
     assert callable(seen[0])
     assert signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
 
-    # A handler that somebody has set stays, and a thread cannot set one.
+    # A custom handler stays, and a command in a thread, which cannot set handlers, also works.
     def mine(*_: object) -> None:
         """Do nothing."""
 
@@ -123,7 +123,7 @@ def test_a_run_is_ended_by_a_signal(tmp_path: Path, sent: str, status: int, word
         process.kill()
     assert process.returncode == status
     *stages, last = err.splitlines()
-    assert all(line.startswith("planning: ") for line in stages)  # which may have ended by then
+    assert all(line.startswith("planning: ") for line in stages)  # planning may have finished
     assert last.startswith(f"ffsms-pin: {word}")
     assert out == ""
     assert os.listdir(tmp_path) == ["long.toml"]

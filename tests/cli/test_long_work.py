@@ -1,4 +1,4 @@
-"""Long commands speak, keep what they computed, and say beforehand what they lack."""
+"""Test progress lines, kept results and missing packages of long commands."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def test_progress_without_a_terminal_is_printed_in_lines(monkeypatch: pytest.Mon
     monkeypatch.setattr(output, "_BETWEEN_LINES", 0.1)
     with output.shown_progress(Console(file=out)) as show:
         show("planning", 0.17)
-        assert waited(lambda: out.getvalue().count("\n") >= 2, 60.0)  # also while nobody calls
+        assert waited(lambda: out.getvalue().count("\n") >= 2, 60.0)  # also between calls
         show("planning", 1.0)
         show("planning", 1.0)
     lines = out.getvalue().splitlines()

@@ -1,4 +1,4 @@
-"""The results folder under kills, links, failures on the way and other files of the same name."""
+"""Test the results folder after kills and failures, with links, and with existing files."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from pathlib import Path
 from ffsms_pin import files
 from ffsms_pin.cli import output as module
 
-if {move}:  # after so many files
+if {move}:  # kill the process after this number of files
     move, moved = module.write_atomically, []
     def write_atomically(path, write):
         if len(moved) == {move}:
@@ -39,7 +39,7 @@ with module.results_folder(Path({out!r})) as staging:
 
 
 def killed(out: Path, move: int) -> None:
-    """A run killed before its results move, or after so many of three have moved."""
+    """Run a process that is killed after `move` of its three results have been moved."""
     code = KILLED.format(out=str(out), move=move)
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, check=False, timeout=60)
     assert done.returncode == -9, done.stderr
@@ -50,7 +50,7 @@ def texts(out: Path) -> dict[str, str]:
 
 
 def fill(out: Path, names: str = "ab") -> None:
-    """A run with one file for each letter."""
+    """Write one result file for each letter."""
     with results_folder(out) as staging:
         for name in names:
             (staging / name).write_text("new")

@@ -1,4 +1,4 @@
-"""What somebody who tries the command line for the first time is told."""
+"""Test the errors of mistyped commands, arguments and names."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from ffsms_pin.cli import main
 
 
 def told(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
-    """The one line of an error."""
+    """Run a command that fails, and return its one-line error."""
     assert main(arguments) == 2
     error = capsys.readouterr().err
     assert error.count("\n") == 1

@@ -1,4 +1,4 @@
-"""The folder of results is filled whole or not at all, and progress is shown."""
+"""Test that a results folder is filled completely or not at all, and that progress is shown."""
 
 from __future__ import annotations
 

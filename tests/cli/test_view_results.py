@@ -1,4 +1,4 @@
-"""`run --show` and `view`: the scene of a results folder has what the scenario put around the robot."""
+"""Test that the scenes of `run --show` and `view` have the obstacles of the scenario."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ OBSTACLE = '[[obstacle]]\nshape = "sphere"\nradius = 0.05\nposition = [1.2, 1.0,
 
 
 def layers(page: Path) -> set[str]:
-    """Names of the layers of a page."""
+    """Return the names of the layers of a page."""
     return set(re.findall(r'"name": "(\w+)", "shown"', page.read_text("utf-8")))
 
 
@@ -29,7 +29,7 @@ def test_show_writes_the_scene_with_its_obstacles(
     assert f"to see the motion, open {out / 'view.html'}" in capsys.readouterr().out
     assert {"robot", "obstacles", "tracked_path"} <= layers(out / "view.html")
 
-    file.unlink()  # the results know by themselves
+    file.unlink()  # the results contain the scenario
     assert main(["view", str(out), "--html", str(tmp_path / "plan.html"), "--plan"]) == 0
     found = layers(tmp_path / "plan.html")
     assert "obstacles" in found

@@ -1,4 +1,4 @@
-"""docs/bases-that-act.md: its code runs as it stands, and what it says of it holds."""
+"""Run the code of docs/bases-that-act.md, and check its statements."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ TABLES = re.compile(r"^```toml\n(.*?)^```$", re.S | re.M)
 
 @pytest.mark.slow
 def test_the_examples_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """One after the other: the second goes on from the first."""
+    """Run all blocks in order, because the second block uses names of the first."""
     names = run_page(PAGE, tmp_path)
     assert set(shown(PAGE)) <= {path.name for path in tmp_path.iterdir()}
     track, plan = names["track"], names["plan"]

@@ -1,4 +1,4 @@
-"""Every Python block of README and docs runs as printed, and every command of theirs is one of ours."""
+"""Run the Python blocks of README and docs, and parse their commands."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from ffsms_pin.cli.main import parser
 
 ROOT = Path(__file__).parents[2]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
-# Run, and looked at, by tests of their own: tests/docs/test_own_parts.py and test_bases_that_act.py.
+# Pages with their own tests, tests/docs/test_own_parts.py and test_bases_that_act.py.
 OWN_TEST = {"own-parts.md", "bases-that-act.md"}
 GENERATED = {"agreement.md", "paper-map.md"}
 NAMES = [path.name for path in PAGES if path.name not in GENERATED]
@@ -49,4 +49,4 @@ def test_commands_can_be_parsed(name: str) -> None:
         for line in block.splitlines():
             words = shlex.split(line, comments=True)
             if words[:1] == ["ffsms-pin"] and words[1:] not in (["--help"], []):
-                parser().parse_args(words[1:])  # ends the test where it does not know a word
+                parser().parse_args(words[1:])  # exits for an unknown argument

@@ -1,4 +1,4 @@
-"""Run each script of examples/ as a user does: it ends well, in time, and prints its result."""
+"""Run the scripts of examples/, and check that they succeed in time and print a result."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ SLOWEST |= {
     "compare_laws",
     "identify_base",
 }
-LONGEST = 180.0  # [s] of wall time, on a machine that is busy: a script takes a few seconds of its own
+LONGEST = 180.0  # [s] of wall time on a busy machine; a script takes a few seconds alone
 
 
 def test_the_page_lists_every_script_once() -> None:
@@ -41,7 +41,7 @@ def test_the_page_lists_every_script_once() -> None:
 
 
 def test_the_page_shows_a_picture_of_every_script_that_draws() -> None:
-    """A page of the viewer, or a figure: a row of the page's table has its picture and its name."""
+    """The page has a picture with the name of every script that writes a page or a figure."""
     page = (Path(__file__).parents[2] / "docs" / "examples.md").read_text(encoding="utf-8")
     shown = re.findall(r"!\[[^]]+\]\(images/(?:example-)?([\w-]+)\.png\) `(\w+)\.py`", page)
     assert all(picture.replace("-", "_") == script for picture, script in shown)
@@ -55,7 +55,7 @@ def test_the_page_shows_a_picture_of_every_script_that_draws() -> None:
     [pytest.param(path, id=path.stem, marks=[pytest.mark.long] * (path.stem in SLOWEST)) for path in SCRIPTS],
 )
 def test_a_script_runs_and_keeps_what_it_asserts(script: Path, tmp_path: Path) -> None:
-    """A script asserts what it shows; a package that is missing is a failure, because `[dev]` has all."""
+    """Scripts contain assertions; missing packages are failures, because `[dev]` has all packages."""
     text = script.read_text(encoding="utf-8")
     assert ast.get_docstring(ast.parse(text)), "a script begins by saying what it shows"
     done = subprocess.run(

@@ -1,4 +1,4 @@
-"""docs/export.md: its C++ program compiles without warnings and gives the plan that the table holds."""
+"""Test that the C++ program of docs/export.md compiles without warnings and reads a plan's table."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`docs/film.py` films a page of the viewer: where the arm is in each picture, and how long it is shown."""
+"""Test the positions of the arm and the durations of the pictures of `docs/film.py`."""
 
 from __future__ import annotations
 
@@ -37,8 +37,8 @@ def test_a_film_shows_the_motion_at_its_speed(planar: ffsms.SpaceManipulator, tm
     script = loaded("docs/film.py")
     images = script.pictures(tmp_path / "page.html", RATE, WIDTH, HEIGHT)
     assert len(images) == 5  # one second of film, and the last instant
-    # The camera looks from above, with 40 degrees from top to bottom, and holds all points in nine tenths of
-    # the picture; the last link is where Pinocchio puts it.
+    # The camera is above, with a vertical field of view of 40 degrees, and all points are within nine tenths
+    # of the picture. The pose of the last link is computed by Pinocchio.
     centre, points = np.array(scene._facts["centre"]), np.array(scene._facts["seen"])
     slope, shares = np.tan(np.radians(20.0)), 0.9 * np.tan(np.radians(20.0)) * np.array([WIDTH / HEIGHT, 1.0])
     high, low = (points[:, 2:] + s * points[:, :2] / shares for s in (1.0, -1.0))

@@ -1,4 +1,4 @@
-"""Every page of the documentation that a message, a help text or a docstring names exists."""
+"""Test that pages of the documentation that messages, help texts and docstrings name exist."""
 
 from __future__ import annotations
 

@@ -1,8 +1,7 @@
-"""The notebooks: one runs here, all of them while the site is built.
+"""Run the shortest notebook, and test the checks of executed notebooks.
 
-`make docs` runs every notebook in a kernel of its own, warnings as errors, and fails where `lessons.faults`
-finds anything. `.ci/run` does both, so that each notebook runs once in it. Here the shortest one runs, in the
-same way, and the checks are tried on notebooks that have each fault.
+`make docs` runs every notebook in its own kernel, with warnings as errors, and fails if `lessons.faults`
+finds a fault. `.ci/run` runs the tests and `make docs`.
 """
 
 from __future__ import annotations
@@ -20,26 +19,26 @@ from nbclient import NotebookClient
 from nbclient.exceptions import CellExecutionError
 
 SHORTEST = ROOT / "notebooks" / "07-your-own-urdf.ipynb"
-MOST = 600  # [s] a cell that hangs; a notebook is meant to take less than a minute
+MOST = 600  # [s] limit for a cell that hangs; a notebook should take less than a minute
 
-# The kernel's sockets outlive a test by a moment.
+# The kernel's sockets are closed shortly after a test.
 pytestmark = pytest.mark.filterwarnings("ignore::ResourceWarning", "ignore::DeprecationWarning")
 
 
 def ran(notebook: Any, folder: Path) -> Any:
-    """The notebook with its outputs."""
+    """Execute a notebook, and return it with its outputs."""
     resources = {"metadata": {"path": str(folder)}}
     return NotebookClient(notebook, timeout=MOST, kernel_name="python3", resources=resources).execute()
 
 
 @pytest.fixture
 def strict(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("IPYTHONDIR", "")  # as before afterwards
+    monkeypatch.setenv("IPYTHONDIR", "")  # restores the variable after the test
     warnings_are_errors(tmp_path / "ipython")
 
 
 def test_names_in_lessons_exist_after_a_plain_import() -> None:
-    """Lessons take parts of the library by its name: no other import may be needed for them."""
+    """Lessons use subpackages as attributes of the library, so a plain import must suffice."""
     text = "".join(path.read_text(encoding="utf-8") for path in NOTEBOOKS)
     chains = sorted(set(re.findall(r"\bffsms(?:\.[a-zA-Z_]+)+", text)))
     assert "ffsms.control.Coordinated" in chains
@@ -65,7 +64,7 @@ def test_a_warning_ends_a_notebook(tmp_path: Path) -> None:
 
 
 def test_the_site_executes_all_notebooks_and_fails_on_errors() -> None:
-    """The settings of `make docs`."""
+    """Check the settings of `make docs`."""
     text = (ROOT / "docs" / "conf.py").read_text(encoding="utf-8")
     assert 'nb_execution_mode = os.environ.get("NOTEBOOKS", "force")' in text
     assert "nb_execution_raise_on_error = True" in text

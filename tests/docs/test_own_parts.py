@@ -1,4 +1,4 @@
-"""docs/own-parts.md: its code runs as it stands, its parts do what it says, and their slopes are right."""
+"""Run the code of docs/own-parts.md, and test its terms and limits and their derivatives."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ BLOCKS = re.findall(r"^```(python|toml)\n(.*?)^```$", PAGE.read_text(encoding="u
 
 @pytest.fixture(scope="module")
 def page(tmp_path_factory: pytest.TempPathFactory) -> Iterator[SimpleNamespace]:
-    """What the page's blocks define, run one after the other in a folder with the files that they name."""
+    """Run the page's blocks in order in a folder with their files, and yield the defined names."""
     folder = tmp_path_factory.mktemp("own-parts")
     names: dict[str, Any] = {}
     with pytest.MonkeyPatch.context() as patch:
@@ -50,7 +50,7 @@ def test_every_block_is_run() -> None:
 
 
 def off_axis(page: SimpleNamespace, plan: opt.Trajectory) -> float:
-    """Mean angle between the camera's axis and the direction of the point [rad], by Pinocchio."""
+    """Return the mean angle between the camera's axis and the direction of the point [rad]."""
     angles = []
     for q in plan.q[::10]:
         pose = page.sms.at(q).end_effector_pose
@@ -60,7 +60,7 @@ def off_axis(page: SimpleNamespace, plan: opt.Trajectory) -> float:
 
 
 def lowest(page: SimpleNamespace, plan: opt.Trajectory) -> float:
-    """Least height above the plane [m]."""
+    """Return the smallest height above the plane [m]."""
     return float((plan.end_effector @ np.array(page.above.normal)).min() - page.above.height)
 
 
@@ -98,7 +98,7 @@ def test_the_elbow_stays_below_its_limit(page: SimpleNamespace) -> None:
 
 
 def test_parts_of_the_page_are_as_short_as_stated() -> None:
-    """Gaze and Above in two lines each, a limit on the elbow in five."""
+    """The residual has at most two lines, the slack one line, and the limit on the elbow five lines."""
     text = "".join(text for _, text in BLOCKS)
     elbow = text[text.index("class Elbow") :].split("# camera")[0].split("import numpy")[0].splitlines()
     assert len([line for line in elbow if line.strip()]) <= 5

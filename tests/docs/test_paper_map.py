@@ -1,4 +1,4 @@
-"""docs/paper-map.toml: every equation, table and figure of the paper leads to code and to a test."""
+"""Test that docs/paper-map.toml has existing code and tests for all equations, tables and figures."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def test_the_map_is_complete() -> None:
 
 
 def found(name: str) -> Any:
-    """The module, class, function or attribute of a dotted name."""
+    """Return the module, class, function or attribute of a dotted name."""
     parts = name.split(".")
     for cut in range(len(parts), 0, -1):
         try:

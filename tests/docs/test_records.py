@@ -1,4 +1,4 @@
-"""Numbers of pages come from files that commands wrote; help texts name what there is."""
+"""Test that measured numbers of pages come from records, and that help texts list all names."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ def test_a_command_that_changed_is_marked(tmp_path: Path, monkeypatch: pytest.Mo
 
 
 def helped(command: str) -> str:
-    """The help of a command, in one line."""
+    """Return the help of a command in one line."""
     actions = parser()._subparsers
     assert actions is not None
     made: ArgumentParser = actions._group_actions[0].choices[command]  # type: ignore[index]

@@ -1,4 +1,4 @@
-"""Robots written for other tools: read again they are the same, and in MuJoCo they are seen and stop."""
+"""Test exported robots: loaded again they are equal, and MuJoCo simulates them."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def written(sms: ffsms.SpaceManipulator, path: Path) -> ffsms.SpaceManipulator:
 
 
 def assert_same(sms: ffsms.SpaceManipulator, again: ffsms.SpaceManipulator) -> None:
-    """Names, H, C, J*, limits, box and shapes, to 1e-12."""
+    """Check that names, matrices, limits, base box and shapes of two robots are equal to 1e-12."""
     assert again.joint_names == sms.joint_names
     q, v = random_state(sms, np.random.default_rng(3))
     assert max(apart(ours(sms, q, v), ours(again, q, v)).values()) < 1e-12
@@ -63,7 +63,7 @@ def test_an_exported_folder_with_meshes_can_be_moved(tmp_path: Path) -> None:
 
 
 def test_changed_inertias_are_exported(tmp_path: Path) -> None:
-    """Inertias and limits are those of the robot, not those of the file that it came from."""
+    """Exported inertias are those of the robot, not those of the file from which it was loaded."""
     sms = ffsms.load("space_arm_7")
     heavier = [pin.Inertia(2.0 * one.mass, one.lever, 2.0 * one.inertia) for one in sms.model.inertias]
     changed = sms.with_inertias(heavier[1:])
@@ -73,7 +73,7 @@ def test_changed_inertias_are_exported(tmp_path: Path) -> None:
 
 
 def model_of_shapes() -> ffsms.SpaceManipulator:
-    """An arm that is a Pinocchio model, with a rotor, a slide without limits, a capsule and a hull."""
+    """Return a robot from a Pinocchio model, with a prismatic joint, a capsule and an ellipsoid."""
     model, shapes = pin.Model(), pin.GeometryModel()
     joints = (pin.JointModelFreeFlyer(), pin.JointModelRY(), pin.JointModelPrismaticUnaligned(0.6, 0.0, 0.8))
     parent, place = 0, pin.SE3.Identity()
@@ -97,7 +97,7 @@ def test_a_pinocchio_model_with_shapes_is_exported(tmp_path: Path) -> None:
     q, v = random_state(sms, np.random.default_rng(3))
     assert max(apart(ours(sms, q, v), ours(again, q, v)).values()) < 1e-12
     np.testing.assert_array_equal(again.limits.upper, sms.limits.upper)
-    assert len(again.convex_parts()) == 5  # the capsule as three, the hull in two slabs
+    assert len(again.convex_parts()) == 5  # the capsule as three parts, the ellipsoid as two slabs
     assert max(apart(ours(sms, q, v), Mujoco(sms).found(q, v)).values()) < 1e-11
     sms.model.armature[6:] = 0.5
     with pytest.warns(FfsmsWarning, match="armature"):
@@ -118,7 +118,7 @@ def test_the_robot_in_mujoco_has_the_same_inertia_and_shapes(name: str) -> None:
     groups = list(peer.model.geom_group)
     assert groups.count(2) == sms.geometry("visual").ngeoms
     assert groups.count(3) == sms.geometry("collision").ngeoms
-    # Each shape stands where ours stands, by the corners of its box in MuJoCo's axes.
+    # MuJoCo's bodies are the links.
     bodies = [mj.mj_id2name(peer.model, mj.mjtObj.mjOBJ_BODY, k) for k in range(1, peer.model.nbody)]
     assert {frame.name for frame in sms.model.frames if frame.type == pin.FrameType.BODY} == {
         name.replace("world_", "world") for name in bodies
@@ -126,7 +126,7 @@ def test_the_robot_in_mujoco_has_the_same_inertia_and_shapes(name: str) -> None:
 
 
 def test_shapes_do_not_change_the_motion_and_meet_the_world() -> None:
-    """Folded into its own base the arm moves as without shapes; a ball in its way is hit."""
+    """The arm does not collide with its own base, but with a ball at its end effector."""
     sms = ffsms.load("planar_3r")
     ends = []
     for shapes in (False, True):

@@ -1,4 +1,4 @@
-"""Drawn URDF files through `load`, the exports, and back: the same masses, limits and friction."""
+"""Test that random URDF files keep masses, limits and friction through export and import."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Array = NDArray[np.float64]
 
 
 def _reduced(model: pin.Model, joints: dict[str, float]) -> Array:
-    """The Schur complement of the base block by Pinocchio's own reader; joints by their names."""
+    """Return the Schur complement of the base block of a model, in the order of `joints`."""
     q = pin.neutral(model)
     for name, value in joints.items():
         joint = model.joints[model.getJointId(name)]
@@ -34,14 +34,14 @@ def _reduced(model: pin.Model, joints: dict[str, float]) -> Array:
 
 
 def _of(sms: ffsms.SpaceManipulator, joints: dict[str, float]) -> Array:
-    """H_q with rows in the order of `joints`."""
+    """Return H_q with rows and columns in the order of `joints`."""
     rows = [sms.joint_names.index(name) for name in joints]
     H = sms.at(sms.configuration([joints[name] for name in sms.joint_names])).H_q
     return H[np.ix_(rows, rows)]
 
 
 def _check(sms: ffsms.SpaceManipulator, seed: int, rates: bool = True) -> None:
-    """Compare limits and friction with the drawn numbers."""
+    """Compare limits and friction with the random numbers."""
     drawn = draw(seed)
     assert sorted(sms.joint_names) == sorted(drawn.limits)
     lower, upper, velocity, effort = np.array([drawn.limits[name] for name in sms.joint_names]).T
@@ -72,7 +72,7 @@ def _there_and_back(seed: int, folder: Path) -> None:
         ffsms.load(compiled, end_effector="end_effector"),
     ]
     tip = sms.at(sms.configuration([joints[name] for name in sms.joint_names])).end_effector_pose
-    for robot, rates in zip(robots, (True, True, False), strict=True):  # MJCF holds no limits of rates
+    for robot, rates in zip(robots, (True, True, False), strict=True):  # MJCF has no rate limits
         np.testing.assert_allclose(
             _of(robot, joints), expected, rtol=1e-12, atol=1e-12 * np.abs(expected).max()
         )
@@ -95,7 +95,7 @@ def test_more_random_files_are_unchanged_by_export_and_import(tmp_path: Path) ->
 
 
 def test_armature_is_read_back_from_mjcf(tmp_path: Path) -> None:
-    """A URDF holds no armature: its export warns."""
+    """A URDF has no armature, so its export warns."""
     for seed in range(5):
         drawn = draw(seed)
         model = pin.buildModelFromXML(drawn.text, pin.JointModelFreeFlyer())

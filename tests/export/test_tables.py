@@ -1,4 +1,4 @@
-"""A motion written as a table and read again is the same motion."""
+"""Test that motions are unchanged by writing and reading tables."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ def test_a_damaged_table_is_refused(
         export.read_csv(robot, path)
 
 
-_TARGET = [0.05, 0.1, 0.05]  # [m] from the end effector at home
+_TARGET = [0.05, 0.1, 0.05]  # displacement from the end effector at home [m]
 
 
 @pytest.mark.parametrize("mode", list(MODES))
@@ -105,7 +105,7 @@ def test_a_plan_of_every_mode_is_read_back(mode: str, tmp_path: Path) -> None:
 
 @pytest.fixture(scope="module")
 def drifting(robot: ffsms.SpaceManipulator) -> opt.Trajectory:
-    """A plan of a system that drifts and spins."""
+    """Return a plan of a system with linear and angular momentum."""
     momentum = [0.5, 0.0, 0.0, 0.0, 0.0, 0.3]
     return opt.plan(robot, robot.configuration([0.02] * 3), [1.0, 0.15, 0.0], 6.0, momentum=momentum)
 
@@ -153,7 +153,7 @@ def test_prismatic_joints_have_their_own_units(tmp_path: Path) -> None:
 
 
 def _changed(path: Path, column: str, line: int, value: str | None) -> None:
-    """Write a cell of a table, or take its whole column away if there is no value."""
+    """Change a cell of a table, or remove its column if `value` is None."""
     rows = [line.split(",") for line in path.read_text(encoding="utf-8").splitlines()]
     i = rows[0].index(column)
     if value is None:

@@ -1,4 +1,4 @@
-"""Clearances between bodies: parts against shapes, gradients, screening, and what robots share."""
+"""Test clearances between bodies: convex parts, gradients, screening, and sharing between robots."""
 
 from __future__ import annotations
 
@@ -33,14 +33,14 @@ def test_parts_are_never_further_apart_than_shapes(robot: ffsms.SpaceManipulator
     apart = exact > 0.0
     assert (values <= exact + 1e-6)[apart].all()
     assert (values[~apart] <= 1e-6).all()
-    # And not much nearer either: a bound of zero would pass the lines above.
+    # The bound is tight; a bound of zero would pass the lines above.
     assert np.median((exact - values)[apart]) < 2e-3
 
 
 def test_screening_loses_nothing(robot: ffsms.SpaceManipulator) -> None:
     stack, q = BodyStack(robot, "hulls", 0.01), places(robot, 40, 2)
     screened = stack.values(Poses.of(q), 0.05)
-    # Brute force: every pair of parts of every pair of bodies by coal, placed by Pinocchio.
+    # Compute the distances of all pairs of parts by Coal, with poses by Pinocchio.
     model, data, parts = robot.model, robot.model.createData(), robot.convex_parts()
     pairs, request = body_pairs(robot, [part.body for part in parts]), coal.DistanceRequest()
     for k, row in enumerate(q.T[:15]):
@@ -74,11 +74,11 @@ def test_near_pairs_are_found_with_their_gradients(robot: ffsms.SpaceManipulator
     where, nearest = stack.below(poses, np.full(len(stack.names), near))
     value, slopes = nearest.distance, stack.slopes(poses, where, nearest)[0]
     assert value.size > 5
-    # The same entries, in another order, and nothing else.
+    # The found entries are exactly those below `near`, in another order.
     found = np.zeros(everywhere.shape, dtype=bool)
     found[where] = True
     np.testing.assert_array_equal(found, everywhere < near)
-    apart = value > 0.0  # how deep meshes overlap depends on which triangles are looked at
+    apart = value > 0.0  # the depth of overlapping meshes depends on the evaluated triangles
     np.testing.assert_allclose(value[apart], everywhere[where][apart], atol=1e-9)
     at = where[0][apart], where[1][apart]
     alone = stack.slopes(poses, at, stack.nearest(poses, at))[0]
@@ -114,7 +114,7 @@ def test_gradients(robot: ffsms.SpaceManipulator) -> None:
             moved[j] += change
             ends.append(stack.values(Poses.of(moved))[where])
         wrong[j] = np.abs((ends[0] - ends[1]) / (2.0 * h) - slopes[j])
-    # Where nearest points jump, between faces or parts, a distance has a kink.
+    # A distance is not differentiable where the nearest points jump between faces or parts.
     assert np.mean(wrong.max(axis=0) < 1e-3) > 0.9
     assert np.median(wrong) < 1e-5
 
@@ -134,7 +134,7 @@ def test_rows_omit_only_inactive_pairs(robot: ffsms.SpaceManipulator) -> None:
 
 @pytest.mark.parametrize("mode", ["hulls", "shapes"])
 def test_a_single_configuration_equals_a_row_of_a_stack(robot: ffsms.SpaceManipulator, mode: str) -> None:
-    """To the bit, wherever the base is."""
+    """Distances agree to 1e-14 and gradients to 1e-9, for a random base pose."""
     stack, joints, base = BodyStack(robot, mode, 0.01), places(robot, 8, 9), pin.SE3.Random()
     poses = Poses.of(joints)
     every = stack.every(poses)
@@ -170,7 +170,7 @@ def test_robots_of_other_masses_share_their_clearance_stack(robot: ffsms.SpaceMa
     heavier = robot.with_inertias([pin.Inertia(1.2 * b.mass, b.lever, 1.2 * b.inertia) for b in bodies])
     assert heavier.geometry("collision") is geometry
     assert limit.for_robot(heavier)._stacks[0] is limit._stacks[0]
-    # Nothing else may differ: joint limits and the clearance are part of it.
+    # Stacks are not shared between other joint limits, clearances, robots or collision modes.
     limits = robot.limits
     narrower = ffsms.RobotLimits(
         0.5 * limits.lower, 0.5 * limits.upper, limits.velocity, limits.acceleration, limits.torque
@@ -189,7 +189,7 @@ def test_robots_of_other_masses_share_their_clearance_stack(robot: ffsms.SpaceMa
 
 
 def test_parts_of_all_kinds_are_measured_as_by_coal() -> None:
-    """Apart and overlapping; the nearest points are so far apart, the normal leads from one to the other."""
+    """Test separate and overlapping parts; nearest points and normal agree with the distance."""
     robot = ffsms.load("planar_3r")
     rng, corners = np.random.default_rng(12), coal.StdVec_Vec3s()
     corners.extend(list(rng.uniform(-0.1, 0.1, (30, 3))))

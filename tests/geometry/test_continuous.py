@@ -1,4 +1,4 @@
-"""Clearances along whole motions: at few instants, between two of them, and on exact meshes."""
+"""Test clearances along motions: at few instants, between instants, and with exact meshes."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def test_no_distance_changes_faster_than_its_bound(robot: ffsms.SpaceManipulator
 
 
 class Counted(BodyStack):
-    """Counts what is measured."""
+    """A stack that counts the computed distances."""
 
     asked = 0
 
@@ -42,7 +42,7 @@ class Counted(BodyStack):
 
 
 def test_few_distances_along_a_motion_give_the_exact_minimum(robot: ffsms.SpaceManipulator) -> None:
-    """Distances at some instants and how fast they can change tell where the others are measured."""
+    """Distances and their largest rates determine the instants at which distances are computed."""
     start, end = places(robot, 2, 7).T
     problem = opt.Problem(robot, robot.configuration(start), np.ones(3), 2.0, 0.01, limits=[])
     rates = np.tile((end - start) / 2.0, (201, 1))
@@ -65,7 +65,7 @@ def test_few_distances_along_a_motion_give_the_exact_minimum(robot: ffsms.SpaceM
 
 @pytest.mark.parametrize("name", ARMS)
 def test_a_collision_between_two_instants_is_detected(name: str) -> None:
-    """A pass between two instants that both are clear is seen."""
+    """The instants of the plan are clear, and the motion between them is not."""
     sms = ffsms.load(name)
     limit = opt.Clearance(0.01, "hulls")
     rng = np.random.default_rng(6)
@@ -91,7 +91,7 @@ def test_a_collision_between_two_instants_is_detected(name: str) -> None:
 
 @pytest.mark.parametrize(("name", "turn"), [("satellite_panda", 1.0), ("satellite_ur10", 1.0)])
 def test_plans_do_not_penetrate(name: str, turn: float) -> None:
-    """Exact meshes at nodes and middles, of plans to places that the arm can be at."""
+    """Check exact meshes at nodes and midpoints of plans to reachable positions."""
     sms, rng = ffsms.load(name), np.random.default_rng(7)
     stack, meshes = BodyStack(sms, "hulls", 0.01), Meshes(sms)
     drawn = places(sms, 200, 8)

@@ -1,4 +1,4 @@
-"""Postures to begin with are clear and in the limits; home is far from singular and always the same."""
+"""Test that sampled and home postures are clear and within limits, and that home is not singular."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ ARMS = ("planar_3r", "space_arm_7", "servicer", "satellite_ur5", "satellite_kino
 
 
 def least_distance(sms: ffsms.SpaceManipulator, q: Any) -> float:
-    """Between shapes of bodies that no joint connects [m], by Pinocchio and coal alone."""
+    """Return the smallest distance of shapes of unconnected bodies [m], by Pinocchio and Coal alone."""
     shapes, parents = sms.geometry("collision").copy(), sms.model.parents
     on = [int(one.parentJoint) for one in shapes.geometryObjects]
     for i, a in enumerate(on):
@@ -36,7 +36,7 @@ def test_home_is_clear_and_far_from_singular(name: str) -> None:
     np.testing.assert_array_equal(q, sms.home())
     joints = sms.joint_positions(q)
     assert not sms.limits.violation(joints).any()
-    if name != "planar_3r":  # whose points are kept apart, not its shapes, as in the paper
+    if name != "planar_3r":  # its clearance is that of the paper's points, not of its shapes
         assert least_distance(sms, q) > 0.01 - 1e-5
     spread = sms.batch([sms.joint_positions(one) for one in sms.sample(100)]).manipulability
     assert sms.batch([joints]).manipulability[0] > np.quantile(spread, 0.75)
@@ -50,7 +50,7 @@ def test_samples_are_clear_where_draws_are_not() -> None:
     assert found.shape == (40, sms.nq)
     assert min(least_distance(sms, q) for q in found) > 0.01 - 1e-5
     np.testing.assert_array_equal(found[:7], sms.sample(7, seed=3))
-    assert np.ptp(found[:, 7:], axis=0).min() > 0.5  # all over the ranges
+    assert np.ptp(found[:, 7:], axis=0).min() > 0.5  # samples cover the joint ranges
     low, high = np.maximum(sms.limits.lower, -np.pi), np.minimum(sms.limits.upper, np.pi)
     drawn = np.random.default_rng(0).uniform(low, high, (40, sms.n))
     assert min(least_distance(sms, sms.configuration(row)) for row in drawn) < 0.0

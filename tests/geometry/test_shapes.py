@@ -1,4 +1,4 @@
-"""The shapes of robots: which there are, where they stand, and those that cannot be had."""
+"""Test numbers, poses, colours and errors of the shapes of robots."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def test_numbers_of_shapes_of_named_robots() -> None:
 
 
 def test_only_neighbours_touch_at_rest() -> None:
-    # Every shape stands where its link is: none reaches into a link that it is not joined to.
+    # Shapes of links that no joint connects must not touch, so every shape is at its link.
     for name, joints in (("space_arm_7", 0.4), ("two_arms", 0.3)):
         sms = ffsms.load(name, end_effector="left_tool" if name == "two_arms" else None)
         shapes = sms.geometry("collision").copy()
@@ -104,7 +104,7 @@ def test_missing_and_damaged_meshes_are_reported(refused: Refused, tmp_path: Pat
 def test_no_shape_is_dropped_in_silence(
     refused: Refused, tmp_path: Path, capfd: pytest.CaptureFixture[str], shape: str, words: str
 ) -> None:
-    # The parser behind Pinocchio leaves such a shape out: the arm would pass through things.
+    # Pinocchio's parser omits such a shape, so that collisions with it would not be detected.
     start = '<collision><origin xyz="0.15 0 0"/><geometry>'
     text = model_path("planar_3r").read_text()
     path = tmp_path / "a.urdf"

@@ -1,4 +1,4 @@
-"""Pairs of links that an SRDF disables are not kept apart."""
+"""Test that pairs of links that an SRDF disables have no clearance."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def pairs(sms: ffsms.SpaceManipulator) -> set[str]:
 
 
 def test_disabled_pairs_are_left_out(tmp_path: Path) -> None:
-    """From a file that is given, and from one that stands beside the URDF."""
+    """Test a file that is passed as argument, and a file beside the URDF."""
     plain = ffsms.load("space_arm_7")
     assert "link_1 - link_4" in pairs(plain)
     file = tmp_path / "pairs.srdf"

@@ -1,4 +1,4 @@
-"""What is wrong with a recording is told by an error, and not fitted."""
+"""Test that damaged recordings cause an error instead of a wrong estimate."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ from ffsms_pin.simulation import Conditions, Sensors, Wrench, simulate
 
 @pytest.fixture
 def arrays(panda: ffsms.SpaceManipulator) -> Any:
-    """Arrays t, q, v of a good recording, to be damaged."""
+    """Return arrays t, q, v of a good recording."""
     tracking = swung_by(changed(panda), panda)
     return np.array(tracking.t), np.array(tracking.q), np.array(tracking.v)
 
 
 @pytest.fixture
 def noisy(panda: ffsms.SpaceManipulator, arrays: Any) -> Any:
-    """The same as sensors of a plain class show it."""
+    """Return the recording with noise of ordinary sensors."""
     sensors = Sensors(
         joint_resolution=1e-4, joint_rate_noise=1e-3, base_position_noise=1e-3, base_attitude_noise=1e-4,
         base_velocity_noise=1e-3, base_rate_noise=1e-4,
@@ -89,7 +89,7 @@ def test_damaged_recordings_are_refused(
 def test_other_velocity_axes_are_converted_or_refused(
     turned: float, base_velocity: str, panda: ffsms.SpaceManipulator, arrays: Any, refused: Callable[..., Any]
 ) -> None:
-    """The axes of MuJoCo and of an inertial frame; a base that turns by 0.1 rad only is enough."""
+    """Test the axes of MuJoCo and of an inertial frame, for a base that rotates by 0.1 rad only."""
     (t, q, v), turn = arrays, pin.SE3(pin.exp3(np.array([0.0, 0.0, turned])), np.zeros(3))
     q, w = q.copy(), v.copy()
     for k, row in enumerate(q):
@@ -172,7 +172,7 @@ def test_arguments(panda: ffsms.SpaceManipulator, arrays: Any, refused: Any) -> 
 def test_a_slow_motion_in_degrees_is_refused(
     panda: ffsms.SpaceManipulator, arrays: Any, refused: Callable[..., Any]
 ) -> None:
-    """Positions and rates agree, and the rates are below the limits: the positions tell it."""
+    """The rates agree with the positions and are below their limits, so only the positions reveal degrees."""
     t, q, v = arrays
     q, v = q.copy(), v / 100.0
     q[:, 7:], v[:, 6:] = np.degrees(q[:, 7:]), np.degrees(v[:, 6:])

@@ -1,4 +1,4 @@
-"""Plans to a target that show the unknown parameters better than plans without the term."""
+"""Test the term that makes plans more informative about unknown parameters."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def test_a_plan_with_the_term_reaches_and_is_more_informative(
 def test_the_mean_square_of_the_residual_is_the_weight(
     at_rest: bool, planar: ffsms.SpaceManipulator, problem: opt.Problem, plan: opt.Trajectory
 ) -> None:
-    """At its own plan the residual is minus the weighted momentum less its mean, of mean square 1."""
+    """At the plan itself the residual is minus the weighted momentum without its mean."""
     identifier = Identifier(planar, ["base", "link_2"], sensors=NOISE, at_rest=at_rest)
     term = Excitation(identifier, plan, weight=4.0, directions=20)
     motion = problem.motion(plan.joint_rates)

@@ -1,4 +1,4 @@
-"""Motions that teach keep the limits, come back, and leave less unknown than others."""
+"""Test that exciting motions keep the limits, return to the start and are informative."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ def test_a_start_too_close_to_limits_is_refused(planar: ffsms.SpaceManipulator, 
 
 
 def _wall(planar: ffsms.SpaceManipulator, start: Any) -> opt.Obstacle:
-    """Return a ball round the end effector."""
+    """Return a ball around the end effector."""
     import coal
     import pinocchio as pin
 
@@ -90,7 +90,7 @@ def _wall(planar: ffsms.SpaceManipulator, start: Any) -> opt.Obstacle:
 
 
 def test_expected_information_leaves_the_estimate_unchanged(planar: ffsms.SpaceManipulator) -> None:
-    """The weight of a sample does not depend on motions that are judged between two samples."""
+    """The weight of a sample does not depend on motions that are evaluated between samples."""
     q0, rng = planar.configuration([0.3, 0.5, -0.4]), np.random.default_rng(5)
     rates = 0.3 * rng.normal(size=(40, 3))
     samples = [(q0, planar.velocity(q0, row) + 1e-3 * rng.normal(size=9)) for row in rates]

@@ -1,4 +1,4 @@
-"""Bodies are found from recordings: exact ones, noisy ones, with wheels, with torques, of another engine."""
+"""Identify bodies from exact and noisy recordings, with wheels, torques, and from another engine."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def test_the_base_is_identified_from_exact_data() -> None:
     assert len(found.observable) == 10
     assert found.unobservable == ()
     assert found.note == ""
-    # The robot with what is found moves as the true one does.
+    # The identified robot moves like the true robot.
     q, v = tracking.q[300], tracking.v[300]
     assert relative(found.sms.at(q, v).C_bm, true_arm().at(q, v).C_bm) < 1e-5
     np.testing.assert_array_equal(arm().with_inertias(found).at(q).H, found.sms.at(q).H)
@@ -77,12 +77,12 @@ def test_a_momentum_that_is_not_zero_changes_nothing() -> None:
 
 
 def test_the_recursion_equals_dense_least_squares() -> None:
-    """The recursion beside one dense weighted least-squares problem over the whole recording."""
+    """Compare the recursion with one dense weighted least-squares problem over the whole recording."""
     tracking = swung_by(true_arm(), arm())
     t, q, v = measured(tracking, NOISE)
     recording = t[::7], q[::7], v[::7]
     identifier = Identifier(arm(), ["base"])
-    identifier.weigh_by(Identifier(arm(), ["base"]))  # weights of what is believed, all the time
+    identifier.weigh_by(Identifier(arm(), ["base"]))  # constant weights of the model
     for row in zip(*recording, strict=True):
         identifier.update(*row)
     about = recording[1][0, :3]
@@ -90,7 +90,7 @@ def test_the_recursion_equals_dense_least_squares() -> None:
     believed, scale = arm().inertial_parameters, identifier.bodies[0].deviation
     rows, sides = [], []
     for k, Y_k in enumerate(Y):
-        if k % 32 == 0:  # weights are worked out anew then: by the noise, and by how far they may be off
+        if k % 32 == 0:  # weights are updated, from the noise and from the uncertainty of the parameters
             stack = np.tile(recording[1][k], (arm().nv, 1))
             units = momentum_regressors(arm(), stack, np.eye(arm().nv), about)
             A, off = (units @ believed).T, units[:, :, :10] * scale
@@ -100,7 +100,7 @@ def test_the_recursion_equals_dense_least_squares() -> None:
     M, b = np.vstack(rows), np.concatenate(sides)
     free, *_ = np.linalg.lstsq(M, b, rcond=None)
     residual = float(np.sum((M @ free - b) ** 2)) / (len(b) - 16)
-    assert residual > 10.0  # so that the residuals scale the noise, which nobody stated
+    assert residual > 10.0  # the residuals scale the noise, because no sensors are specified
     prior = np.sqrt(residual) * np.eye(16)[:10]
     x, *_ = np.linalg.lstsq(np.vstack([M, prior]), np.append(b, np.zeros(10)), rcond=None)
     np.testing.assert_allclose(identifier.solution().x, x[:10], rtol=1e-6, atol=1e-8)
@@ -128,11 +128,11 @@ def test_confidence_intervals_contain_the_true_parameters() -> None:
         count += 10
         residuals.append(found.residual)
     assert 0.85 <= inside / count <= 1.0
-    assert 0.5 <= np.mean(residuals) < 1.0  # weights count on a little more noise than there is
+    assert 0.5 <= np.mean(residuals) < 1.0  # the weights assume slightly more noise
 
 
 def test_noise_of_the_size_of_the_motion_biases_nothing() -> None:
-    """Velocities multiply the unknown: without the correction the mass would come out small."""
+    """Noise of velocities, which multiply the unknowns, makes the mass too small without correction."""
     loud = Sensors(base_velocity_noise=7e-4, base_rate_noise=2e-4)
     tracking, true = swung_by(true_arm(), arm()), true_arm().inertial_parameters[:10]
     assert np.sqrt(np.mean(tracking.v[:, :3] ** 2)) < 5.0 * loud.base_velocity_noise
@@ -177,7 +177,7 @@ def test_without_a_known_mass_only_ratios_are_identified() -> None:
     found = identify(arm(), tracking, unknown=everything, spread=0.15)
     assert "only ratios" in found.note
     assert max(direction.left for direction in found.directions) > 0.9
-    # The motion is right all the same.
+    # The base motion is right although the scale is unknown.
     q, v = tracking.q[400], tracking.v[400]
     twists = [sms.velocity(q, v[6:])[:6] for sms in (found.sms, plant, arm())]
     assert relative(twists[0], twists[1]) < 1e-4
@@ -214,7 +214,7 @@ class _scaled:  # noqa: N801 - reads as a factor
 
 
 def test_exact_momenta_and_torques_together_leave_unobservable_parameters_alone() -> None:
-    """The information of exact data exceeds that of the prior by sixteen orders."""
+    """The information of exact data exceeds that of the prior by sixteen orders of magnitude."""
     tracking = swung_by(true_arm(), arm())
     recording = tracking.t, tracking.q, tracking.v, tracking.tau
     found = identify(arm(), recording=recording, unknown=["base", *arm().joint_names], spread=0.3)
@@ -227,7 +227,7 @@ def test_exact_momenta_and_torques_together_leave_unobservable_parameters_alone(
 
 @pytest.mark.parametrize("momentum", [np.zeros(6), np.array([1.0, -0.5, 0.3, 0.4, 0.2, -0.3])])
 def test_gyros_and_encoders_identify_the_base(momentum: Any) -> None:
-    """The angular momentum about the centre of mass shows all ten parameters, without a linear velocity."""
+    """The angular momentum about the centre of mass depends on all ten parameters."""
     tracking = swung_by(true_arm(), arm(), momentum=tuple(momentum))
     q, v = tracking.q[::4].copy(), tracking.v[::4].copy()
     v[:, :3] = np.nan
@@ -240,7 +240,7 @@ def test_gyros_and_encoders_identify_the_base(momentum: Any) -> None:
 
 @pytest.mark.parametrize("first_measured", [True, False])
 def test_a_linear_velocity_in_some_samples_only_is_refused(first_measured: bool) -> None:
-    """A velocity from the model's masses would be weighed like a measured one."""
+    """A linear velocity computed from the model's masses would be weighted like a measured velocity."""
     tracking, identifier = swung_by(true_arm(), arm()), Identifier(arm(), ["base"])
     for k, measured_now in enumerate((first_measured, not first_measured)):
         v = tracking.v[k].copy()
@@ -253,7 +253,7 @@ def test_a_linear_velocity_in_some_samples_only_is_refused(first_measured: bool)
 
 
 def test_without_a_noisy_linear_velocity_the_inertia_is_more_precise() -> None:
-    """In the regressors its noise costs more information than the velocity has."""
+    """The noise of the velocity in the regressors costs more information than the velocity adds."""
     tracking, true = swung_by(true_arm(), arm()), np.array(true_arm().model.inertias[1].toDynamicParameters())
     noise = Sensors(base_velocity_noise=2e-3, base_rate_noise=1e-5, joint_rate_noise=2e-4)
     t, q, v = (x[::2] for x in measured(tracking, noise))
@@ -265,7 +265,7 @@ def test_without_a_noisy_linear_velocity_the_inertia_is_more_precise() -> None:
 
 
 def test_a_low_sampling_rate_is_not_taken_for_noise() -> None:
-    """Differences of the third order alone would take the motion for noise of 2 % of the rates."""
+    """Third differences alone would take the motion for noise of 2 % of the rates."""
     tracking = swung_by(true_arm(), arm())
     rows = slice(None, None, 40)  # 5 Hz
     base_of(
@@ -274,7 +274,7 @@ def test_a_low_sampling_rate_is_not_taken_for_noise() -> None:
 
 
 def test_torques_at_a_stop_are_left_out() -> None:
-    """The stop of a joint adds a torque that no sensor shows."""
+    """The stop of a joint adds a torque that no sensor measures."""
     tracking = swung_by(true_arm(), arm())
     q, tau = tracking.q.copy(), tracking.tau.copy()
     recording = Recording(tracking.t, q, tracking.v, tau)
@@ -310,14 +310,14 @@ def test_the_momentum_of_wheels_is_included() -> None:
         model, recording=(tracking.t, tracking.q, tracking.v), wheel_momentum=tracking.wheel_momentum
     )
     base_of(given, plant, 1e-3)
-    late = Sensors(base_latency=0.05)  # of the base alone: joints and wheels are measured at once
+    late = Sensors(base_latency=0.05)  # of the base only; joints and wheels have no latency
     delayed = measured(tracking, late)
     found = identify(model, recording=delayed, wheel_momentum=tracking.wheel_momentum, sensors=late)
     base_of(found, plant, 5e-3)
 
 
 def test_a_recording_of_mujoco() -> None:
-    """Another engine moves the true robot; only its arrays are taken."""
+    """The true robot is simulated by MuJoCo."""
     engine, wave = Mujoco(true_arm(), timestep=2e-3), Wave(arm())
     q, v = true_arm().configuration(wave.middle), np.zeros(arm().nv)
     engine.set(q, v)
@@ -339,7 +339,7 @@ def test_the_note_of_a_planar_motion_names_unobservable_parameters(planar: ffsms
     found = identify(planar, swung_by(plant, planar))
     assert found["base"].mass == pytest.approx(plant.model.inertias[1].mass, rel=1e-4)
     assert found["base"].inertia[2, 2] == pytest.approx(plant.model.inertias[1].inertia[2, 2], rel=1e-4)
-    # A turn about z shows no inertia about x and y; all else leaves a trace in the momentum out of the plane.
+    # A rotation about z does not depend on Ixx, Ixy and Iyy; the other parameters affect the momentum.
     assert len(found.observable) == 7
     assert "which affects Ixx, Ixy, Iyy of base" in found.note
     assert np.linalg.eigvalsh(pseudo_inertia(found["base"].parameters))[0] > 0.0
@@ -370,7 +370,7 @@ def test_estimates_are_consistent_where_least_squares_are_not() -> None:
 def test_pseudo_inertias_are_parameters(rng: Any) -> None:
     numbers = rng.normal(size=10)
     np.testing.assert_allclose(parameters_of(pseudo_inertia(numbers)), numbers, atol=1e-15)
-    # That of a body is the sum of its points' masses times [x; 1] [x; 1]^T.
+    # The pseudo inertia of a body is the sum of m [x; 1] [x; 1]^T over its points.
     masses, points = rng.uniform(0.1, 1.0, 20), rng.normal(size=(20, 3))
     inertia = sum(m * (x @ x * np.eye(3) - np.outer(x, x)) for m, x in zip(masses, points, strict=True))
     centre = masses @ points / masses.sum()
@@ -405,7 +405,7 @@ def test_a_push_between_samples_starts_another_momentum() -> None:
 
 @pytest.mark.parametrize("seed", [0, 1, 2])
 def test_momenta_of_pure_noise_do_not_bias_the_estimate(seed: int, planar: ffsms.SpaceManipulator) -> None:
-    """Out of its plane a planar robot has no motion, and the most precise momenta: noise of gyros alone."""
+    """Momenta out of the plane of a planar robot are pure gyro noise with the largest weights."""
     plant = simulation.perturb(planar, base_mass=0.9, base_inertia=1.1, base_com=[0.05, 0.0, 0.0])
     s = np.linspace(0.0, 4.0 * np.pi, 1001)[:, None]
     rates = 0.7 * np.sin(s * np.array([1.0, 1.5, 2.0]))

@@ -1,4 +1,4 @@
-"""Re-planning that learns by an identifier follows what it finds."""
+"""Test re-planning with the model of an identifier."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def flown(
 
 
 def test_re_planning_uses_the_identified_model(planar: ffsms.SpaceManipulator) -> None:
-    """The base's centre of mass is off, which no scale factor of the default explains."""
+    """The base's centre of mass is wrong, which the default scale factors cannot correct."""
     plant = simulation.perturb(planar, base_mass=0.85, base_inertia=1.15, base_com=[0.05, -0.04, 0.0])
     identifier = Identifier(planar, ["base"])
     reference, tracking = flown(planar, plant, identifier)
@@ -63,7 +63,7 @@ def test_an_unknown_payload_is_carried_to_the_target() -> None:
 
 
 def test_the_identifier_receives_the_sensor_values(planar: ffsms.SpaceManipulator) -> None:
-    """An estimator filters what plans go by; the identifier counts on the noise, and must have it."""
+    """The identifier must receive unfiltered values, because it assumes the noise of the sensors."""
 
     class Kept(Identifier):
         rows: ClassVar[list[tuple[float, Any, Any]]] = []
@@ -88,7 +88,7 @@ def test_an_uncertain_estimate_is_not_used(planar: ffsms.SpaceManipulator) -> No
     identifier = Identifier(planar, ["base"])
     assert identifier.uncertainty() == 1.0
     q0 = planar.configuration(START)
-    for k in range(40):  # at rest: nothing is shown
+    for k in range(40):  # a robot at rest gives no information
         identifier.update(0.01 * k, q0, np.zeros(planar.nv))
     assert identifier.learnt(planar) is planar
 

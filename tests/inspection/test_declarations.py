@@ -1,4 +1,4 @@
-"""What a file declares and nobody uses: `load` tells each kind once, `inspect` lists all of it."""
+"""Test unused declarations in files: `load` warns once of each kind, `inspect` lists all of them."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ Refused = Callable[..., FfsmsError]
 
 
 def adding(text: str) -> str:
-    """Return the planar robot's file with more in it."""
+    """Return the planar robot's file with additional elements."""
     return PLANAR.replace("</robot>", text + "</robot>")
 
 
@@ -37,7 +37,7 @@ XACRO = adding(
 DEGREES = PLANAR.replace('lower="-2.827433388230814"', 'lower="-162"').replace(
     'upper="2.827433388230814"', 'upper="162"'
 )
-TOLD = {
+UNUSED = {
     "xacro": (
         XACRO,
         ["xacro that is not expanded: <xacro:include>, <xacro:panel>, $(find ...)", "xacro FILE"],
@@ -52,9 +52,9 @@ TOLD = {
 }
 
 
-@pytest.mark.parametrize("case", TOLD)
+@pytest.mark.parametrize("case", UNUSED)
 def test_load_warns_once_of_each_kind(case: str, tmp_path: Path) -> None:
-    text, words = TOLD[case]
+    text, words = UNUSED[case]
     with pytest.warns(FfsmsWarning) as told:
         ffsms.load(write(tmp_path, text))
     (message,) = [str(warning.message) for warning in told]
@@ -82,7 +82,7 @@ def test_full_turns_and_missing_limits_are_not_taken_for_degrees(limit: str, tmp
 
 
 def test_gears_are_listed_by_inspect_alone(tmp_path: Path) -> None:
-    """Limits are those of the joints whatever the gear, so a robot without its rotors loads in silence."""
+    """Limits apply to joints, not to motors, so `load` does not warn of gears."""
     gear = (
         "<transmission name='t{}'><actuator name='a'><mechanicalReduction>{}</mechanicalReduction></actuator>"
     )
@@ -99,7 +99,7 @@ def test_the_error_for_a_xacro_formula_names_xacro(refused: Refused, tmp_path: P
     refused(lambda: ffsms.load(path), InvalidUrdf, '"${m}"', "expand the file with xacro")
 
 
-# -- a root link that is no satellite
+# -- root links with little mass
 
 
 def test_a_root_link_with_little_mass_causes_a_warning() -> None:
@@ -111,12 +111,12 @@ def test_a_root_link_with_little_mass_causes_a_warning() -> None:
     assert message.endswith(f"ffsms_pin.mount('{path}')")
     assert sms.model.inertias[1].mass == pytest.approx(4.0)
     assert any("has 19% of the mass" in fault.problem for fault in inspect(path).faults)
-    with warnings.catch_warnings():  # on a satellite it is an arm
+    with warnings.catch_warnings():  # no warning if the arm is mounted on a satellite
         warnings.simplefilter("error")
         ffsms.mount(path)
 
 
-# -- joints that let the base float
+# -- virtual joints of a floating base
 
 _VIRTUAL = (
     '<link name="{0}"/><joint name="to_{1}" type="{2}"><parent link="{0}"/><child link="{1}"/>'
@@ -152,7 +152,7 @@ def test_virtual_joints_of_a_base_are_the_free_flyer(
 
 
 def test_a_massless_foot_is_no_virtual_base(refused: Refused, tmp_path: Path) -> None:
-    """One joint from a massless root to a body with mass is the first joint of an arm."""
+    """A single joint from a massless root to a body with mass is the first joint of an arm."""
     path = write(tmp_path, virtual(0, 1))
     refused(lambda: ffsms.load(path, torque=1.0), InvalidInertia, "'world'")
 
@@ -178,7 +178,7 @@ def test_the_inertia_of_a_client_is_repaired_on_request(refused: Refused, tmp_pa
 
 def test_info_reads_a_file_without_joints(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = write(tmp_path, CLIENT)
-    assert main(["info", str(path)]) == 1  # its inertia is no rigid body's
+    assert main(["info", str(path)]) == 1  # no rigid body has its inertia
     capsys.readouterr()
     assert main(["info", str(path), "--repair", str(tmp_path / "mended.urdf")]) == 0
     words = capsys.readouterr().out

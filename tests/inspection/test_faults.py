@@ -1,4 +1,4 @@
-"""Faults of damaged files: `inspect` finds each, `repair` mends what can be mended and says so."""
+"""Test that `inspect` finds faults of damaged files, and that `repair` corrects and lists them."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def body(sms: ffsms.SpaceManipulator, joint: str) -> Any:
 
 PI = np.pi
 USUAL = [-2.827433388230814, 2.827433388230814, 0.40002946455710037, 1.5]
-# What is wrong, where the report has to see it, and what the mended robot has to be like.
+# The damaged text, the element and a word of its fault, and a check of the repaired robot.
 MENDED: dict[str, tuple[str, str, str, Callable[[ffsms.SpaceManipulator], bool]]] = {
     "blank": (
         in_link_2('<mass value="0.569"/>', '<mass value="0.569 "/>'),
@@ -133,7 +133,7 @@ MENDED: dict[str, tuple[str, str, str, Callable[[ffsms.SpaceManipulator], bool]]
         in_link_2('ixx="0.0001"', 'ixx="0.01"'),
         "link 'link_2'",
         "triangle",
-        # Second moments (-0.0007, 0.005, 0.005): the negative one becomes zero.
+        # The second moments are (-0.0007, 0.005, 0.005); repair sets the negative value to zero.
         lambda sms: bool(np.abs(body(sms, "joint_2").inertia - np.diag([0.01, 0.005, 0.005])).max() < 1e-15),
     ),
     "not positive definite": (
@@ -147,7 +147,7 @@ MENDED: dict[str, tuple[str, str, str, Callable[[ffsms.SpaceManipulator], bool]]
                   'ixx="0" ixy="0" ixz="0" iyy="0" iyz="0" izz="0"'),
         "link 'link_2'",
         "positive definite",
-        # A sphere of 0.569 kg of aluminium: 2.107e-4 m^3, a radius of 36.9 mm.
+        # Repair assumes a sphere of aluminium; 0.569 kg have 2.107e-4 m^3 and a radius of 36.9 mm.
         lambda sms: bool(np.abs(body(sms, "joint_2").inertia - 3.1e-4 * np.eye(3)).max() < 0.01e-4),
     ),
     "thin rod": (
@@ -226,7 +226,7 @@ def test_faults_are_found_and_repaired(case: str, tmp_path: Path) -> None:
     changes = repair(path, out)
     assert path.read_text(encoding="utf-8") == text
     assert {change.where for change in changes} >= {where}
-    # Every change is listed, in the file too, and nothing else is different.
+    # Every change is also listed in the repaired file.
     mended = out.read_text(encoding="utf-8")
     for change in changes:
         assert str(change).replace("--", "- -").replace("<", "&lt;") in mended.replace("<", "&lt;")

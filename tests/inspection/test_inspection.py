@@ -1,4 +1,4 @@
-"""Reports of `inspect`, files of `repair`, their arguments and `ffsms-pin info`."""
+"""Test reports of `inspect`, files of `repair`, their arguments, and `ffsms-pin info`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Whole figures: their panels and legends, their files, and nothing that is cut off or changes elsewhere."""
+"""Test panels, legends and files of whole figures."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def test_the_coupling_has_its_singular_values_and_its_entropy(outcome: Outcome) 
 
 
 def test_no_panel_of_torques_is_a_flat_line(outcome: Outcome) -> None:
-    """Limits are drawn where the motion comes near them; else the label says how far away they are."""
+    """Limits near the motion are drawn; otherwise the label has the used share of the limits."""
     share = 100.0 * (np.abs(outcome.tracking.tau) / outcome.controller.torque_limit).max()
     assert share < 20.0
     ax = plotting.figure(outcome, "tracking-torques").axes[1]
@@ -52,7 +52,7 @@ def test_a_stop_by_a_guard_is_a_line_in_every_panel_of_the_flight(outcome: Outco
     assert stopped.tracking.stop_time == 1.25
 
     def marks(run: Outcome, name: str) -> list[int]:
-        """The dashed upright lines at that time, by panel."""
+        """Return the number of dashed vertical lines at the stop time for each panel."""
         axes = plotting.figure(run, name).axes
         return [
             sum(
@@ -68,7 +68,7 @@ def test_a_stop_by_a_guard_is_a_line_in_every_panel_of_the_flight(outcome: Outco
 
 
 def test_a_panel_without_labels_has_no_legend() -> None:
-    """Matplotlib would warn of the empty legend, and a warning is an error here."""
+    """Matplotlib would warn of an empty legend, and warnings are errors in tests."""
     figure, axes = stack(2)
     for ax in axes:
         ax.plot([0.0, 1.0], [0.0, 1.0])
@@ -91,7 +91,7 @@ def test_panels_with_equal_labels_share_a_legend(outcome: Outcome) -> None:
 
 @pytest.mark.slow
 def test_every_figure_is_written_whole_and_the_same_each_time(outcome: Outcome, tmp_path: Path) -> None:
-    # The backend is chosen when it is first asked for, so it is not asked for here.
+    # Do not read the backend, because reading it selects a backend.
     before = {key: mpl.rcParams[key] for key in mpl.rcParams if key != "backend"}
     loaded = "matplotlib.pyplot" in sys.modules
     shares: list[float] = []
@@ -106,7 +106,7 @@ def test_every_figure_is_written_whole_and_the_same_each_time(outcome: Outcome, 
     for path in first:
         assert path.read_bytes().startswith(kinds[path.suffix[1:]])
         assert path.stat().st_size > 4_000
-    # Drawing changes nothing global.
+    # Drawing changes no global settings.
     assert before == {key: mpl.rcParams[key] for key in before}
     assert ("matplotlib.pyplot" in sys.modules) == loaded
     for name in ("motion", "tracking-torques"):

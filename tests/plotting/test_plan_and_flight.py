@@ -1,4 +1,4 @@
-"""Figures of a run: what was flown beside what was planned, limits that matter, and scales that show all."""
+"""Test figures of a run with plan and flight, limits near the motion, and logarithmic scales."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def outcome(tmp_path_factory: pytest.TempPathFactory) -> Outcome:
 
 
 def other_flight(outcome: Outcome) -> Outcome:
-    """The same with a recording that ends 30 degrees off at every joint, and 3 at the base."""
+    """Return the run with a recording that ends 30 degrees off at all joints and 3 degrees at the base."""
     q = outcome.tracking.q.copy()
     share = np.linspace(0.0, 1.0, len(q))
     q[:, 7:] += np.radians(30.0) * share[:, None]
@@ -37,7 +37,7 @@ def labels(ax: Axes) -> list[str]:
 
 
 def thin(ax: Axes) -> list[Any]:
-    """The lines of the plan."""
+    """Return the data of the thin lines, which show the plan."""
     return [
         np.asarray(one.get_ydata())
         for one in ax.get_lines()
@@ -89,7 +89,7 @@ def test_only_limits_near_the_motion_are_drawn(outcome: Outcome) -> None:
 
 def test_singular_values_that_span_decades_can_all_be_read(outcome: Outcome) -> None:
     ax = plotting.figure(outcome, "coupling").axes[3]
-    assert ax.get_yscale() == "log"  # of a planar arm: 0.3 and 0.003
+    assert ax.get_yscale() == "log"  # singular values of the planar arm are about 0.3 and 0.003
     low, high = ax.get_ylim()
     sigma = np.array([outcome.sms.at(q).coupling.sigma for q in outcome.trajectory.q])
     assert len(ax.get_lines()) == 3
@@ -104,7 +104,7 @@ def test_legends_have_the_columns_that_fit() -> None:
     assert _columns([f"panda_joint{i}" for i in range(1, 8)]) == 3
     assert _columns(["a" * 100, "b"]) == 1
     seven = [f"joint_{i}" for i in range(1, 8)]
-    assert _columns(seven) == 4  # two rows: six columns would be as many rows, and wider than the figure
+    assert _columns(seven) == 4  # two rows of up to four columns
     figure = plotting.plot_series(None, np.arange(2.0), np.zeros((2, 7)), "torque", seven).get_figure(
         root=True
     )

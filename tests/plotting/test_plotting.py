@@ -1,4 +1,4 @@
-"""Panels and drawings of the motion: what is drawn is what the plan and the tracking hold, labelled."""
+"""Test that panels and drawings of a motion show the data of plan and recording with labels."""
 
 from __future__ import annotations
 
@@ -95,7 +95,7 @@ def test_velocities_are_the_slopes_of_the_displacements(outcome: Outcome) -> Non
         for moved, rate in zip(
             curves(PANELS[place](outcome, None)), curves(PANELS[speed](outcome, None)), strict=True
         ):
-            # Trapezoids over steps of 50 ms.
+            # Integrate by trapezoids with steps of 50 ms.
             slopes, steps = points(rate)[:, 1], np.diff(t)
             summed = np.concatenate([[0.0], np.cumsum(0.5 * steps * (slopes[1:] + slopes[:-1]))])
             np.testing.assert_allclose(summed, points(moved)[:, 1], atol=2e-2 * max(1.0, np.ptp(summed)))
@@ -119,7 +119,7 @@ def test_lines_differ_without_colour() -> None:
     styles = [line(i) for i in range(5)]
     assert len({str(style["linestyle"]) for style in styles}) == 5
     colours = [line(i)["color"] for i in range(7)]
-    # Rec. 709 luma: what is left of a colour in a grey print.
+    # The luma of Rec. 709 is the brightness of a colour in a grey print.
     grey = [float(np.array(to_rgb(colour)) @ np.array([0.2126, 0.7152, 0.0722])) for colour in colours]
     for i, j in itertools.combinations(range(7), 2):
         assert abs(grey[i] - grey[j]) > 0.03 or line(i)["linestyle"] != line(j)["linestyle"]
@@ -176,7 +176,7 @@ def test_a_spatial_motion_is_drawn_from_two_sides_at_the_same_scale(
         assert "xyz".index(side) not in shown
         path = next(points(curve) for curve in ax.get_lines() if curve.get_linestyle() == "--")
         np.testing.assert_allclose(path, plan.end_effector[:, shown], atol=1e-12)
-        assert ax.get_legend() is None  # one for both
+        assert ax.get_legend() is None  # both axes share a legend
         scales.append(ax.get_window_extent().height / np.ptp(ax.get_ylim()))
     assert len(figure.legends) == 1
     assert scales[0] == pytest.approx(scales[1], rel=0.05)
@@ -192,7 +192,7 @@ def test_a_cost_that_spans_decades_has_a_logarithmic_scale(outcome: Outcome) -> 
         low, high = ax.get_ylim()
         assert low < np.quantile(cost, 0.1)
         assert high > cost.max()
-    peak = np.where(steps > 0.95, 1.0, 0.0)  # a scale that holds zeros too
+    peak = np.where(steps > 0.95, 1.0, 0.0)  # most values are zero
     assert plotting.plot_cost(replace(plan, cost=peak)).get_ylim()[0] > 0.0
 
 
@@ -209,7 +209,7 @@ def test_long_names_stay_within_the_figure() -> None:
         box = legend.get_window_extent()
         assert box.x0 >= 0.0
         assert box.y1 <= figure.bbox.height
-        assert ax.get_window_extent().width > 0.5 * figure.bbox.width  # the panel keeps its room
+        assert ax.get_window_extent().width > 0.5 * figure.bbox.width  # the panel keeps its size
 
 
 def test_lines_that_coincide_share_an_entry_of_the_legend() -> None:

@@ -1,4 +1,4 @@
-"""Figures of the coupling over time, of its map, and of many runs."""
+"""Test figures of the coupling over time, of its map, and of bands of runs."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ def test_map_has_the_entropy_of_each_posture(planar: ffsms.SpaceManipulator) -> 
     first, second, entropy = entropy_grid(planar, (1, 2), at=[0.3, 0.0, 0.0], points=5)
     assert first[0] == planar.limits.lower[1]
     assert second[-1] == planar.limits.upper[2]
-    # The base joint turns the arm about the base's own axis; another posture, by another route.
+    # Compute the entropy of a posture of the map by NumPy.
     state = planar.at(planar.configuration([0.3, first[3], second[1]]))
     sigma = np.linalg.svd(-np.linalg.solve(state.H_b, state.H_bm), compute_uv=False)
     share = sigma[sigma > 1e-14] / sigma.sum()
@@ -120,4 +120,7 @@ def test_error_bands_have_the_median_of_the_runs(runs: list[ffsms.Tracking]) -> 
 
 def test_lines_without_a_name_have_no_label() -> None:
     ax = plot_series(None, np.arange(3.0), np.ones((3, 2)), "value [-]", ["first"])
-    assert [str(line.get_label())[:1] for line in ax.get_lines()] == ["f", "_"]  # none, as matplotlib has it
+    assert [str(line.get_label())[:1] for line in ax.get_lines()] == [
+        "f",
+        "_",
+    ]  # matplotlib hides labels that begin with "_"

@@ -1,4 +1,4 @@
-"""Figures of a run: all words whole and apart, no quantity twice, scales on which everything shows."""
+"""Test that texts in figures are complete and separate, and that no quantity is drawn twice."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def caught(tmp_path_factory: pytest.TempPathFactory) -> Outcome:
 
 @pytest.fixture(scope="module")
 def eight(planar: Outcome, random_tree: Callable[..., Any]) -> Outcome:
-    """A run of eight joints with long names, of which some slide, and one that hardly has a limit."""
+    """Return a run of eight joints with long names, some prismatic, and one with a huge rate limit."""
     model = random_tree(3, 8).model()
     for i in range(2, model.njoints):
         model.names[i] = f"shoulder_and_elbow_joint_{i}"
@@ -112,7 +112,7 @@ def test_a_capture_is_drawn_with_its_phases_and_its_prediction(caught: Outcome) 
     capture = caught.capture
     assert capture is not None
     assert capture.caught
-    assert "motion" not in figure_names(caught)  # this one draws it
+    assert "motion" not in figure_names(caught)  # the figure of the capture has the drawing
     figure = plotting.figure(caught, "capture")
     (drawing,), (states, distance, base, grip) = (part.axes for part in figure.subfigs)
     assert [text.get_text() for text in states.get_yticklabels()] == [one.name for one in capture.phases]
@@ -130,12 +130,12 @@ def test_a_capture_is_drawn_with_its_phases_and_its_prediction(caught: Outcome) 
     assert points(grip.get_lines()[0])[:, 1].max() == pytest.approx(
         np.linalg.norm(capture.whole.contact_wrench[:, :3], axis=1).max(), rel=1e-3
     )
-    # Where braking begins there is a line that says so: the force rises there without a new contact.
+    # A labelled line marks the start of braking, because the force rises there without a new contact.
     (latch,) = grip.texts
     assert latch.get_text().split() == f"latched, {capture.latched_at:.4g} s; braking begins".split()
     ends = [points(line)[:, 0] for line in grip.get_lines() if len(points(line)) == 2]
     assert any((end == capture.latched_at).all() for end in ends)
-    # Seen from where the client does not hide the tool: it stands out of the client's outline.
+    # The view is chosen so that the client's outline does not hide the target.
     client = max(
         (patch for patch in drawing.patches if patch.get_alpha() == 0.6), key=lambda patch: patch.get_zorder()
     )

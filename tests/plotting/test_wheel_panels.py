@@ -1,4 +1,4 @@
-"""The figure of the wheels in the results of a run."""
+"""Test the figure of the wheels."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ law = "coordinated"
 
 @pytest.fixture(scope="module")
 def held(tmp_path_factory: pytest.TempPathFactory) -> Outcome:
-    """A run of a planar arm, with the attitude held by wheels of which one stands still."""
+    """Return a run of a planar arm whose attitude is held by wheels; one wheel stays at rest."""
     return run(scenario(write(tmp_path_factory.mktemp("wheels"), SCENARIO, "held.toml")))
 
 
@@ -50,7 +50,7 @@ def test_wheels_that_turn_have_a_figure(held: Outcome) -> None:
     assert "base-angular" not in names  # flat
     assert "base-linear" in names
     momentum, torque, attitude = plotting.figure(held, "wheels").axes
-    # Two do the same and share a line; nothing turns the third, whose axis lies in the plane of the arm.
+    # Two wheels coincide and share a line; the third, whose axis is in the plane of the arm, is not drawn.
     lines = [line for line in momentum.get_lines() if np.size(line.get_xdata()) > 2]
     assert len(lines) == 2 + 2
     assert [np.size(line.get_xdata()) for line in lines] == [401, 401, 81, 81]
@@ -69,7 +69,7 @@ def test_near_limits_are_drawn_and_far_limits_are_in_the_label(held: Outcome) ->
     assert ("limits" in named(far)) == (shares.max() > 0.4)
     wheels = replace(held.sms.wheels, momentum=1.1 * np.abs(held.tracking.wheel_momentum).max())
     near = plot_wheels(held.sms.with_actuators(wheels=wheels), held.trajectory, held.tracking)
-    assert "limits" in named(near)  # those of the wheels that come near theirs
+    assert "limits" in named(near)
     assert "% of the limits" not in near.get_ylabel()
     wheels = replace(wheels, momentum=100.0)
     far = plot_wheels(held.sms.with_actuators(wheels=wheels), held.trajectory, held.tracking)

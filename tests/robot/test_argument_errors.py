@@ -1,4 +1,4 @@
-"""Wrong arguments and wrong models in memory end in one line that names the value."""
+"""Test that wrong arguments and models cause a one-line error that names the value."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def test_bad_vectors(refused: Refused, planar: ffsms.SpaceManipulator, value: An
     refused(lambda: planar.joint_positions(value), InvalidValue, "q must")
     refused(lambda: planar.velocity(q, value), InvalidValue, "joint_rates must")
     refused(lambda: planar.configuration(value), InvalidValue, "joints must")
-    if value is not None:  # which stands for rest, and for zero
+    if value is not None:  # None means a robot at rest, and zero momentum
         refused(lambda: planar.at(q, value), InvalidValue, "v must")
         refused(lambda: planar.velocity(q, [0, 0, 0], value), InvalidValue, "momentum must")
 
@@ -112,7 +112,7 @@ def test_limits_are_checked(
         refused(lambda bad=bad: ffsms.RobotLimits(**bad), InvalidValue, "limits.")
 
 
-ONE_OF_EACH = [
+ERRORS = [
     errors.FfsmsError("one\n two"),
     errors.InvalidValue("q", np.arange(100), "must be shorter"),
     errors.PartError("a part", "room", "gives\nnothing"),
@@ -137,10 +137,10 @@ WARNINGS = {"FfsmsWarning"}
 
 
 def test_the_listed_errors_cover_all_classes() -> None:
-    assert {type(error).__name__ for error in ONE_OF_EACH} == set(errors.__all__) - WARNINGS
+    assert {type(error).__name__ for error in ERRORS} == set(errors.__all__) - WARNINGS
 
 
-@pytest.mark.parametrize("error", ONE_OF_EACH, ids=lambda error: type(error).__name__)
+@pytest.mark.parametrize("error", ERRORS, ids=lambda error: type(error).__name__)
 def test_errors_are_single_lines_and_can_be_pickled(error: FfsmsError) -> None:
     assert "\n" not in str(error)
     again = pickle.loads(pickle.dumps(error))

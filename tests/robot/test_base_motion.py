@@ -1,4 +1,4 @@
-"""The base's motion under given joint motion, against a fine integration by another method."""
+"""Compare the base motion under a joint motion with integrations by other methods."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def test_base_motion_is_of_order_four(random_tree: Callable[..., Any]) -> None:
     q0, rates = sms.configuration(rng.uniform(-1, 1, size=4)), rng.uniform(-1, 1, size=4)
     acceleration, duration, joints = rng.uniform(-1, 1, size=4), 1.0, sms.joint_positions
 
-    # Reference: many small midpoint steps, extrapolated, with the joints known in closed form.
+    # The reference is extrapolated from many small midpoint steps, with joint positions in closed form.
     def midpoint(steps: int) -> Any:
         dt, q = duration / steps, q0.copy()
         for k in range(steps):
@@ -60,13 +60,13 @@ MOMENTUM = np.array([4.0, -2.0, 3.0, 1.0, -1.5, 2.0])
 
 
 def free_flight(sms: ffsms.SpaceManipulator, q: Any, v: Any, acceleration: Any, duration: float) -> Any:
-    """Configuration and velocity after `duration`, by forward dynamics, torques driving the joints."""
+    """Return configuration and velocity after `duration`, by forward dynamics with joint torques."""
     model, data = sms.model, sms.model.createData()
 
     def slope(_: float, y: Any) -> Any:
         q, v = y[: sms.nq].copy(), y[sms.nq :]
         q[3:7] /= np.linalg.norm(q[3:7])
-        # Torques on the joints alone give them their accelerations; the base goes where the dynamics say.
+        # Only the joints are driven, so that they have the accelerations; the base acceleration follows.
         M, effects = pin.crba(model, data, q).copy(), pin.nonLinearEffects(model, data, q, v).copy()
         base = np.linalg.solve(M[:6, :6], -effects[:6] - M[:6, 6:] @ acceleration)
         tau = np.concatenate([np.zeros(6), M[6:, :6] @ base + M[6:, 6:] @ acceleration + effects[6:]])
@@ -96,7 +96,7 @@ def test_tumbling_base_is_of_order_four(random_tree: Callable[..., Any], seed: i
         q, qd = roll_out(sms, q0, rates, np.tile(acceleration, (steps, 1)), duration / steps, MOMENTUM)
         errors.append(distance(q_end, q[-1]))
         np.testing.assert_allclose(np.linalg.norm(q[:, 3:7], axis=1), 1.0, atol=1e-14)
-        # The system's centre of mass flies straight.
+        # The system's centre of mass moves at constant velocity.
         mass = pin.computeTotalMass(sms.model)
         times = np.linspace(0.0, duration, steps + 1)
         coms = np.array([sms.at(row).com for row in q])
@@ -105,12 +105,12 @@ def test_tumbling_base_is_of_order_four(random_tree: Callable[..., Any], seed: i
     assert errors[2] < 1e-7
     assert 14.0 < errors[0] / errors[1] < 18.0
     assert 14.0 < errors[1] / errors[2] < 18.0
-    # And so the velocity that goes with it is the dynamics'.
+    # The velocity for these joint rates and this momentum is that of the forward dynamics.
     np.testing.assert_allclose(sms.velocity(q[-1], qd[-1], MOMENTUM), v_end, rtol=0.0, atol=30.0 * errors[2])
 
 
 def test_base_motion_with_momentum_agrees_with_the_simulation() -> None:
-    # No torques at all: the joints drift as the dynamics have it, and the base is rolled out along with them.
+    # Without torques the joints drift; the base motion is rolled out from the simulated joint motion.
     sms = ffsms.load("satellite_panda")
     q0 = sms.configuration(0.5 * (sms.limits.lower + sms.limits.upper))
     momentum = np.array([2.0, -1.0, 1.0, 1.5, 2.0, -1.0])  # 2 to 3 degrees a second
@@ -126,14 +126,14 @@ def test_base_motion_with_momentum_agrees_with_the_simulation() -> None:
         rolled, _ = roll_out(sms, q0, rates[0], np.diff(rates, axis=0) / dt, dt, momentum)
         errors.append(distance(q, rolled[-1]))
         still, _ = roll_out(sms, q0, rates[0], np.diff(rates, axis=0) / dt, dt)
-    assert distance(q, still[-1]) > 1e-2  # without the momentum the base is elsewhere
-    # Accelerations that are held for a step follow the joints to order 2.
+    assert distance(q, still[-1]) > 1e-2  # without momentum the base moves differently
+    # Accelerations that are constant in each step approximate the joint motion to order 2.
     assert errors[0] < 1e-5
     assert 3.5 < errors[0] / errors[1] < 4.5
 
 
 def test_finite_differences_of_the_motion_have_the_momentum(random_tree: Callable[..., Any]) -> None:
-    # Velocities from differences of the configurations, not from the momentum equation.
+    # Velocities are finite differences of the configurations, independent of the momentum equation.
     sms = ffsms.SpaceManipulator(random_tree(3, 4, ("revolute", "prismatic")).model(), "tip")
     rng = np.random.default_rng(3)
     q0, dt, steps = sms.configuration(rng.uniform(-1, 1, size=4)), 2e-3, 300
@@ -154,7 +154,7 @@ def test_zero_momentum_gives_the_same_bits_as_no_momentum(planar: ffsms.SpaceMan
     wanted = roll_out(planar, q, rates, accelerations, 0.05)
     for a, b in zip(roll_out(planar, q, rates, accelerations, 0.05, np.zeros(6)), wanted, strict=True):
         np.testing.assert_array_equal(a, b)
-    # The other path has another error, but goes the same way.
+    # A tiny momentum selects the other code path, which has another integration error.
     other, _ = roll_out(planar, q, rates, accelerations, 0.05, np.full(6, 1e-12))
     np.testing.assert_allclose(other, wanted[0], rtol=0.0, atol=1e-9)
 
@@ -193,7 +193,7 @@ def test_wrong_momentum(
 
 
 def test_the_quaternion_stays_normalised() -> None:
-    """Through long moves of a heavy arm: rounding of a quaternion must not feed on itself."""
+    """Test long motions of a heavy arm, because rounding errors of the quaternion could grow."""
     sms = ffsms.load("space_arm_7")
     rng, start = np.random.default_rng(1), np.array([0.0, 0.6, 0.0, 1.2, 0.0, 0.6, 0.0])
     for _ in range(60):

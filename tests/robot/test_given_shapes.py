@@ -1,4 +1,4 @@
-"""Shapes that come beside a Pinocchio model, or in an MJCF file, are those of the URDF."""
+"""Test shapes that are passed with a Pinocchio model or read from an MJCF file."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def model_with_shapes(name: str) -> tuple[Any, dict[str, Any]]:
 
 
 def placed(sms: ffsms.SpaceManipulator, kind: ShapeKind, q: Array) -> list[Array]:
-    """Poses of all shapes of the robot in inertial axes, and their boxes, in a fixed order."""
+    """Return the corners (6,) of the box of each shape in inertial axes, sorted."""
     shapes = sms.geometry(kind)
     data, scratch = pin.GeometryData(shapes), sms.model.createData()
     pin.updateGeometryPlacements(sms.model, scratch, shapes, data, q)
@@ -67,7 +67,7 @@ def test_shapes_of_a_model_equal_those_of_its_urdf(locked: dict[str, float]) -> 
     for kind in KINDS:
         np.testing.assert_allclose(placed(found, kind, q), placed(wanted, kind, q), atol=1e-9)
     sent = pickle.dumps(found)
-    assert len(sent) < 100_000  # names of meshes, not their triangles
+    assert len(sent) < 100_000  # a pickle has the names of meshes, not their triangles
     again = pickle.loads(sent)
     for kind in KINDS:
         np.testing.assert_allclose(placed(again, kind, q), placed(found, kind, q), atol=1e-12)
@@ -79,7 +79,7 @@ def test_shapes_of_a_model_equal_those_of_its_urdf(locked: dict[str, float]) -> 
 
 
 def test_collision_checks_use_the_shapes_of_a_model() -> None:
-    """The robot with its shapes is kept clear by them, the one without by the paper's points."""
+    """With shapes, clearances are computed from hulls; without shapes, from the paper's points."""
     model, shapes = model_with_shapes("xarm7")
     plain, seen = ffsms.mount(model, velocity=0.4), ffsms.mount(model, velocity=0.4, **shapes)
     assert [chosen_mode(sms) for sms in (plain, seen)] == ["points", "hulls"]
@@ -102,7 +102,7 @@ def test_shapes_of_an_mjcf_file_are_loaded(tmp_path: Path) -> None:
     data = sms.model.createData()
     pin.framesForwardKinematics(sms.model, data, q)
     tool = data.oMf[sms.model.getFrameId("tool")]
-    # The last box reaches to the tool.
+    # The last box ends at the tool.
     middle = tool.act(np.array([0.0, 0.0, -0.2]))
     lower = sms.geometry("collision").geometryObjects[-1]
     assert lower.name == "lower_0"

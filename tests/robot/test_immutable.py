@@ -1,4 +1,4 @@
-"""A robot stays what it was made as; another one is made with other limits or inertias."""
+"""Test that robots are immutable, and that copies with other limits or inertias can be made."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ def test_with_limits(robot: ffsms.SpaceManipulator) -> None:
     slower = robot.with_limits(replace(before, velocity=0.5 * before.velocity))
     np.testing.assert_array_equal(slower.limits.velocity, 0.5 * before.velocity)
     assert robot.limits is before
-    # All else is the same robot, shapes included.
+    # Everything else is equal, shapes included.
     assert slower.model == robot.model
     assert slower.base_size == robot.base_size
     assert slower.base_box_placement == robot.base_box_placement
@@ -80,12 +80,12 @@ def test_with_inertias(robot: ffsms.SpaceManipulator) -> None:
     np.testing.assert_array_equal(narrow.at(q).H, H)
     np.testing.assert_array_equal(twice.limits.torque, 0.25)
     assert twice.geometry("visual").ngeoms == narrow.geometry("visual").ngeoms
-    # The same from a model; only its inertias are taken.
+    # Only the inertias of a model are used.
     model = twice.model.copy()
     model.gravity = pin.Motion(np.full(6, 9.0))
     again = narrow.with_inertias(model)
     assert again.model == twice.model
-    # Where the base's centre of mass moves, so does the reference point.
+    # The reference point is the base's centre of mass.
     first = inertias[0]
     moved = narrow.with_inertias(
         [pin.Inertia(first.mass, np.array([0.1, 0.2, 0.3]), first.inertia), *inertias[1:]]

@@ -1,4 +1,4 @@
-"""Files as they are published: limits left out, joints that mimic, inertias that no rigid body has."""
+"""Load files with missing limits, mimicking joints and inertias that no rigid body has."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from paper_sums import assert_near
 import ffsms_pin as ffsms
 from ffsms_pin.errors import FfsmsWarning, InvalidInertia, InvalidUrdf
 
-# In the style of the files that come with SPART: a bus, and joints without <limit>.
+# A bus with an arm in the style of the files of SPART, whose joints have no <limit>.
 LINK = """<link name="{name}"><inertial><origin xyz="0 0 {z}" rpy="0 0 0"/><mass value="{mass}"/>
 <inertia ixx="{ixx}" ixy="0" ixz="0" iyy="{iyy}" iyz="0" izz="{izz}"/></inertial></link>"""
 JOINT = """<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>
@@ -24,7 +24,7 @@ AXES = ("0 0 1", "0 1 0", "0 1 0")
 
 
 def satellite(more: tuple[str, str, str] = ("", "", ""), ixx: float = 0.04, kind: str = "revolute") -> str:
-    """A bus with three links; `more` is what the joints have besides, `ixx` belongs to link 2."""
+    """Return a bus with three links; `more` are further elements of the joints, `ixx` is of link 2."""
     text = BUS
     for i in range(1, 4):
         parent, z = ("bus", 0.5) if i == 1 else (f"link{i - 1}", 0.4)
@@ -126,18 +126,18 @@ MIMIC = '<mimic joint="{}" multiplier="{}" offset="{}"/>'
 @pytest.mark.parametrize(
     ("locked", "mimics", "as_locked", "warned"),
     [
-        # leader locked: the joint goes with it
+        # The mimicked joint is locked, so the joint is locked at its mimicking position.
         ({"joint1": 0.3}, {3: ("joint1", -2.0, 0.1)}, {"joint1": 0.3, "joint3": -0.5}, None),
-        # leader moves: the joint stays at its offset
+        # The mimicked joint moves, so the joint is locked at its offset.
         ({}, {3: ("joint1", -2.0, 0.1)}, {"joint3": 0.1}, "'joint3' at 0.1 .it mimics 'joint1'"),
-        # a joint that mimics one that mimics
+        # A joint mimics a joint that mimics another joint.
         (
             {"joint1": 0.3},
             {2: ("joint1", 2.0, 0.1), 3: ("joint2", -1.0, 0.2)},
             {"joint1": 0.3, "joint2": 0.7, "joint3": -0.5},
             None,
         ),
-        # the argument has the last word
+        # The argument has priority over <mimic>.
         ({"joint3": 0.9}, {3: ("joint1", -2.0, 0.1)}, {"joint3": 0.9}, None),
     ],
 )
@@ -149,7 +149,7 @@ def test_joints_that_mimic(
     tmp_path: Path,
 ) -> None:
     parts = [MIMIC.format(*mimics[i]) if i in mimics else "" for i in (1, 2, 3)]
-    # The file is given twice: with <mimic>, and plain with every joint locked by hand.
+    # Compare a file with <mimic> with a file without <mimic> whose joints are locked by the argument.
     locked_all = len(as_locked) == 3
     fourth = LINK.format(name="hand", z=0.1, mass=1.0, ixx=0.01, iyy=0.01, izz=0.01) + JOINT.format(
         name="joint4", kind="revolute", parent="link3", child="hand", z=0.4, axis="1 0 0", more=limit()
@@ -190,7 +190,7 @@ def test_published_inertias(tmp_path: Path) -> None:
     assert np.linalg.eigvalsh(kept.at(kept.configuration([0.1, 0.2, 0.3])).H)[0] > 0.0
     with pytest.warns(FfsmsWarning, match=r"'link2' from \(0.02, 0.03, 0.08\) to \(0.035, 0.045, 0.08\)"):
         mended = ffsms.load(path, inertias="repair")
-    # Second moments (-0.015, 0.035, 0.045): the negative one becomes zero.
+    # The second moments are (-0.015, 0.035, 0.045); repair sets the negative value to zero.
     body = mended.model.inertias[mended.model.getJointId("joint2")]
     np.testing.assert_allclose(body.inertia, np.diag([0.08, 0.045, 0.035]), atol=1e-15)
     with pytest.warns(FfsmsWarning, match="link2"):
@@ -210,7 +210,7 @@ def test_inertias_that_are_not_positive_definite_are_not_kept(tmp_path: Path) ->
 
 
 def test_a_planar_tensor_can_only_be_repaired(tmp_path: Path) -> None:
-    """Published planar robots have inertia about one axis alone; a body that turns needs it about all."""
+    """Test an inertia about one axis only, as in published files of planar robots."""
     text = satellite(LIMITED, ixx=0.08).replace('iyy="0.03"', 'iyy="0"').replace('izz="0.02"', 'izz="0"')
     path = write(tmp_path, text)
     with pytest.raises(InvalidInertia, match=r'0 \+ 0 < 0.04 kg m\^2; load it with inertias="repair"$'):

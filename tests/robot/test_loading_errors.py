@@ -1,4 +1,4 @@
-"""Every bad file and every bad argument of `load` ends in one line that names what is wrong."""
+"""Test that bad files and bad arguments of `load` cause a one-line error that names the cause."""
 
 from __future__ import annotations
 
@@ -140,7 +140,7 @@ def test_bad_file(refused: Refused, case: str, tmp_path: Path, capfd: pytest.Cap
     error = refused(lambda: ffsms.load(path), kind, *words)
     if isinstance(error, InvalidUrdf) and "positive definite" not in str(error):
         assert str(path) in str(error)
-    assert capfd.readouterr().err == ""  # nothing of the C++ parser either
+    assert capfd.readouterr().err == ""  # the C++ parser prints nothing
 
 
 @pytest.mark.parametrize("robot", ["planar_4r", "", "no/such/file.urdf", "x" * 5000, "nul\0byte", Path(".")])

@@ -1,6 +1,6 @@
-"""Damage the packaged robots' files anywhere: reading ends in a model that works, or in one line.
+"""Test that randomly damaged robot files are loaded or cause a one-line error.
 
-FFSMS_FUZZ=2000 in the environment asks for so many damaged files a test (default 150).
+The environment variable FFSMS_FUZZ sets the number of damaged files of each test (default 150).
 """
 
 from __future__ import annotations
@@ -22,13 +22,13 @@ from ffsms_pin.errors import FfsmsError, InvalidUrdf
 from ffsms_pin.inspection import inspect, repair
 from ffsms_pin.urdf import model_names, model_path
 
-# What `load` assumes of a damaged file it warns of; that it may.
+# `load` may warn of defaults that it assumes for a damaged file.
 pytestmark = pytest.mark.filterwarnings("ignore::ffsms_pin.errors.FfsmsWarning")
 
 EXAMPLES = int(os.environ.get("FFSMS_FUZZ", "150"))
 FUZZ = settings(max_examples=EXAMPLES, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 FILES = [model_path(name).read_text() for name in model_names()]
-# The largest file is long; most of what can go wrong can go wrong in a short one.
+# The shortest file is drawn more often, because most faults can occur in it.
 FILES += [FILES[model_names().index("planar_3r")]] * 3
 TOOLS = [None, "end_effector", "left_tool"]
 NUMBERS = ["0", "-1", "nan", "inf", "-inf", "1e400", "1e-400", "1e-320", "1e300", "1e31", "-0.0", "1e-160"]
@@ -71,7 +71,7 @@ TOKENS += ["<?xml?>", "<link/>", "<joint/>", "<!DOCTYPE a>", "\ufeff", "&#0;", "
 
 
 def restructured(draw: Any) -> str:
-    """Elements and attributes dropped, doubled, renamed, moved, set to something else."""
+    """Drop, double, rename, move or change elements and attributes of a random file."""
     root = ElementTree.fromstring(draw(st.sampled_from(FILES)))
     for _ in range(draw(st.integers(1, 3))):
         parents = {child: parent for parent in root.iter() for child in parent}
@@ -103,7 +103,7 @@ def restructured(draw: Any) -> str:
 
 
 def respelled(draw: Any) -> str:
-    """Words, numbers and signs of the text dropped, doubled, exchanged or replaced."""
+    """Drop, double, exchange or replace words, numbers and characters of a random file."""
     tokens = re.findall(r"\s+|[\w.+-]+|[^\w\s]", draw(st.sampled_from(FILES)))
     places = st.integers(0, len(tokens) - 1)
     for _ in range(draw(st.integers(1, 4))):
@@ -120,13 +120,13 @@ def respelled(draw: Any) -> str:
         elif action == "replace number":
             numbers = [k for k, token in enumerate(tokens) if token[:1].isdigit()]
             tokens[draw(st.sampled_from(numbers)) if numbers else i] = draw(st.sampled_from(VALUES))
-        elif draw(st.booleans()):  # a cut end hides every other damage: rarely
+        elif draw(st.booleans()):  # rarely, because a truncated file hides all other damage
             tokens[max(i, 1) :] = [""] * (len(tokens) - max(i, 1))
     return "".join(tokens)
 
 
 def quiet(work: Callable[[Path], None], text: str, folder: Path) -> None:
-    """Do `work` on the text as a file: a line of ours at most, and nothing said aloud."""
+    """Call `work` with a file of the text; check that it prints nothing and raises at most a one-line error."""
     path = folder / "damaged.urdf"
     path.write_text(text, encoding="utf-8", errors="surrogatepass")
     line, kept = "", os.dup(2)
@@ -140,9 +140,9 @@ def quiet(work: Callable[[Path], None], text: str, folder: Path) -> None:
             os.dup2(kept, 2)
             os.close(kept)
         assert "\n" not in line
-        assert "Pinocchio" not in line  # our own checks name the fault before its parser does
+        assert "Pinocchio" not in line  # the library's checks find the fault before the parser does
         spoken.seek(0)
-        assert spoken.read() == b""  # and so its parser has nothing to print
+        assert spoken.read() == b""  # the parser prints nothing
 
 
 def use(sms: ffsms.SpaceManipulator) -> None:
@@ -204,7 +204,7 @@ def test_damaged_files_are_repaired_or_refused(damaged: Callable[[Any], str], tm
             assert not out.exists()
             raise
         assert report.repairable
-        assert report.loads or changes  # nothing is mended silently
+        assert report.loads or changes  # no repair is silent
         assert inspect(out).loads
 
     @settings(FUZZ, max_examples=EXAMPLES // 3)

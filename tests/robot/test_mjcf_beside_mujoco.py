@@ -1,4 +1,4 @@
-"""MJCF files, drawn ones and those that `to_mjcf` writes, are read as MuJoCo reads them."""
+"""Compare robots from random and exported MJCF files with MuJoCo."""
 
 from __future__ import annotations
 
@@ -28,14 +28,14 @@ Refused = Callable[..., FfsmsError]
 
 
 def compiled_by_mujoco(path: Path) -> mujoco.MjModel:
-    """The file as MuJoCo compiles it."""
+    """Compile a file by MuJoCo."""
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", UserWarning)  # an attribute that a later version may drop
+        warnings.simplefilter("ignore", UserWarning)  # some attributes are deprecated
         return mujoco.MjSpec.from_file(str(path)).compile()
 
 
 def full_matrix(compiled: mujoco.MjModel, qpos: Array) -> Array:
-    """MuJoCo's inertia matrix at a configuration."""
+    """Return MuJoCo's inertia matrix at a configuration."""
     data = mujoco.MjData(compiled)
     data.qpos[:] = qpos
     mujoco.mj_forward(compiled, data)
@@ -48,10 +48,10 @@ def full_matrix(compiled: mujoco.MjModel, qpos: Array) -> Array:
 
 
 def disagreement(path: Path, floating: bool) -> float:
-    """The largest relative difference of ours from MuJoCo's inertia matrix at three configurations.
+    """Return the largest relative difference from MuJoCo's inertia matrix at three configurations.
 
-    A mounted arm is compared with the file's, which stands still, a whole robot with base and all: there
-    the linear velocity of MuJoCo's base has inertial axes.
+    The joint block of a mounted arm is compared with the arm on a fixed base in MuJoCo. A whole robot is
+    compared with its base; the linear velocity of MuJoCo's base has inertial axes.
     """
     compiled = compiled_by_mujoco(path)
     with warnings.catch_warnings():
@@ -82,7 +82,7 @@ def disagreement(path: Path, floating: bool) -> float:
 
 
 def _agrees(seed: int, folder: Path) -> None:
-    """Draw a file and compare it with MuJoCo, or check that it is refused by name if MuJoCo refuses it."""
+    """Compare a random file with MuJoCo, or check that it is refused if MuJoCo refuses it."""
     floating = seed % 3 == 0
     path = draw(folder, seed, floating)
     try:
@@ -114,7 +114,7 @@ ARM = f'<body name="l1" pos="0.3 0 0">{BODY}{LAST}</body>'
 
 
 def written(folder: Path, world: str, rest: str = "", compiler: str = 'angle="radian"') -> Path:
-    """The path of an MJCF file with bodies in its world, and other elements."""
+    """Write an MJCF file with bodies in its world and other elements, and return its path."""
     path = folder / "arm.xml"
     path.write_text(
         f'<mujoco model="arm"><compiler {compiler}/><worldbody>{world}</worldbody>{rest}</mujoco>'
@@ -160,9 +160,9 @@ def test_files_that_are_no_robots_are_refused(refused: Refused, tmp_path: Path) 
     pair = base.format("1", ARM) + base.format("2", names)
     refused(lambda: ffsms.load(written(tmp_path, pair)), UnsupportedJoint, "'sat1', 'sat2'")
     refused(lambda: ffsms.mount(written(tmp_path, ARM.replace('"0.3 0 0"', '"0.3/2 0 0"'))), InvalidUrdf)
-    line = ARM.replace(BODY, f'<joint name="b" axis="0 0 1"/>{BODY}')  # two hinges that are one
+    line = ARM.replace(BODY, f'<joint name="b" axis="0 0 1"/>{BODY}')  # two hinges about the same axis
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", FfsmsWarning)  # MuJoCo sees it too
+        warnings.simplefilter("ignore", FfsmsWarning)
         refused(lambda: ffsms.mount(written(tmp_path, line)), InvalidInertia, "positive definite")
     for option, given in (("package_dirs", ["."]), ("wheels", ["a"]), ("srdf", "a.srdf")):
         path = written(tmp_path, base.format("1", ARM))

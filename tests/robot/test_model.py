@@ -1,4 +1,4 @@
-"""The packaged model, what `load` makes of a file, and configurations."""
+"""Test the packaged planar robot, options of `load`, and configurations."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ DEG = np.pi / 180.0
 
 
 def rewritten(path: Path, *changes: tuple[str, str]) -> Path:
-    """The planar robot's file with some text replaced."""
+    """Write the planar robot's file with some text replaced, and return its path."""
     text = model_path("planar_3r").read_text()
     for old, new in changes:
         assert old in text
@@ -84,7 +84,7 @@ def test_initial_values_of_the_paper(planar: ffsms.SpaceManipulator) -> None:
     np.testing.assert_allclose(state.com, np.zeros(3), atol=1e-16)
     # The paper prints four digits.
     np.testing.assert_array_equal(np.round(state.base_pose.translation, 4), [-0.0356, -0.0006, 0.0])
-    # By hand: joints at 1, 2 and 3 degrees from the base's axis.
+    # Links at 1, 2 and 3 degrees from the base's axis, summed by hand.
     turns = np.exp(1j * DEG * np.array([1.0, 2.0, 3.0]))
     middle = 0.232 + 0.3 * np.concatenate([[0.0], np.cumsum(turns)[:2]]) + 0.15 * turns
     base = -0.569 * middle.sum() / (31.015 + 3 * 0.569)
@@ -102,7 +102,7 @@ def test_a_path_and_a_packaged_name_load_the_same_model(planar: ffsms.SpaceManip
 
 
 def test_loading_prints_nothing(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
-    # Pinocchio's parser complains aloud about shapes and colours that the dynamics do not need.
+    # Pinocchio's parser would print warnings about shapes and colours that the dynamics do not need.
     ffsms.load(
         rewritten(
             tmp_path / "a.urdf",
@@ -133,7 +133,7 @@ def test_base_size_option(tmp_path: Path) -> None:
             f'<collision><origin xyz="0.1 0 0" rpy="0 0 0.5"/>{box.replace("0.483", "0.4")}',
         ),
     )
-    sms = ffsms.load(placed)  # the collision's box, where it stands
+    sms = ffsms.load(placed)  # the base box is the collision box
     assert sms.base_size == (0.464, 0.464, 0.4)
     np.testing.assert_array_equal(sms.base_box_placement.translation, [0.1, 0.0, 0.0])
     np.testing.assert_allclose(sms.base_box_placement.rotation, pin.rpy.rpyToMatrix(0, 0, 0.5), atol=1e-16)
@@ -147,7 +147,7 @@ def test_end_effector_option(planar: ffsms.SpaceManipulator) -> None:
 
 
 def test_a_link_and_a_joint_of_the_same_name(tmp_path: Path, planar: ffsms.SpaceManipulator) -> None:
-    # Common in practice; in Pinocchio both are frames. The link is meant.
+    # Link and joint are both frames in Pinocchio; the end effector is the link.
     swapped = rewritten(tmp_path / "a.urdf", ('joint name="joint_2"', 'joint name="end_effector"'))
     sms, joints = ffsms.load(swapped), [0.4, -0.3, 0.9]
     wanted = planar.at(planar.configuration(joints)).end_effector_pose
@@ -172,7 +172,7 @@ def test_the_constructor_does_not_change_its_model(random_tree: Builder) -> None
 
 
 def test_joint_order_that_pinocchio_gets_wrong(random_tree: Builder) -> None:
-    # A second branch begun before the first one ends: Pinocchio's inertia matrix would be wrong in silence.
+    # Pinocchio's inertia matrix is wrong if a second branch begins before the first branch ends.
     tree = random_tree(1, 3, ("revolute",))
     bodies = [body._replace(parent=p) for body, p in zip(tree.bodies, (-1, 0, 0, 1), strict=True)]
     with pytest.raises(UnsupportedJoint, match="joint_3"):
@@ -197,7 +197,7 @@ def test_models_that_do_not_float(random_tree: Builder) -> None:
 
 
 def test_fixed_links_are_one_body(random_tree: Builder, tmp_path: Path) -> None:
-    # The base in three fixed links, of which one has no mass, and tool frames: the same dynamics to 1e-12.
+    # A base of three fixed links, one of them without mass, has the same dynamics to 1e-12 as one body.
     tree = random_tree(8, 5, ("revolute", "prismatic"))
     mast = pin.SE3(pin.rpy.rpyToMatrix(0.3, -0.4, 0.5), np.array([0.2, 0.1, -0.3]))
     mast_body = pin.Inertia(7.0, np.array([0.1, 0.0, 0.2]), np.diag([0.4, 0.5, 0.6]))
@@ -212,7 +212,7 @@ def test_fixed_links_are_one_body(random_tree: Builder, tmp_path: Path) -> None:
     path = tmp_path / "parts.urdf"
     path.write_text(tree.urdf(extra))
     sms = ffsms.load(path, end_effector="tip")
-    # By hand: masses add, and inertias about the common centre of mass by the parallel axis theorem.
+    # Masses add; inertias are shifted to the common centre of mass by the parallel axis theorem.
     base = tree.bodies[0]
     parts = [
         (base.mass, base.com, base.inertia),
@@ -269,12 +269,12 @@ def test_continuous_joints_have_two_entries_of_q(random_tree: Builder, tmp_path:
     np.testing.assert_allclose(
         sms.joint_positions(sms.configuration(joints + 2 * np.pi * np.array([1, 0, -2]))), joints
     )
-    # No end to their travel, whatever the file says; rates and torques are limited.
+    # Continuous joints have no position limits, even if the file has; rates and torques are limited.
     np.testing.assert_array_equal(sms.limits.lower, [-np.inf, -2.5, -np.inf])
     np.testing.assert_array_equal(sms.limits.upper, [np.inf, 2.0, np.inf])
     np.testing.assert_array_equal(sms.limits.velocity, 0.4)
     np.testing.assert_array_equal(sms.limits.torque, 3.0)
-    # A user's q goes through Pinocchio and back.
+    # A configuration integrated by Pinocchio has the right joint positions.
     moved = pin.integrate(sms.model, q, 0.1 * sms.velocity(q, [1.0, 2.0, 3.0]))
     np.testing.assert_allclose(sms.joint_positions(moved), joints + np.array([0.1, 0.2, 0.3]), atol=1e-14)
 

@@ -1,4 +1,4 @@
-"""Arms on satellites and the packaged robots, against sums over every link of their files."""
+"""Compare arms on satellites and the packaged robots with sums over the links of their files."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def test_arms_on_the_default_satellite(arm: str) -> None:
         parts_of(arm_file(arm)), cube(), Z_TO_X, np.array([0.5, 0.0, 0.0]), FIXED.get(arm, ())
     )
     total = sum(body.mass for body in sms.model.inertias)
-    assert total == pytest.approx(sum(part.mass for part in parts), rel=1e-14)  # fingers and all
+    assert total == pytest.approx(sum(part.mass for part in parts), rel=1e-14)  # including the fingers
     check(sms, parts)
 
 

@@ -1,4 +1,4 @@
-"""Mounting arms on satellites: where they stand, joints that are locked, and what is refused."""
+"""Test arms on satellites: placement, locked joints and refused arguments."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def test_the_default_mount_points_along_x() -> None:
     np.testing.assert_allclose(foot.translation, [1.0, 0.0, 0.0], atol=1e-15)
     np.testing.assert_allclose(foot.rotation[:, 2], [1.0, 0.0, 0.0], atol=1e-15)
     np.testing.assert_allclose(foot.rotation[:, 1], [0.0, 1.0, 0.0], atol=1e-15)
-    assert sms.model.inertias[1].mass == pytest.approx(131.015)  # the planar robot's own base rides along
+    assert sms.model.inertias[1].mass == pytest.approx(131.015)  # including the planar robot's own base
 
 
 def test_a_locked_joint_is_fixed_at_its_position() -> None:
@@ -58,7 +58,7 @@ def test_a_locked_joint_is_fixed_at_its_position() -> None:
 
 
 def test_an_arm_with_a_link_named_satellite_is_mounted() -> None:
-    sms = ffsms.mount("space_arm_7")  # whose base link is called "satellite" too
+    sms = ffsms.mount("space_arm_7")  # its base link is also named "satellite"
     assert sms.n == 7
     assert sms.model.inertias[1].mass == pytest.approx(2750.0)
 

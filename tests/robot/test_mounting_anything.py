@@ -1,4 +1,4 @@
-"""Arms from any loader of example-robot-data, from MJCF files and from Pinocchio models, on a satellite."""
+"""Mount arms from example-robot-data, from MJCF files and from Pinocchio models on a satellite."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ URDF = """<robot name="two">
 
 
 def assert_same(a: ffsms.SpaceManipulator, b: ffsms.SpaceManipulator) -> None:
-    """The same dynamics, tool and limits, by the joints' order."""
+    """Check that two robots have equal joint names, dynamics, tools, limits and base boxes."""
     assert a.joint_names == b.joint_names
     joints = np.linspace(-0.4, 0.7, a.n)
     base = pin.SE3(pin.rpy.rpyToMatrix(0.1, -0.2, 0.3), np.array([0.1, 0.2, 0.3]))
@@ -143,12 +143,12 @@ def test_two_arms_are_ambiguous_despite_a_tool_frame(refused: Refused, tmp_path:
 def test_any_loader_of_the_package() -> None:
     ur3, ur5 = ffsms.mount("ur3"), ffsms.mount("ur5_limited")
     assert (ur3.n, ur3.end_effector, ur5.end_effector) == (6, "tool0", "tool0")
-    # The UR3 weighs 10.6 kg and the UR5 21 kg (4 kg of them at its foot): not the same file twice.
+    # The UR3 weighs 10.6 kg and the UR5 21 kg, 4 kg of them at its foot, so two different files are loaded.
     masses = [sum(body.mass for body in sms.model.inertias) - 200.0 for sms in (ur3, ur5)]
     assert 8.0 < masses[0] < 12.0 < 18.0 < masses[1] < 23.0
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        # Seven joints move in the file; the fingers' joints, which mimic one of them, are fixed.
+        # Seven joints of the file move; the finger joints, which mimic one of them, are fixed.
         assert ffsms.mount("talos_arm", end_effector="gripper_left_base_link").n == 7
         assert ffsms.mount("panda_collision").joint_names == ffsms.mount("panda").joint_names
 

@@ -1,4 +1,4 @@
-"""Robots of several arms: loaded whole, mounted side by side, with a tool chosen where one matters."""
+"""Test robots with several arms: loading, mounting, and the choice of the end effector."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def test_two_arms_load_with_both_end_effectors(both: ffsms.SpaceManipulator) -> 
     assert "none chosen of left_tool, right_tool" in repr(both)
     again = pickle.loads(pickle.dumps(both))
     assert again.end_effectors == both.end_effectors
-    # What depends on no tool is there.
+    # Quantities that do not depend on the end effector are available.
     state = both.at(both.configuration([0.1] * 14))
     chosen = ffsms.load("two_arms", end_effector="left_tool").at(state.q)
     np.testing.assert_array_equal(state.H, chosen.H)
@@ -82,7 +82,7 @@ def test_links_fixed_to_the_base_are_no_end_effectors(tmp_path: Path) -> None:
 
 
 def test_arms_are_mounted_side_by_side(mixed: ffsms.SpaceManipulator) -> None:
-    """Each arm moves as it does alone at its place, and the masses are those of both."""
+    """Each tool has the pose of a single arm at the same placement, and the masses add."""
     panda, ur5 = (ffsms.mount(name) for name in ("panda", "ur5"))
     assert mixed.joint_names == [*panda.joint_names, *ur5.joint_names]
     assert mixed.end_effectors == ["panda_hand_tcp", "tool0"]
@@ -138,7 +138,7 @@ def test_the_box_of_a_satellite_does_not_depend_on_its_centre_of_mass() -> None:
 
 
 def test_mjcf_files_are_mounted_beside_other_arms(tmp_path: Path) -> None:
-    """Each arm moves as it does alone at its place, and the masses are those of both."""
+    """Each tool has the pose of a single arm at the same placement, and the masses add."""
     path = tmp_path / "boom.xml"
     path.write_text(
         '<mujoco model="boom"><compiler angle="radian"/><worldbody><body name="l1" pos="0.3 0 0.1">'

@@ -1,4 +1,4 @@
-"""The servicer with a pod and a probe: the numbers that are public, and a plan to a nozzle that tumbles."""
+"""Test the servicer with a pod and a probe: published numbers, and a plan to a tumbling nozzle."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def test_the_servicer_has_the_published_numbers() -> None:
     links = [21.4021, 16.5794, 18.0461, 9.7351, 7.7539, 5.582, 5.2186 + 411.0 + 10.0]
     masses = [body.mass for body in sms.model.inertias][1:]
     np.testing.assert_allclose(masses, [4469.0 + 15.8469, *links], rtol=1e-12)
-    # Stretched, all lengths of the chain add up; the pod leans by 15 degrees.
+    # At zero joint positions the lengths of the chain add; the pod is inclined by 15 degrees.
     state = sms.at(sms.configuration(np.zeros(7), pin.SE3.Identity()))
     tip = state.end_effector_pose
     along = 1.3101 + 0.72
@@ -38,7 +38,7 @@ def test_the_servicer_reaches_a_nozzle_that_tumbles_at_3_deg_per_s() -> None:
     scene = probe_in_nozzle(pin.SE3(np.eye(3), np.array([0.0, 0.0, -1.9897])))
     start, near = np.radians([[0, -20, -20, 90, 20, -60, -60], [14, 14, -30, 51, 34, -32, -78]])
     q0 = q = sms.configuration(start)
-    for _ in range(50):  # where a straight joint motion ends: the base turns meanwhile
+    for _ in range(50):  # integrate the base's reaction to a straight joint motion
         q = pin.integrate(sms.model, q, sms.velocity(q, (near - start) / 50))
     pose = sms.at(q).end_effector_pose * scene.grasp.inverse()
     spin = pose.rotation @ np.radians([0.6, -0.5, 2.9])

@@ -1,4 +1,4 @@
-"""-M_b^-1 M_bm and the base twist due to momentum: against the paper's formulas and finite differences."""
+"""Compare the base reaction -M_b^-1 M_bm and the base drift with the paper and with finite differences."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ KINDS = ("revolute", "prismatic", "continuous")
 
 @pytest.fixture(params=range(5))
 def setting(random_tree: Callable[..., Any], request: pytest.FixtureRequest) -> tuple[Any, ...]:
-    """A random tree, its robot, a state of it in plain numbers and in Pinocchio's."""
+    """Return a random tree, its robot, a state in the paper's terms, and Pinocchio's q and v."""
     seed = int(request.param)
     tree = random_tree(seed, seed + 2, KINDS)
     sms = ffsms.SpaceManipulator(tree.model(), "tip")
@@ -35,25 +35,25 @@ def test_the_reaction_is_the_papers(setting: tuple[Any, ...]) -> None:
     M = dynamics.inertia_matrix(sms, q)
     reaction = dynamics.root_reaction(M)
     sums = paper(tree, case.root, case.joints, case.twist, case.rates)
-    # The same motion, seen at the base's centre of mass in inertial axes.
+    # Express the motion at the base's centre of mass in inertial axes.
     seen = dynamics.base_to_root(q, sms.base_com).actionInverse @ reaction
     assert_near("C_bm", seen, sums.C_bm)
     np.testing.assert_array_equal(dynamics.floating_motion(M), np.vstack([reaction, np.eye(sms.n)]))
 
 
 def test_the_reaction_has_no_momentum(setting: tuple[Any, ...]) -> None:
-    """Differences of the bodies' places, with no velocity formula: no momentum comes of it."""
+    """The momentum follows from finite differences of the bodies' poses, without velocity formulas."""
     _, sms, case, q, _ = setting
     M, h = dynamics.inertia_matrix(sms, q), 1e-6
     v = dynamics.floating_motion(M) @ case.rates
     momentum = differences(sms, q, v, h)
     still = differences(sms, q, np.concatenate([np.zeros(6), case.rates]), h)
-    assert np.abs(still).max() > 1e-2  # with the base held there is some
+    assert np.abs(still).max() > 1e-2  # with a fixed base the momentum is not zero
     np.testing.assert_allclose(momentum, 0.0, atol=1e-6 * np.abs(still).max())
 
 
 def test_modes_hold_their_directions_and_have_no_momentum_in_the_free_ones(setting: tuple[Any, ...]) -> None:
-    """What is held stands still; the bodies' places show no momentum along what is free."""
+    """Held directions have no twist; by finite differences of poses, free directions have no momentum."""
     _, sms, case, q, _ = setting
     state, h = sms.at(q), 1e-6
     assert_near("floating", dynamics.mode_coupling(state.H_b, state.H_bm, "floating"), state.C_bm, 1e-10)
@@ -107,7 +107,7 @@ def test_joint_torques_on_a_floating_base_give_the_same_joint_accelerations(sett
     force = np.random.default_rng(3).normal(size=sms.nv)
     torques = dynamics.joint_torques(M, force)
     assert_near("torques", torques, dynamics.floating_motion(M).T @ force)
-    # Those torques alone give the joints the accelerations that the whole force gives.
+    # These joint torques give the same joint accelerations as the generalised force.
     floating = np.linalg.solve(M, np.concatenate([np.zeros(6), torques]))
     whole = np.linalg.solve(M, force)
     assert_near("accelerations", floating[6:], whole[6:], 1e-10)
@@ -127,7 +127,7 @@ def test_the_composite_rigid_body_of_the_system(setting: tuple[Any, ...]) -> Non
 
 
 def differences(sms: ffsms.SpaceManipulator, q: Array, v: Array, h: float) -> Array:
-    """Momentum (6,) about the system's centre of mass, from the bodies' places at two instants 2 h apart."""
+    """Return the momentum (6,) about the system's centre of mass by central differences of poses."""
     before, after = (places(sms, pin.integrate(sms.model, q, step * v)) for step in (-h, h))
     here = places(sms, q)
     masses = np.array([body.mass for body in list(sms.model.inertias)[1:]])
@@ -143,7 +143,7 @@ def differences(sms: ffsms.SpaceManipulator, q: Array, v: Array, h: float) -> Ar
 
 
 def places(sms: ffsms.SpaceManipulator, q: Array) -> list[Any]:
-    """Every body's axes at its centre of mass."""
+    """Return the pose of each body, with the origin at its centre of mass."""
     data = sms.model.createData()
     pin.forwardKinematics(sms.model, data, q)
     bodies = list(sms.model.inertias)[1:]

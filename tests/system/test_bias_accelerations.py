@@ -1,4 +1,4 @@
-"""dJ*/dt qd, dC_bm/dt qd and the bias accelerations, against differences along the configuration manifold."""
+"""Compare bias accelerations with finite differences along the configuration manifold."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ MOMENTUM = np.array([3.0, -2.0, 4.0, 1.5, -2.5, 2.0])
 
 
 def rate_along(sms: ffsms.SpaceManipulator, q: Array, v: Array, value: Callable[[Array], Array]) -> Array:
-    """Rate of a function of q along v: central differences of three steps, extrapolated to order 6."""
+    """Return the rate of a function of q along v by central differences, extrapolated to order 6."""
 
     def central(h: float) -> Array:
         ahead, behind = pin.integrate(sms.model, q, h * v), pin.integrate(sms.model, q, -h * v)
@@ -30,11 +30,11 @@ def rate_along(sms: ffsms.SpaceManipulator, q: Array, v: Array, value: Callable[
 
 
 def differences(sms: ffsms.SpaceManipulator, q: Array, v: Array) -> dict[str, Array]:
-    """What the four quantities must be, from twists and Jacobians alone."""
+    """Return the four quantities by differences of twists and Jacobians."""
     rates, momentum = v[6:], sms.at(q, v).momentum
 
     def twist(name: str) -> Callable[[Array], Array]:
-        # Rates and momentum are constant, so along the motion each twist is a function of q.
+        # Each twist is a function of q only, because rates and momentum are constant.
         return lambda q: getattr(sms.at(q, sms.velocity(q, rates, momentum)), name)
 
     return {
@@ -74,7 +74,7 @@ def test_robots(name: str, momentum: Array | None) -> None:
 @pytest.mark.parametrize("seed", range(4))
 @pytest.mark.parametrize("momentum", [None, 0.1 * MOMENTUM], ids=["at zero momentum", "with momentum"])
 def test_trees(random_tree: Callable[..., Any], seed: int, momentum: Array | None) -> None:
-    # Branches, sliding and continuous joints, a base whose centre of mass is off its origin.
+    # The trees have branches, prismatic and continuous joints, and a base with an offset centre of mass.
     tree = random_tree(seed, 5, ("revolute", "continuous", "prismatic"))
     sms = ffsms.SpaceManipulator(tree.model(), "tip")
     check(sms, *random_motion(sms, seed, momentum))
@@ -88,14 +88,14 @@ def test_without_momentum_the_products_are_the_accelerations(name: str) -> None:
     np.testing.assert_allclose(
         state.J_star_dot_qd, state.end_effector_bias_acceleration, rtol=0.0, atol=1e-15
     )
-    # With momentum they are not, in either part.
+    # With momentum they differ, in the linear and in the angular part.
     state = sms.at(*random_motion(sms, 1, MOMENTUM))
     assert np.abs(state.C_bm_dot_qd - state.base_bias_acceleration)[:3].max() > 1e-4
     assert np.abs(state.J_star_dot_qd - state.end_effector_bias_acceleration)[3:].max() > 1e-4
 
 
 def test_accelerations_of_a_driven_arm(random_tree: Callable[..., Any]) -> None:
-    # The whole of it: torques drive the joints, and base and end effector accelerate as the matrices say.
+    # The accelerations of base and end effector under joint torques follow from C_bm, J* and the bias.
     sms = ffsms.SpaceManipulator(random_tree(9, 6).model(), "tip")
     q, v = random_motion(sms, 9, MOMENTUM)
     state, data = sms.at(q, v), sms.model.createData()
@@ -103,7 +103,7 @@ def test_accelerations_of_a_driven_arm(random_tree: Callable[..., Any]) -> None:
     a = pin.aba(sms.model, data, q, v, tau).copy()
 
     def after(h: float) -> Array:
-        # Only the first-order change of q and v counts; what the differences leave is of order h^6.
+        # The first-order change of q and v suffices; the error of the extrapolation is of order h^6.
         moved = sms.at(pin.integrate(sms.model, q, h * v), v + h * a)
         return np.concatenate([moved.base_twist, moved.end_effector_twist])
 

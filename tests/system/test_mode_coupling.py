@@ -1,4 +1,4 @@
-"""The paper's measures where something of the base is held."""
+"""Test the paper's measures in base modes with held directions."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def test_held_directions_have_no_coupling(state: ffsms.State, mode: str) -> None
     assert not found.C_bm[held].any()
     assert np.count_nonzero(found.sigma > 1e-12) == len(free)
     assert found.entropy <= math.log(3.0) / math.log(7.0)
-    # Of the rows that are free the momentum is zero, by the paper's inertia matrix.
+    # By the paper's inertia matrix the momentum along the free rows is zero.
     momentum = state.H_b @ found.C_bm + state.H_bm
     np.testing.assert_allclose(momentum[list(free)], 0.0, atol=1e-12)
 

@@ -1,4 +1,4 @@
-"""The information filter beside dense least squares."""
+"""Compare the information filter with dense least squares."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def dense(sms: ffsms.SpaceManipulator, q: FloatArray, v: FloatArray) -> tuple[Fl
 
 @pytest.mark.parametrize("at_rest", [True, False])
 def test_the_estimate_equals_dense_least_squares(at_rest: bool, planar: ffsms.SpaceManipulator) -> None:
-    """A push divides the samples in two halves; the second half has a momentum of its own."""
+    """A push divides the samples into two halves; the momentum of the second half is another unknown."""
     q, v = states(planar, 12)
     information = MomentumFilter(planar, BODIES, BASIS)
     for k in range(12):

@@ -1,4 +1,4 @@
-"""Momentum and torques are regressors times the inertial parameters, for every packaged robot."""
+"""Test that momentum and torques are regressors times inertial parameters for packaged robots."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ PACKAGED = ("planar_3r", "servicer", "space_arm_7", "two_arms")
 
 
 def random_states(sms: ffsms.SpaceManipulator, rng: Any, count: int) -> tuple[Any, Any]:
-    """Return q (count, nq) and v (count, 6 + n), any attitude, place and rates."""
+    """Return random q (count, nq) and v (count, 6 + n) with a random base pose."""
     q = []
     for _ in range(count):
         base = pin.SE3(pin.exp3(rng.normal(size=3)), rng.normal(size=3))
@@ -74,7 +74,7 @@ def test_base_rows_vanish_and_joint_rows_are_the_torques(name: str, rng: Any) ->
 
 
 def test_momentum_changes_by_the_force_of_the_regressor(planar: ffsms.SpaceManipulator, rng: Any) -> None:
-    # Two independent routes to one law: the base rows are the rate of the momentum, in the root's axes.
+    # The base rows of the force are the rate of the momentum, here by finite differences, in root axes.
     q, v = (row[0] for row in random_states(planar, rng, 1))
     acceleration, h = rng.normal(size=planar.nv), 1e-5
     force = torque_regressor(planar, q, v, acceleration) @ planar.inertial_parameters

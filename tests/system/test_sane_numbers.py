@@ -1,4 +1,4 @@
-"""Descriptions, limits and states with absurd numbers: taken for what they mean, or refused."""
+"""Test that extreme values of descriptions, limits and states are interpreted or refused."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def test_huge_limits_are_infinite(tmp_path: Path) -> None:
 
 
 def test_a_limit_of_30_rad_is_infinite_and_one_of_30_m_is_kept(random_tree: Any) -> None:
-    """What counts as no limit of a joint that turns is a rail's length for one that slides."""
+    """A limit of 30 is no limit for a revolute joint [rad], but a limit for a prismatic joint [m]."""
     for kind, far in (("revolute", np.inf), ("prismatic", 30.0)):
         model = random_tree(0, 2, (kind,)).model()
         upper = np.array(model.upperPositionLimit)

@@ -1,4 +1,4 @@
-"""Every quantity of a state, compared with the paper's formulas evaluated from masses and lengths alone."""
+"""Compare all quantities of a state with the paper's formulas, evaluated from masses and lengths."""
 
 from __future__ import annotations
 
@@ -56,12 +56,12 @@ def test_continuous_joints_are_the_papers_sums(random_tree: Callable[..., Any], 
 def test_trees_from_a_file_are_the_papers_sums(
     random_tree: Callable[..., Any], tmp_path: Path, seed: int
 ) -> None:
-    # Through the loader: an offset inertial in the root link, a massless tool frame, continuous joints.
+    # The file has an offset inertial in the root link, a massless tool frame and continuous joints.
     tree = random_tree(seed, 6, ("revolute", "continuous", "prismatic"))
     path = tmp_path / "tree.urdf"
     path.write_text(tree.urdf())
     sms = ffsms.load(path, end_effector="tip")
-    assert sms.joint_names == [f"joint_{i}" for i in range(1, 7)]  # the order in which the tree counts them
+    assert sms.joint_names == [f"joint_{i}" for i in range(1, 7)]  # the order of the tree
     check_all(tree, sms, random_case(tree, np.random.default_rng(seed)))
 
 
@@ -72,7 +72,7 @@ def test_pinocchio_agrees(random_tree: Callable[..., Any], seed: int) -> None:
     q, v = pinocchio_state(tree, sms, random_case(tree, np.random.default_rng(seed)))
     state = sms.at(q, v)
     data = sms.model.createData()
-    # With C_q on the joints and nothing on the base, the joints keep their rates.
+    # With joint torques C_q and no wrench on the base, the joint rates are constant.
     acceleration = pin.aba(sms.model, data, q, v, np.concatenate([np.zeros(6), state.C_q]))
     assert_near("joint accelerations", acceleration[6:], np.zeros(6), 1e-11)
     assert_near("C_q", state.C_q, pin.rnea(sms.model, data, q, v, acceleration)[6:])
@@ -121,7 +121,7 @@ def test_end_to_base_coupling(random_tree: Callable[..., Any], n: int) -> None:
     J = np.array(state.J_star)
     assert_near("C_be J*J*+", state.C_be @ J @ np.linalg.pinv(J, rcond=1e-10), state.C_be, 1e-9)
     if np.linalg.matrix_rank(J, tol=1e-6) == n:
-        # Independent columns: the end effector's twist tells all joint rates, and so the base's twist.
+        # If the columns are independent, the end effector's twist determines joint rates and base twist.
         assert_near("C_be J*", state.C_be @ J, state.C_bm, 1e-9)
 
 
@@ -129,7 +129,7 @@ def test_end_to_base_coupling(random_tree: Callable[..., Any], n: int) -> None:
 def test_end_to_base_coupling_uses_the_pseudo_inverse(
     n: int, random_tree: Callable[..., Any], planar: ffsms.SpaceManipulator, rng: Any
 ) -> None:
-    # One state after another: what a routine leaves behind must not be the start of the next.
+    # Several states in a row, because buffers of a state must not affect the next state.
     sms = ffsms.SpaceManipulator(random_tree(n, n).model(), "tip")
     for _ in range(10):
         for robot in (planar, sms):
@@ -140,7 +140,7 @@ def test_end_to_base_coupling_uses_the_pseudo_inverse(
 
 
 def test_end_to_base_coupling_of_a_redundant_planar_arm(planar_tree: Any, rng: Any) -> None:
-    # Five parallel axes: J* has rank 3 in any attitude, and what rounding leaves of the rest is not inverted.
+    # With five parallel axes J* has rank 3, so singular values of rounding size must not be inverted.
     bodies = [*planar_tree.bodies, *(planar_tree.bodies[3]._replace(parent=3 + i) for i in range(2))]
     tree = type(planar_tree)(bodies, planar_tree.tip_rotation, planar_tree.tip_position)
     sms = ffsms.SpaceManipulator(tree.model(), "tip")

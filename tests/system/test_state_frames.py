@@ -1,4 +1,4 @@
-"""Pose and Jacobians of any frame of the robot at a state."""
+"""Test pose and Jacobians of frames at a state."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A state stays what it is: kept, read-only, the same whatever is asked for first, wherever the base is."""
+"""Test that states are immutable and independent of the order of access and of the base position."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ def test_a_state_stays_valid_when_others_are_computed(planar: ffsms.SpaceManipul
     first, *others = random_states(planar, rng, 6)
     wanted = quantities(planar.at(first.q, first.v))
     base, end = planar.at(first.q).base_pose, planar.at(first.q).end_effector_pose
-    quantities(others[0])  # the scratch data belongs to another state when `first` is asked
-    # Half of the quantities are asked for before other states are computed, half after; compared at the end,
-    # since whatever is computed for these q and v again would hide a value that had changed.
+    quantities(others[0])  # the scratch data belongs to another state when `first` is evaluated
+    # Half of the quantities are evaluated before other states, half after them. They are compared at the
+    # end, because evaluating the same q and v again would hide a changed value.
     quantities(first, ARRAYS[::2])
     for other in others:
         quantities(other)
@@ -50,7 +50,7 @@ def test_a_state_does_not_change(planar: ffsms.SpaceManipulator) -> None:
             getattr(state.coupling, name)[...] = 0.0
     with pytest.raises(AttributeError):
         state.coupling.entropy = 1.0
-    # What was handed in, and the poses that are handed out, are the caller's own.
+    # Changes of the arguments and of returned poses do not change the state.
     q[:], v[:] = 0.0, 0.0
     state.base_pose.translation = np.ones(3)
     state.end_effector_pose.translation = np.ones(3)
@@ -84,12 +84,12 @@ def test_states_in_threads(planar: ffsms.SpaceManipulator, rng: Any) -> None:
                 np.testing.assert_array_equal(got, wanted[name], err_msg=name)
 
     interval = sys.getswitchinterval()
-    sys.setswitchinterval(1e-6)  # threads take turns in the middle of a state
+    sys.setswitchinterval(1e-6)  # threads switch within the evaluation of a state
     try:
         with ThreadPoolExecutor(len(states)) as pool:
             for _ in pool.map(work, states):
                 pass
-            # A clash needs a switch at the wrong instant, so look for its cause too: shared scratch data.
+            # A race needs a switch at the wrong instant, so also check that scratch data are not shared.
             assert pool.submit(scratch, planar).result() is not scratch(planar)
     finally:
         sys.setswitchinterval(interval)
@@ -127,7 +127,7 @@ def test_quantities_do_not_depend_on_the_order_of_access(random_tree: Callable[.
     for name in names:
         assert not np.shape(wanted[name]) or not getattr(sms.at(q, v), name).flags.writeable, name
         state = sms.at(q, v)
-        quantities(sms.at(other), names)  # in between, Pinocchio's data belong to another state
+        quantities(sms.at(other), names)  # Pinocchio's data now belong to another state
         np.testing.assert_array_equal(getattr(state, name), wanted[name], err_msg=name)
         quantities(sms.at(other), names)
         for rest, value in quantities(state, names).items():
@@ -179,11 +179,11 @@ def test_values_that_are_not_finite_are_refused(
     with pytest.raises(ffsms.errors.InvalidValue, match="q"):
         planar.at(wrong)
     v[where] = bad
-    v[where - 1] = -bad  # together they are not a number, or nothing at all
+    v[where - 1] = -bad  # the sum of both is NaN
     with pytest.raises(ffsms.errors.InvalidValue, match="v"):
         planar.at(q, v)
     v[:] = 0.0
-    v[:2] = 1.5e308  # finite, though their sum is not
+    v[:2] = 1.5e308  # finite, although their sum overflows
     assert np.isfinite(planar.at(q, v).v).all()
 
 

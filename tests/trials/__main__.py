@@ -1,4 +1,4 @@
-"""All trials, and a table of how they ended: ``python -m trials --help``."""
+"""Run all trials, and print a table of their outcomes: ``python -m trials --help``."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ _COLUMNS = (*GOOD, "other error", "warning", "memory", "hang", "crash")
 
 
 def main() -> int:
-    """Run the trials; 1 where one of them failed."""
+    """Run the trials; return 1 if a trial failed."""
     parser = argparse.ArgumentParser(
-        prog="python -m trials", description="Try the library with what is wrong."
+        prog="python -m trials", description="Try the library with damaged input."
     )
-    parser.add_argument("kinds", nargs="*", help=f"of {', '.join(WHOLE)}; default: all")
-    parser.add_argument("--share", type=float, default=1.0, help="of the whole number of trials")
+    parser.add_argument("kinds", nargs="*", help=f"some of {', '.join(WHOLE)}; default: all")
+    parser.add_argument("--share", type=float, default=1.0, help="share of the full number of trials")
     parser.add_argument(
         "--first", type=int, default=0, help="seed of the first trial; the test suite begins with 0"
     )

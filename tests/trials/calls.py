@@ -1,8 +1,8 @@
-"""Calls of the doors of the library, each with one or two arguments that are wrong.
+"""Call public functions of the library with one or two wrong arguments.
 
-Doors are the calls that promise an error of the library's own whatever a user hands in: loading and mounting
-a robot, its states, clients, problems, plans, the closed loop with every kind of condition, captures, and the
-readers of files. Scenario files have trials of their own.
+The functions must raise errors of the library for all wrong arguments: loading and mounting a robot, its
+states, clients, problems, plans, the closed loop with every kind of condition, captures, and the readers of
+files. Scenario files have separate trials.
 """
 
 from __future__ import annotations
@@ -26,11 +26,11 @@ from trials.values import bad_value
 
 __all__ = ["plan_by_steps", "run_of_steps", "trial"]
 
-STEPS = 5  # of a closed loop
+STEPS = 5  # number of steps of a closed loop
 JOINTS = [0.3, 0.5, -0.4]
 PLACE = [0.9, 0.2, 0.0]
 
-# The conditions of a closed loop: the argument of `simulate`, the class, and good arguments of the class.
+# Conditions of a closed loop, by argument of `simulate`: the class and valid arguments of the class.
 CONDITIONS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
     "friction": (simulation.JointFriction, {"viscous": 0.01, "coulomb": 0.01, "transition": 0.01}),
     "actuator": (simulation.Actuator, {"torque_limit": 1.0, "rate_limit": 10.0, "delay": 0.02}),
@@ -46,17 +46,17 @@ CONDITIONS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
 
 
 def trial(seed: int) -> Trial:
-    """One call."""
+    """Return the call of a seed."""
     rng = random.Random(f"call {seed}")
-    name = rng.choice(sorted(_doors()))
-    call, good = _doors()[name]
+    name = rng.choice(sorted(_calls()))
+    call, good = _calls()[name]
     arguments = _spoiled(rng, call, good)
     told = ", ".join(f"{key}={_short(value)}" for key, value in arguments.items())
     return Trial(f"{name}({told})", lambda: call(**arguments))
 
 
 def _spoiled(rng: random.Random, call: Callable[..., Any], good: dict[str, Any]) -> dict[str, Any]:
-    """Return arguments of which one or two are wrong; optional ones are left out half of the time."""
+    """Return arguments of which one or two are wrong; half of the optional arguments are omitted."""
     parameters = inspect.signature(call).parameters.values()
     named = [one for one in parameters if one.kind in (one.POSITIONAL_OR_KEYWORD, one.KEYWORD_ONLY)]
     wrong = rng.sample([one.name for one in named], k=min(len(named), rng.choice((1, 1, 1, 2))))
@@ -68,7 +68,7 @@ def _spoiled(rng: random.Random, call: Callable[..., Any], good: dict[str, Any])
             arguments[one.name] = bad_value(rng, value)
         elif needed or (one.name in good and rng.random() < 0.5):
             arguments[one.name] = value
-    if arguments.get("progress") is int:  # a function of a user's own raises what it raises
+    if arguments.get("progress") is int:  # errors of a custom function are passed on
         del arguments["progress"]
     return arguments
 
@@ -79,8 +79,8 @@ def _robot() -> ffsms.SpaceManipulator:
 
 
 @cache
-def _doors() -> dict[str, tuple[Callable[..., Any], dict[str, Any]]]:
-    """Return the doors by name, each with good arguments."""
+def _calls() -> dict[str, tuple[Callable[..., Any], dict[str, Any]]]:
+    """Return the functions by name, each with valid arguments."""
     sms = _robot()
     q0, pose = sms.configuration(JOINTS), pin.SE3(np.eye(3), np.array(PLACE))
     body = client.Client(20.0, [1.0, 2.0, 2.5], pose, [0.01, 0.0, 0.0, 0.0, 0.0, 0.1])
@@ -169,7 +169,7 @@ def _swing() -> Swing:
 
 
 def _loop(**options: Any) -> simulation.Tracking:
-    """Simulate with the fields of `Conditions` among the arguments."""
+    """Simulate; the signature has the fields of `Conditions` in place of `conditions`."""
     return ffsms.simulate(**options)
 
 
@@ -196,7 +196,7 @@ def _with_signature(call: Any, other: Callable[..., Any]) -> Callable[..., Any]:
 
 def _every_quantity(q: Any, v: Any = None) -> None:
     state = _robot().at(q, v)
-    # `at` takes any finite velocity and says that what is made of it may overflow.
+    # `at` accepts every finite velocity, so quantities may overflow.
     with np.errstate(over="ignore", invalid="ignore"):
         for name in dir(type(state)):
             if not name.startswith("_"):

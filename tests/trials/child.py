@@ -1,7 +1,7 @@
-"""A process that runs trials one after the other: ``python -m trials.child KIND FIRST LAST SECONDS``.
+"""Run trials in this process: ``python -m trials.child KIND FIRST LAST SECONDS``.
 
-It writes two lines a trial, one before and one after, so that its parent knows which one it died of. A
-watchdog in C ends the process when a trial takes too long, even one that never comes back to Python.
+The process writes a line before and a line after each trial, so that its parent can identify the trial that
+ended the process. A watchdog in C ends the process if a trial takes too long, even within compiled code.
 """
 
 from __future__ import annotations
@@ -19,23 +19,23 @@ from trials.judge import judged
 
 __all__ = ["MEMORY"]
 
-MEMORY = 2**30  # [bytes] of address space that trials may take beyond what the process has after its imports
+MEMORY = 2**30  # [bytes] of address space for trials, in addition to that of the process after its imports
 
 
 def main(kind: str, first: int, last: int, limit: float) -> None:
     """Run the trials with seeds from `first` to before `last`, each for `limit` [s] at most."""
     lines = os.fdopen(os.dup(1), "w", buffering=1)
     silence = os.open(os.devnull, os.O_WRONLY)
-    os.dup2(silence, 1)  # what a library prints does not come between
+    os.dup2(silence, 1)  # discard output of libraries
     trial = import_module(f"trials.{kind}").trial
     warnings.simplefilter("error")
-    warnings.simplefilter("ignore", FfsmsWarning)  # the library's own are meant
+    warnings.simplefilter("ignore", FfsmsWarning)  # the library's own warnings are allowed
     if kind != "rogue":
-        judged(trial(first).work)  # what loads when it is first used is loaded now
+        judged(trial(first).work)  # load lazy imports before memory is limited
     _limit_memory()
     for seed in range(first, last):
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # values that are wrong may warn when they are made
+            warnings.simplefilter("ignore")  # creating wrong values may warn
             one = trial(seed)
         lines.write(json.dumps([seed, one.what]) + "\n")
         faulthandler.dump_traceback_later(limit, exit=True)

@@ -1,4 +1,4 @@
-"""What a trial came to: a result, an error of the library's own, or a fault."""
+"""Classify the outcome of a trial: a result, an error of the library, or a fault."""
 
 from __future__ import annotations
 
@@ -16,26 +16,26 @@ _ROOT = Path(__file__).resolve().parents[2]
 
 
 class Trial(NamedTuple):
-    """What is tried, in words, and the trial itself."""
+    """A description of a trial, and the function that runs it."""
 
     what: str
     work: Callable[[], Any]
 
 
 class Verdict(NamedTuple):
-    """How a trial ended.
+    """The outcome of a trial.
 
     Attributes
     ----------
     kind : str
-        Of trial: "urdfs", "scenarios", "calls" or "kills".
+        The kind of trial: "urdfs", "scenarios", "calls" or "kills".
     seed : int
     what : str
-        What was tried.
+        A description of the trial.
     outcome : str
         One of `GOOD`, or "other error", "warning", "memory", "hang", "crash".
     detail : str
-        The error, and the place of the project's code where it came up.
+        The error, and the innermost lines of the project's code.
     """
 
     kind: str
@@ -46,21 +46,21 @@ class Verdict(NamedTuple):
 
 
 def judged(work: Callable[[], Any]) -> tuple[str, str]:
-    """Outcome and detail of a trial that neither hangs nor crashes."""
+    """Return outcome and detail of a trial that neither hangs nor crashes."""
     try:
         work()
     except FfsmsError as error:
-        return _of_ours(error)
+        return _library_error(error)
     except Warning as warning:
-        return "warning", _told(warning)
+        return "warning", _description(warning)
     except MemoryError as error:
-        return "memory", _told(error)
+        return "memory", _description(error)
     except BaseException as error:
-        return "other error", _told(error)
+        return "other error", _description(error)
     return "result", ""
 
 
-def _of_ours(error: FfsmsError) -> tuple[str, str]:
+def _library_error(error: FfsmsError) -> tuple[str, str]:
     line = str(error)
     if not line.strip() or "\n" in line:
         return "other error", f"the text of {type(error).__name__} is not one line: {line!r}"
@@ -71,8 +71,8 @@ def _of_ours(error: FfsmsError) -> tuple[str, str]:
     return "our error", f"{type(error).__name__}: {line}"
 
 
-def _told(error: BaseException) -> str:
-    """Class, text, and the innermost places in the project's own files."""
+def _description(error: BaseException) -> str:
+    """Return class and text of an error, and the innermost lines of the project's code."""
     own = [
         f"{Path(frame.filename).resolve().relative_to(_ROOT)}:{frame.lineno}"
         for frame in traceback.extract_tb(error.__traceback__)

@@ -1,4 +1,4 @@
-"""Processes that write results, killed at any moment: what they leave is whole."""
+"""Kill processes that write results at random times; their files must be complete."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ from trials.judge import Trial
 
 __all__ = ["trial"]
 
-_LATEST = 0.2  # [s] after the first result is there
-_PATIENCE = 60.0  # [s] for the process to start on a busy machine
+_LATEST = 0.2  # latest time of a kill after the first result [s]
+_PATIENCE = 60.0  # time for the process to start on a busy machine [s]
 
 
 def trial(seed: int) -> Trial:
-    """One kill, some time after the process has begun to write."""
+    """Return the kill of a seed."""
     rng = random.Random(f"kill {seed}")
     delay = rng.uniform(0.0, _LATEST)
     return Trial(f"killed {1e3 * delay:.0f} ms after its first result", lambda: _kill(delay))
@@ -57,8 +57,8 @@ def _check_run(run: Tracking, wanted: Tracking) -> None:
         raise RuntimeError("the recording is not that of the run")
 
 
-def _write_for_ever() -> None:
-    """Write the same two results again and again."""
+def _write_repeatedly() -> None:
+    """Write the same two results repeatedly."""
     plan, run = plan_by_steps(), run_of_steps()
     while True:
         plan.save("plan.npz")
@@ -67,4 +67,4 @@ def _write_for_ever() -> None:
 
 
 if __name__ == "__main__":
-    _write_for_ever()
+    _write_repeatedly()

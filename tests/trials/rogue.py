@@ -1,4 +1,4 @@
-"""Trials that end in every way there is, to try those who judge them."""
+"""Define trials with all kinds of outcomes, to test their classification."""
 
 from __future__ import annotations
 
@@ -41,5 +41,5 @@ ENDS: tuple[tuple[str, Callable[[], Any]], ...] = (
 
 
 def trial(seed: int) -> Trial:
-    """One of them."""
+    """Return the trial of a seed."""
     return Trial(f"number {seed}", ENDS[seed][1])

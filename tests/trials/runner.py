@@ -1,4 +1,4 @@
-"""Runs trials in child processes, and goes on after one that crashed or hung."""
+"""Run trials in child processes, and continue after a trial that crashed or hung."""
 
 from __future__ import annotations
 
@@ -14,27 +14,27 @@ from trials.judge import Verdict
 
 __all__ = ["TIME", "run"]
 
-TIME = 60.0  # [s] a trial; the longest that is right takes some 2 s on a quiet machine
+TIME = 60.0  # [s] for each trial; the longest correct trial takes about 2 s on an idle machine
 
 _TESTS = Path(__file__).resolve().parents[1]
-_CHUNK = 500  # trials a process: what one trial leaves behind does not burden all that follow
+_CHUNK = 500  # trials of a process, so that side effects of a trial affect few other trials
 
 
 def run(kind: str, count: int, first: int = 0, limit: float = TIME) -> Iterator[Verdict]:
-    """The verdicts on `count` trials of a kind, with seeds from `first` on; `limit` [s] each."""
+    """Yield verdicts on `count` trials of a kind, with seeds from `first`, each of at most `limit` [s]."""
     seed, end = first, first + count
     while seed < end:
-        for verdict in _one_process(kind, seed, min(seed + _CHUNK, end), limit):
+        for verdict in _run_chunk(kind, seed, min(seed + _CHUNK, end), limit):
             seed = verdict.seed + 1
             yield verdict
 
 
-def _one_process(kind: str, first: int, last: int, limit: float) -> Iterator[Verdict]:
-    """Verdicts until all are done, or until the process ends within a trial."""
+def _run_chunk(kind: str, first: int, last: int, limit: float) -> Iterator[Verdict]:
+    """Yield verdicts until all trials are done, or until the process ends within a trial."""
     threads = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
     path = os.pathsep.join([str(_TESTS), str(_TESTS.parent)])
     with tempfile.TemporaryDirectory() as outer, tempfile.TemporaryFile("w+") as said:
-        folder = Path(outer, "in", "it")  # what is written to "../.." goes with it
+        folder = Path(outer, "in", "it")  # files that are written to "../.." are also removed
         folder.mkdir(parents=True)
         command = [sys.executable, "-m", "trials.child", kind, str(first), str(last), str(limit)]
         environment = os.environ | threads | {"PYTHONPATH": path}

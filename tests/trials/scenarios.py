@@ -1,4 +1,4 @@
-"""Scenario files, damaged: reading and running one ends in an outcome or in one line that names the file."""
+"""Read and run damaged scenario files."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from trials.judge import Trial
 
 __all__ = ["trial"]
 
-# A file with every table, whose run takes a few hundredths of a second.
+# A scenario with all tables, whose run takes a few hundredths of a second.
 WHOLE = """
 [robot]
 model = "planar_3r"
@@ -94,7 +94,7 @@ path = "stopped.npz"
 """
 REPLANNED = WHOLE.replace('kind = "plan"', 'kind = "re-planning"\ndt = 0.1')
 
-# No duration or step between 1e-6 and 1e6: those are no faults, they only take long.
+# Extreme values are above 1e12 or below 1e-12, because durations between them may be valid and take long.
 VALUES = (
     "0", "-0.0", "1", "-1", "0.5", "1e-300", "1e-30", "1e-13", "1e13", "1e30", "3e71", "1e300", "-1e30",
     "nan", "inf", "-inf", "9" * 30, "9" * 5000, "true", "false", '""', '"x"', '"nan"', '"planar_3r"',
@@ -112,10 +112,10 @@ _NUMBER = re.compile(r"(?<![\w.])-?\d+\.?\d*(?:e-?\d+)?(?![\w.])")
 
 
 def trial(seed: int) -> Trial:
-    """One file: written, read, prepared, and run where that is short."""
+    """Return the trial of a seed: write, read and prepare a file, and run it if the run is short."""
     rng = random.Random(f"scenario {seed}")
     text = rng.choice((WHOLE, REPLANNED))
-    for _ in range(rng.randint(0, 12)):  # with fewer tables, what is left is reached
+    for _ in range(rng.randint(0, 12)):  # with fewer tables, later tables are reached
         text = _without_a_table(rng, text)
     told = []
     for _ in range(rng.choice((1, 1, 1, 2))):
@@ -138,7 +138,7 @@ def _use(text: str) -> None:
 
 
 def _number(rng: random.Random, text: str) -> tuple[str, str]:
-    """One number replaced by another that may be out of range: most files still say something."""
+    """Replace a number by another that may be out of range; most files remain readable."""
     lines = text.splitlines()
     places = [(i, place) for i, line in enumerate(lines) for place in _NUMBER.finditer(line)]
     if not places:
@@ -149,7 +149,7 @@ def _number(rng: random.Random, text: str) -> tuple[str, str]:
 
 
 def _value(rng: random.Random, text: str) -> tuple[str, str]:
-    """Another value for a key, or for one entry of a list."""
+    """Replace the value of a key, or an entry of a list."""
     lines = text.splitlines()
     i = rng.choice([k for k, line in enumerate(lines) if "=" in line])
     key, _, old = lines[i].partition("=")
@@ -163,7 +163,7 @@ def _value(rng: random.Random, text: str) -> tuple[str, str]:
 
 
 def _key(rng: random.Random, text: str) -> tuple[str, str]:
-    """A key misspelt, or in another table."""
+    """Misspell a key, or copy its line to another position."""
     lines = text.splitlines()
     i, k = (rng.choice([k for k, line in enumerate(lines) if "=" in line]) for _ in range(2))
     if rng.random() < 0.5:
@@ -174,7 +174,7 @@ def _key(rng: random.Random, text: str) -> tuple[str, str]:
 
 
 def _line(rng: random.Random, text: str) -> tuple[str, str]:
-    """A line dropped, or two exchanged."""
+    """Drop a line, or exchange two lines."""
     lines = text.splitlines()
     i, k = rng.randrange(len(lines)), rng.randrange(len(lines))
     if rng.random() < 0.5:
@@ -184,14 +184,14 @@ def _line(rng: random.Random, text: str) -> tuple[str, str]:
 
 
 def _signs(rng: random.Random, text: str) -> tuple[str, str]:
-    """Signs dropped or put in."""
+    """Replace or drop a character."""
     i = rng.randrange(len(text))
     sign = rng.choice(("", "[", "]", '"', "=", "\n", "\0", "#", ".", "\ud800", "e9", "-", "]]"))
     return text[:i] + sign + text[i + 1 :], f"sign {i} became {sign!r}"
 
 
 def _without_a_table(rng: random.Random, text: str) -> str:
-    """One table that may be left out, left out."""
+    """Remove an optional table."""
     parts = text.split("\n[")
     needed = ("robot", "start", "target", "plan]")
     free = [i for i in range(1, len(parts)) if not parts[i].startswith(needed)]

@@ -1,4 +1,4 @@
-"""The trials would notice: a crash, a hang, an error of another kind, a warning, too much memory."""
+"""Test that the trials detect crashes, hangs, other errors, warnings and excessive memory."""
 
 from __future__ import annotations
 

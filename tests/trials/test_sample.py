@@ -1,4 +1,4 @@
-"""A sample of the trials, the same in every run."""
+"""Run a fixed sample of the trials."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from trials.runner import run
 pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="reads /proc")
 
 
-# In parts, so that several processes can share them.
+# The trials are divided so that several processes can share them.
 @pytest.mark.slow
 @pytest.mark.long  # `make kernels` runs a sample in .ci/run
 @pytest.mark.parametrize(
@@ -30,5 +30,5 @@ def test_every_trial_ends_in_a_result_or_in_a_library_error(kind: str, first: in
     assert [verdict.seed for verdict in verdicts] == list(range(first, first + count))
     bad = [one for one in verdicts if one.outcome not in GOOD]
     assert not bad, "\n".join(map(str, bad))
-    if kind != "kills":  # what is always refused at once tries nothing
+    if kind != "kills":  # trials that are all refused would test little
         assert {one.outcome for one in verdicts} >= set(GOOD)

@@ -1,4 +1,4 @@
-"""Robot descriptions, damaged and hostile: reading and using one ends in a robot or in one line."""
+"""Read and use damaged and hostile robot descriptions."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ _NUMBER = re.compile(r"(?<![\w.])-?\d+\.?\d*(?:[eE][+-]?\d+)?(?![\w.])")
 
 
 def trial(seed: int) -> Trial:
-    """One file: written, read and used."""
+    """Return the trial of a seed: write, read and use a file."""
     rng = random.Random(f"urdf {seed}")
     damage = rng.choice((_numbers, _numbers, _scales, _scales, _text, _structure, _structure, _hostile))
     name, text, tool = rng.choice(_sources())
@@ -58,7 +58,7 @@ def trial(seed: int) -> Trial:
 
 
 def _use(content: bytes, mounted: bool, tool: str | None) -> None:
-    """Read the file, and do a little of everything with the robot."""
+    """Read a file, and use the robot for states, a simulation, shapes and a plan."""
     path = Path("damaged.urdf")
     path.write_bytes(content)
     inspection.inspect(path)
@@ -77,7 +77,7 @@ def _use(content: bytes, mounted: bool, tool: str | None) -> None:
 
 
 class _Standing:
-    """A reference that stays where it is for a few steps."""
+    """A reference with constant joint positions for a few steps."""
 
     duration = 5e-3
     target = (1.0, 0.0, 0.0)
@@ -87,13 +87,13 @@ class _Standing:
         self._sample = positions, np.zeros(sms.n), np.zeros(sms.n)
 
     def sample(self, t: float) -> Any:
-        """The same at any time."""
+        """Return the constant joint motion."""
         return self._sample
 
 
 @cache
 def _sources() -> list[tuple[str, str, str]]:
-    """Name, text and end effector: packaged robots, some several times, and arms on the default satellite."""
+    """Return name, text and end effector of packaged robots, some repeated, and of arms on a satellite."""
     small = [(name, model_path(name).read_text(), "end_effector") for name in ("planar_3r", "space_arm_7")]
     double = [("two_arms", model_path("two_arms").read_text(), "left_tool")]
     mounted = []
@@ -105,7 +105,7 @@ def _sources() -> list[tuple[str, str, str]]:
 
 
 def _numbers(rng: random.Random, text: str) -> str:
-    """One to four numbers replaced."""
+    """Replace one to four numbers."""
     for _ in range(rng.randint(1, 4)):
         places = list(_NUMBER.finditer(text))
         if not places:
@@ -116,7 +116,7 @@ def _numbers(rng: random.Random, text: str) -> str:
 
 
 def _scales(rng: random.Random, text: str) -> str:
-    """Masses and limits of other orders of magnitude: most of these files can be read."""
+    """Change the order of magnitude of masses and limits; most of these files remain readable."""
     for _ in range(rng.randint(1, 4)):
         places = list(_SCALE.finditer(text))
         place = rng.choice(places)
@@ -126,7 +126,7 @@ def _scales(rng: random.Random, text: str) -> str:
 
 
 def _text(rng: random.Random, text: str) -> str:
-    """Signs dropped, doubled, exchanged, put in; or the end cut off."""
+    """Drop, double, reverse or insert characters, or cut off the end."""
     for _ in range(rng.randint(1, 4)):
         i, k = sorted(rng.sample(range(len(text)), 2))
         k = min(k, i + rng.randint(1, 40))
@@ -145,7 +145,7 @@ def _text(rng: random.Random, text: str) -> str:
 
 
 def _structure(rng: random.Random, text: str) -> str:
-    """Elements and attributes dropped, doubled, moved, exchanged."""
+    """Drop, double, move or exchange elements and attributes."""
     root = ElementTree.fromstring(text)
     for _ in range(rng.randint(1, 3)):
         parents = {child: parent for parent in root.iter() for child in parent}
@@ -172,7 +172,7 @@ def _structure(rng: random.Random, text: str) -> str:
 
 
 def _hostile(rng: random.Random, text: str) -> str:
-    """What is written to harm a reader: nested tags, entities, many links, long chains, huge words."""
+    """Return a hostile file with nested tags, entities, many links, long chains or long names."""
     depth = rng.choice((300, 3_000, 30_000))
     tag = rng.choice(("a", "link", "robot", "visual"))
     nested = f"<{tag}>" * depth + f"</{tag}>" * depth

@@ -1,4 +1,4 @@
-"""Values that an argument should not have, or only just: the raw material of the trials."""
+"""Generate wrong and extreme values of arguments."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import pinocchio as pin
 
 __all__ = ["NUMBERS", "bad_value"]
 
-# Nothing between 1e-6 and 1e9 but small whole numbers: a duration of 1e5 s is no fault, it only takes long.
+# Values between 1e-6 and 1e9 are small integers only, because a duration of 1e5 s is valid, but takes long.
 NUMBERS: tuple[Any, ...] = (
     0.0, -0.0, -1.0, 1.0, 5e-324, 1e-300, 1e-160, 1e-30, 1e-13, 1e10, 1e13, 1e30, 3e71, 1e154, 1e300,
     -1e300, -1e30, -1e-30, math.nan, math.inf, -math.inf,
@@ -24,7 +24,7 @@ SHAPES = ((), (0,), (1,), (2,), (3,), (4,), (6,), (9,), (10,), (3, 3), (6, 6), (
 
 
 def bad_value(rng: random.Random, good: Any) -> Any:
-    """A value in place of `good`: the same one damaged, or another kind of thing."""
+    """Return a damaged copy of `good`, or a value of another type."""
     damaged: list[Callable[[], Any]] = []
     if isinstance(good, (int, float)) and not isinstance(good, bool):
         damaged = [lambda: rng.choice(NUMBERS), lambda: rng.choice(NUMBERS), lambda: rng.choice(WHOLE)]
@@ -43,7 +43,7 @@ def bad_value(rng: random.Random, good: Any) -> Any:
 
 
 def _spoiled(rng: random.Random, good: Any) -> Any:
-    """The same array with one entry, or all of them, far too large, too small or not finite."""
+    """Return the array with one entry or all entries too large, too small or not finite."""
     array = np.array(good, dtype=np.float64)
     if array.size == 0 or rng.random() < 0.2:
         return np.full(array.shape, rng.choice(NUMBERS))
@@ -52,7 +52,7 @@ def _spoiled(rng: random.Random, good: Any) -> Any:
 
 
 def _resized(rng: random.Random, good: Any) -> Any:
-    """The same numbers in another shape or of another kind."""
+    """Return the numbers with another shape or type."""
     array = np.array(good, dtype=np.float64)
     choice = rng.randrange(5)
     if choice == 0:
@@ -67,13 +67,13 @@ def _resized(rng: random.Random, good: Any) -> Any:
 
 
 def _other_parts(rng: random.Random, good: tuple[Any, ...]) -> Any:
-    """Some of the objects, one of them twice, or one among them that is no such thing."""
+    """Return some of the objects, one of them twice, or an additional wrong object."""
     choices = [(), good[1:], (*good, good[0]), (*good, _thing(rng)), good[0], iter(good), list(good)]
     return rng.choice(choices)
 
 
 def _pose(rng: random.Random, good: Any) -> Any:
-    """A pose that is none: a mirror, a stretched rotation, places that are not finite or far away."""
+    """Return an invalid pose: a reflection, a scaled rotation, or an extreme position."""
     rotation, place = np.array(good.rotation), np.array(good.translation)
     choice = rng.randrange(4)
     if choice == 0:
@@ -88,7 +88,7 @@ def _pose(rng: random.Random, good: Any) -> Any:
 
 
 def _thing(rng: random.Random) -> Any:
-    """Any other kind of object."""
+    """Return an arbitrary object."""
     things: list[Callable[[], Any]] = [
         lambda: None,
         lambda: rng.choice(NUMBERS),

@@ -1,4 +1,4 @@
-"""The benchmark of base strategies: turning back and holding against conservation laws and simulations."""
+"""Compare the benchmark of base strategies with conservation laws and simulations."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def robot(**values: float) -> ffsms.SpaceManipulator:
 
 
 def turned(sms: ffsms.SpaceManipulator, angle: float) -> tuple[np.ndarray, np.ndarray]:
-    """A configuration, and the attitude it has to turn back to."""
+    """Return a configuration with a rotated base, and the attitude before the rotation."""
     q = sms.configuration([0.3, 0.7, -0.4])
     start = q[3:7].copy()
     turn = pin.SE3(pin.utils.rotate("z", angle), np.zeros(3))
@@ -30,7 +30,7 @@ def turned(sms: ffsms.SpaceManipulator, angle: float) -> tuple[np.ndarray, np.nd
 
 
 def test_turning_back_keeps_the_total_momentum() -> None:
-    """Halfway the base turns at 1.5 times the mean rate; Pinocchio says what momentum that is."""
+    """Halfway the base rotates at 1.5 times the mean rate; Pinocchio computes its momentum."""
     sms = robot()
     q, start = turned(sms, 0.4)
     found, moved = modes.turn_back(sms, q, start, 10.0)
@@ -44,7 +44,7 @@ def test_turning_back_keeps_the_total_momentum() -> None:
     half = len(found.t) // 2
     np.testing.assert_allclose(momentum.linear, 0.0, atol=1e-12)
     np.testing.assert_allclose(sms.wheels.total(found.momentum[half]), -momentum.angular, atol=1e-12)
-    # From rest to rest without friction every wheel gets its energy twice: up, and down again.
+    # From rest to rest, each wheel needs its peak energy twice: for acceleration and for braking.
     peak = np.abs(found.momentum).max(axis=0)
     assert found.energy == pytest.approx(float((peak**2 / sms.wheels.inertia).sum()), rel=1e-3)
     # The end effector turns about the system's centre of mass.

@@ -1,4 +1,4 @@
-"""The robot and the control module of examples/basilisk_robot.py: our closed loop, a frame that falls."""
+"""Test the robot and the control module of examples/basilisk_robot.py."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def test_the_closed_loop_is_that_of_simulate() -> None:
 
 
 def test_the_control_sees_a_frame_that_falls_with_the_centre_of_mass() -> None:
-    """A robot that flies past at 7.6 km/s, turned and tumbling, is seen as a robot that floats here."""
+    """The state of a tumbling robot in orbit at 7.6 km/s is relative to its centre of mass."""
     sms = ffsms.load("space_arm_7")
     q0 = sms.configuration(np.full(7, 0.3), TURNED)
     v0 = np.concatenate([np.zeros(3), [0.1, -0.2, 0.05], np.linspace(-0.1, 0.1, 7)])
@@ -50,7 +50,7 @@ def test_the_control_sees_a_frame_that_falls_with_the_centre_of_mass() -> None:
 
     flown(sms, robot, watch, 0.02)
     state, first = sms.at(q0, v0), sms.at(*seen[0])
-    np.testing.assert_allclose(first.com, 0.0, atol=1e-8)  # of seven thousand kilometres: rounding
+    np.testing.assert_allclose(first.com, 0.0, atol=1e-8)  # the rounding error of 7000 km
     np.testing.assert_allclose(first.momentum[:3], 0.0, atol=1e-6)
     np.testing.assert_allclose(first.momentum[3:], state.momentum[3:], atol=1e-6)
     shift = first.end_effector_pose.translation - (state.end_effector_pose.translation - state.com)
@@ -75,7 +75,7 @@ def test_an_arm_that_forks_is_refused(tmp_path: Any) -> None:
         for parent, child in (("base", "a"), ("a", "b"), ("a", "c"))
     )
     path = tmp_path / "forked.urdf"
-    links = links.replace('value="2"', 'value="20"', 1)  # a base that is a satellite
+    links = links.replace('value="2"', 'value="20"', 1)  # a heavy base, because `load` warns of light bases
     path.write_text(f'<robot name="forked">{links}{joints}</robot>', encoding="utf-8")
     sms = ffsms.load(path, end_effector="b")
     with pytest.raises(ValueError, match="an arm branches"):

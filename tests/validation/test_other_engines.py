@@ -1,4 +1,4 @@
-"""MuJoCo, adam and Basilisk agree with us on six robots: matrices at random states, and motions."""
+"""Compare matrices and motions of six robots with MuJoCo, adam and Basilisk."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from ffsms_pin.simulation import perturb
 from ffsms_pin.urdf import model_path
 
 STATES = 5
-WITHIN = 1e-11  # relative to the largest entry
+TOLERANCE = 1e-11  # relative to the largest entry
 
 
 @pytest.mark.parametrize("name", ROBOTS)
@@ -22,7 +22,7 @@ def test_mujoco_has_the_same_matrices(name: str) -> None:
     for _ in range(STATES):
         q, v = random_state(sms, rng)
         differences = apart(ours(sms, q, v), peer.found(q, v))
-        assert max(differences.values()) < WITHIN, differences
+        assert max(differences.values()) < TOLERANCE, differences
 
 
 @pytest.mark.parametrize("name", ["planar_3r", "space_arm_7", "two_arms"])
@@ -32,11 +32,11 @@ def test_adam_has_the_same_matrices(name: str) -> None:
     for _ in range(STATES):
         q, v = random_state(sms, rng)
         differences = apart(ours(sms, q, v), peer.found(q, v))
-        assert max(differences.values()) < WITHIN, differences
+        assert max(differences.values()) < TOLERANCE, differences
 
 
 def test_a_wrong_reference_point_is_detected() -> None:
-    """The comparison can fail: with the root's origin as reference point, matrices differ."""
+    """The comparison detects a reference point of the base that is shifted by 0.1 m."""
     sms = robot("space_arm_7")
     q, v = random_state(sms, np.random.default_rng(7))
     right = ours(sms, q, v)
@@ -61,7 +61,7 @@ def test_ten_seconds_of_motion_in_mujoco(name: str) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ROBOTS)
 def test_ten_seconds_of_motion_in_basilisk(name: str) -> None:
-    """Its chain of spinning bodies is another formulation: joint rates agree to 1e-9 of their length."""
+    """Basilisk's spinning bodies are another formulation; joint rates agree to 1e-9 of their norm."""
     sms = robot(name)
     motion = push(sms)
     ours_at_end, theirs = our_end(sms, motion, 5e-3), basilisk_end(sms, motion, 5e-3)
@@ -73,7 +73,7 @@ def test_ten_seconds_of_motion_in_basilisk(name: str) -> None:
 
 
 def test_another_mass_is_detected_in_basilisk() -> None:
-    """The comparison can fail: with the arm heavier by a millionth, rates differ by far more than 1e-9."""
+    """The comparison detects an arm that is heavier by a millionth; rates differ by far more than 1e-9."""
     sms = robot("planar_3r")
     motion = push(sms)
     heavier = basilisk_end(perturb(sms, arm_mass=1.0 + 1e-6), motion, 1e-2)

@@ -1,4 +1,4 @@
-"""The problem set and its judge: what comes out again, what is solved, and each limit broken once."""
+"""Test the problem set of the benchmark, its judge, and a violation of each limit."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ ROOT = Path(__file__).resolve().parents[2]
 PROBLEMS = ROOT / "benchmarks" / "problems"
 COUNTS = {"positions": 100, "poses": 100, "held": 70, "obstacles": 80, "clients": 60, "two_arms": 50}
 COUNTS["momentum"] = 40
-# A problem of each family; of those that are held one with both limits, of momentum one in space.
+# The index of a problem of each family; that of "held" has both limits, that of "momentum" is spatial.
 SAMPLE = {"positions": 1, "poses": 1, "held": 3, "obstacles": 1, "clients": 1, "two_arms": 2, "momentum": 5}
 
 Plan = dict[str, Any]
@@ -37,7 +37,7 @@ def judge() -> Any:
 
 @pytest.fixture(scope="module")
 def drawn() -> dict[str, tuple[Plan, Plan]]:
-    """A problem of each family and its witness, drawn anew."""
+    """Return a generated problem of each family and its witness."""
     generate = module(".generate")
     return {family: generate.made(family, index) for family, index in SAMPLE.items()}
 
@@ -80,7 +80,7 @@ def test_a_witness_solves_its_problem(judge: Any, drawn: dict[str, tuple[Plan, P
 
 
 def rippled(plan: Plan) -> Plan:
-    """So small and fast that only accelerations, and torques, are out of their limits."""
+    """Return a plan with small and fast oscillations that violate only accelerations and torques."""
     size, fast = 5e-4, 60.0
     t = np.linspace(0.0, plan["t"][-1], 4000)
     joints = np.column_stack([np.interp(t, plan["t"], x) for x in plan["joints"].T])
@@ -96,14 +96,14 @@ def rippled(plan: Plan) -> Plan:
 
 
 def hurried(plan: Plan) -> Plan:
-    """The same way in a third of the time, then at rest."""
+    """Return the same motion in a third of the time, and then rest."""
     t = np.append(plan["t"] / 3.0, plan["t"][-1])
     joints, rates = (np.vstack([plan[key], plan[key][-1:]]) for key in ("joints", "rates"))
     return {"t": t, "joints": joints, "rates": 3.0 * rates}
 
 
 def direct(plan: Plan) -> Plan:
-    """Straight to where it ends."""
+    """Return a straight joint motion to the same end."""
     s = plan["t"] / plan["t"][-1]
     way = plan["joints"][-1] - plan["joints"][0]
     joints = plan["joints"][0] + (s**2 * (3.0 - 2.0 * s))[:, None] * way
@@ -111,7 +111,7 @@ def direct(plan: Plan) -> Plan:
 
 
 def beyond(plan: Plan) -> Plan:
-    """A joint goes round by more than it can, and comes back."""
+    """Return a plan with a joint that moves beyond its range and returns."""
     s = plan["t"] / plan["t"][-1]
     bump = np.zeros_like(plan["joints"])
     bump[:, 1] = 7.0 * np.sin(np.pi * s) ** 2
@@ -161,7 +161,7 @@ def test_a_plan_that_breaks_a_limit(
 
 
 def test_rates_between_nodes_count(judge: Any, drawn: dict[str, tuple[Plan, Plan]]) -> None:
-    # At both nodes the arm is at rest, and in between it is too fast.
+    # The arm is at rest at both nodes and too fast between them.
     problem, witness = drawn["poses"]
     ends = {key: values[[0, -1]] for key, values in direct(witness).items()}
     quick = copy.deepcopy(problem) | {"duration": 1.0}
@@ -233,7 +233,7 @@ def test_the_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_an_unproven_clearance_is_not_counted_as_violated(judge: Any) -> None:
-    """10.1 mm where 10 mm are asked for, and between instants the base's turn leaves 0.3 mm in doubt."""
+    """The clearance at instants is 10.1 mm, its bound between them 9.7 mm; 10 mm are required."""
     problem = judge.find("obstacles-015")
     plan = module(".baselines.library").planned(problem, 30.0, method="resolved-rate")
     assert "a clearance is not proven: wrist_yaw_body - cylinder 2 is at least 9.7 mm" in plan["note"]

@@ -1,4 +1,4 @@
-"""A PD run that the paper's author published, by us and by MuJoCo."""
+"""Compare a PD run that the paper's author published with `simulate` and MuJoCo."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from published_run import PUBLISHED, mujoco_end, our_end, planar_robot
 
 
 def test_the_final_base_pose_agrees_with_the_publication_and_with_mujoco(tmp_path: Path) -> None:
-    """The published numbers are read off plots, to 2 mm and 5 mrad; engines agree to 1e-7."""
+    """The published numbers are read from plots, to 2 mm and 5 mrad; engines agree to 1e-7."""
     sms = planar_robot(tmp_path)
     base = our_end(sms)
     assert (np.abs(base - PUBLISHED) < [2e-3, 2e-3, 5e-3]).all()

@@ -1,4 +1,4 @@
-"""The benchmark of a planning step times functions by their names, which must exist."""
+"""Test that the functions that the benchmark of a planning step measures by name exist."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The scene of a capture: client, obstacles and events, in the page's data."""
+"""Test client, obstacles and events in the scene of a capture."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ BOX = [0.5, 0.6, 0.7]
 
 
 def _flight(**options: object) -> capture.Flight:
-    """Fly to a client that turns, at whose grasp the end effector could be in a few seconds."""
+    """Simulate the approach to a rotating client that the end effector can reach in a few seconds."""
     sms = ffsms.load("satellite_panda")
     q0 = sms.configuration([0.0, -0.6, 0.0, -2.2, 0.0, 2.9, 0.8])
     end = sms.configuration([0.1, -0.4, 0.1, -2.0, 0.0, 3.1, 0.9])
@@ -63,12 +63,12 @@ def test_a_flight_is_shown_with_client_obstacles_and_events(latched: capture.Fli
     for mark, name in zip(page.facts["marks"], ("closing", "contact", "braking", "rest"), strict=True):
         assert mark["t"] == pytest.approx(times[name], abs=1e-4)
     assert page.facts["marks"][1]["reason"].startswith("inside the envelope")
-    # The ball of the contact is where the end effector was then.
+    # The ball of the contact is at the end effector's position at that time.
     (node,) = [one for one in page.of("set_transform") if one["path"] == "/ffsms/events/1"]
     row = int(np.searchsorted(latched.tracking.t, times["contact"] - 1e-9))
     tip = latched.plant.at(latched.tracking.q[row]).end_effector_pose.translation
     np.testing.assert_allclose(np.array(node["matrix"]).reshape(4, 4).T[:3, 3], tip, atol=1e-6)
-    # The client moves with the hand once it is latched: its last place is that of the recording.
+    # The latched client moves with the end effector; its last position is that of the recording.
     moved = page.track("client", "position")[1]
     np.testing.assert_allclose(moved[-1], latched.tracking.client_pose[-1, :3], atol=1e-5)
 
@@ -86,7 +86,7 @@ def test_the_distance_is_to_the_moving_grasp_until_it_is_latched(latched: captur
         grasp = pin.XYZQUATToSE3(flown.client_pose[row]).act(GRASP.translation)
         assert value == pytest.approx(1e3 * np.linalg.norm(grasp - tip), abs=1e-3)
     assert distance["without"] == "latched"
-    # The ring is at the grasp; a client with shapes of its own there has none.
+    # The grapple ring is drawn because the client has no other shape at the grasp.
     assert "/ffsms/client/grapple ring" in {command["path"] for command in page.of("set_object")}
     place = page.track("target", "position")[1]
     assert np.ptp(place, axis=0).max() > 0.01  # it turns with the client

@@ -1,4 +1,4 @@
-"""What a real browser shows of an exported file (see `browsing`)."""
+"""Test exported pages in a headless browser (see `browsing`)."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ from ffsms_pin.viewer import View, view
 Array = NDArray[np.float64]
 
 
-# The film's time and the clock's, read in one frame each, a second apart.
+# Return times of the animation and of the clock, from two frames a second apart.
 _ONE_SECOND = """const done = arguments[arguments.length - 1], read = [];
     const look = () => {
         const now = [animator.time, performance.now() / 1000];
@@ -59,7 +59,7 @@ def test_the_exported_file_shows_the_motion(
     eye = Eye(browser, scene, SIDE)
 
     slider = browser.find_element(By.ID, "slider")
-    # The end first: a click on the knob itself, which starts near the beginning, moves and pauses nothing.
+    # Click near the end first, because a click on the knob, which starts near the beginning, has no effect.
     for share, other in ((0.95, plan.q[0]), (0.05, plan.q[-1])):
         offset = round((share - 0.5) * slider.size["width"])
         ActionChains(browser).move_to_element_with_offset(slider, offset, 0).click().perform()
@@ -68,7 +68,7 @@ def test_the_exported_file_shows_the_motion(
         assert f"t = {t:.2f} s" in browser.find_element(By.ID, "reading").text
         check(eye, planar, configuration_at(planar, plan, t), plan.target, other)
 
-    # The arm's box in the legend takes the arm away; the legend may have folded itself meanwhile.
+    # The arm's checkbox in the legend hides the arm; open the legend, which may have closed.
     browser.execute_script("document.getElementById('legend').open = true")
     browser.find_element(By.CSS_SELECTOR, "input[data-layer=robot]").click()
     link = places(planar, configuration_at(planar, plan, t))[1][1]
@@ -90,7 +90,7 @@ def test_the_exported_file_plays_in_true_time(
         browser.get(path.as_uri())
         until(browser, "return document.body.dataset.ready === 'yes' && animator.time > 0.1")
         (t0, clock0), (t1, clock1) = browser.execute_async_script(_ONE_SECOND)
-        return float((t1 - t0) % plan.duration / (clock1 - clock0))  # it starts anew at its end
+        return float((t1 - t0) % plan.duration / (clock1 - clock0))  # the animation restarts at its end
 
     assert rate(1.0) == pytest.approx(1.0, rel=0.1)
     assert rate(4.0) == pytest.approx(4.0, rel=0.1)
@@ -113,7 +113,7 @@ def test_speed_view_and_background_can_be_chosen(
     browser.get(path.as_uri())
     until(browser, "return document.body.dataset.ready === 'yes'")
     shown = "return getComputedStyle(document.querySelector('.dg')).display"
-    assert browser.execute_script(shown) == "none"  # one set of controls: ours, not Meshcat's beside them
+    assert browser.execute_script(shown) == "none"  # Meshcat's own controls are hidden
 
     choose("speed", "8")
     assert browser.execute_script("return animator.mixer.timeScale") == 8.0
@@ -167,7 +167,7 @@ def test_every_view_shows_robot_and_client_beside_the_controls(
         browser.get(path.as_uri())
         until(browser, "return document.body.dataset.ready === 'yes'")
         opened = browser.execute_script("return document.getElementById('legend').open")
-        assert opened == (width > 900)  # it covers nothing then
+        assert opened == (width > 900)  # an open legend covers nothing in a wide window
         corner = "return document.getElementById(arguments[0]).getBoundingClientRect()"
         bar, legend = (browser.execute_script(corner, name) for name in ("time", "legend"))
         assert 0.0 <= bar["left"] < bar["right"] <= width
@@ -180,7 +180,7 @@ def test_every_view_shows_robot_and_client_beside_the_controls(
             assert (at > [left, 0.0]).all()
             assert (at < [width, bar["top"]]).all()
             filled = np.ptp(at, axis=0) / [width - left, bar["top"]]
-            assert filled.max() > 0.6  # it is not far away either
+            assert filled.max() > 0.6  # the scene fills most of the window
     browser.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
     assert errors(browser) == []
 

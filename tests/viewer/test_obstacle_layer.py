@@ -1,4 +1,4 @@
-"""Obstacles in the viewer's scene and in the drawing of the motion."""
+"""Test obstacles in the viewer's scene and in the drawing of the motion."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def test_outlines_lie_on_the_shape(shape: coal.ShapeBase) -> None:
         max(abs(obstacle.distance(point, 0.0)) for point in points[ConvexHull(points).vertices][::7]) < 1e-4
     )
     shape.computeLocalAABB()
-    # Circles are of 32 corners.
+    # Circles are polygons with 32 corners.
     np.testing.assert_allclose(points.max(axis=0), shape.aabb_local.max_, atol=2e-3)
 
 
@@ -53,5 +53,5 @@ def test_layers_and_drawings(planar: ffsms.SpaceManipulator, moved: opt.Trajecto
     ax = plot_motion(planar, moved, obstacles=obstacles)
     plain = plot_motion(planar, moved)
     count = [sum(isinstance(patch, Polygon) for patch in one.patches) for one in (ax, plain)]
-    assert count[0] - count[1] == 3  # the one on the base at the start and at the end
+    assert count[0] - count[1] == 3  # the obstacle on the base is drawn at the start and at the end
     plt.close("all")

@@ -1,4 +1,4 @@
-"""A path in the viewer's scene and in figures: where it is drawn, and the distance from it."""
+"""Test the drawing of a path in the viewer's scene and in figures, and the distance from it."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ APPROACH, DURATION = 1.0, 4.0  # [s]
 
 
 def planned(planar: ffsms.SpaceManipulator, frame: Any) -> opt.Trajectory:
-    """Return the plan along a short line in the axes of a frame, which begins at the tool."""
+    """Return a plan along a short line that begins at the tool and is fixed in a frame."""
     q0 = planar.configuration([0.4, 0.7, -0.5])
     tool, axes = planar.at(q0).end_effector_pose, pin.SE3.Identity()
     if isinstance(frame, ffsms.Client):
@@ -36,7 +36,7 @@ def planned(planar: ffsms.SpaceManipulator, frame: Any) -> opt.Trajectory:
 
 @pytest.mark.parametrize("on", ["inertial", "base", "client"])
 def test_path_is_drawn_where_it_is(planar: ffsms.SpaceManipulator, on: str) -> None:
-    """The end effector is on the drawn curve once the approach is over; the page says how far off it is."""
+    """After the approach the end effector is on the drawn curve; the page has the distance from the path."""
     client = ffsms.Client(20.0, [1.0, 1.0, 1.0], twist=[0.01, 0.0, 0.0, 0.0, 0.0, 0.03])
     plan = planned(planar, client if on == "client" else on)
     opened = Opened(view(planar, plan, fps=10.0).html())
@@ -50,7 +50,7 @@ def test_path_is_drawn_where_it_is(planar: ffsms.SpaceManipulator, on: str) -> N
         tip = plan.end_effector[int(np.argmin(np.abs(plan.t - t)))]
         drawn = curve @ pin.Quaternion(*turn[[3, 0, 1, 2]]).normalized().toRotationMatrix().T + place
         assert np.linalg.norm(drawn - tip, axis=1).min() < 1e-4
-    picture = np.array(opened.facts["seen"]) + opened.facts["centre"]  # that all cameras hold
+    picture = np.array(opened.facts["seen"]) + opened.facts["centre"]  # points that all cameras include
     drawn = np.vstack([curve, plan.end_effector]) if on == "inertial" else plan.end_effector
     assert (drawn <= picture.max(axis=0) + 1e-4).all()
     assert (drawn >= picture.min(axis=0) - 1e-4).all()
@@ -62,7 +62,7 @@ def test_path_is_drawn_where_it_is(planar: ffsms.SpaceManipulator, on: str) -> N
 
 
 def test_figures_name_the_path(planar: ffsms.SpaceManipulator) -> None:
-    """The distance is that from the path, and the mark is its end."""
+    """The figure shows the distance from the path, and the mark is the end of the path."""
     plan = planned(planar, "inertial")
     ax = plot_position_error(plan)
     assert ax.get_ylabel() == "distance from the path [m]"

@@ -1,4 +1,4 @@
-"""What is around a robot in the viewer's scene: clients, wheels, thrusters, and the cameras."""
+"""Test clients, wheels, thrusters, contact forces and cameras of the viewer's scene."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def track(scene: View, path: str, name: str) -> tuple[Any, Any]:
 
 
 def placed(scene: View, path: str) -> Any:
-    """The transform (4, 4) that a node stands at."""
+    """Return the transform (4, 4) of a node."""
     import umsgpack
 
     packed = scene._stage._commands["set_transform", f"/ffsms/{path}", ""]
@@ -57,13 +57,13 @@ def test_wheels_are_discs_on_the_base_along_their_axes(
     places = []
     for i, axis in enumerate(AXES):
         matrix = placed(scene, f"wheels/{i}")
-        np.testing.assert_allclose(matrix[:3, 2], axis, atol=1e-12)  # the disc's own axis is z
+        np.testing.assert_allclose(matrix[:3, 2], axis, atol=1e-12)  # the axis of the disc is z
         places.append(matrix[:3, 3])
         inside = np.abs(equipped.base_box_placement.actInv(matrix[:3, 3])) < 0.49 * np.array(
             equipped.base_size
         )
-        assert not inside.all()  # or the base would hide it
-    # Two on one axis stand one beyond the other, and none where the arm begins.
+        assert not inside.all()  # the base does not hide the disc
+    # Two wheels with the same axis are side by side along it, on the side opposite to the arm.
     assert np.linalg.norm(places[0] - places[3]) > 0.01
     assert all(place[0] < 0.0 for place in (places[0], places[3]))
     _, rows = track(scene, "wheels", "position")
@@ -91,9 +91,9 @@ def test_a_client_moves_with_the_motion(equipped: ffsms.SpaceManipulator, moved:
     same = opt.Obstacle(coal.Box(0.2, 0.3, 0.4), on=client)
     scene = view(equipped, moved, client=client, obstacles=[ears, same])
     assert scene.layers["client"]
-    assert "obstacles" not in scene.layers  # those of the client are drawn with it
+    assert "obstacles" not in scene.layers  # obstacles on the client belong to its layer
     drawn = {path.split("/")[3] for path in scene._stage.paths if path.startswith("/ffsms/client/")}
-    assert drawn == {"0", "1"}  # its body once, and the sphere
+    assert drawn == {"0", "1"}  # the client's box once, and the sphere
     assert not scene.layers["frames"]
     times, rows = track(scene, "client", "position")
     _, turns = track(scene, "client", "quaternion")
@@ -101,7 +101,7 @@ def test_a_client_moves_with_the_motion(equipped: ffsms.SpaceManipulator, moved:
         np.testing.assert_allclose(row, client.pose(t).translation, atol=1e-12)
         found = pin.Quaternion(*turn[[3, 0, 1, 2]]).toRotationMatrix()
         np.testing.assert_allclose(found, client.pose(t).rotation, atol=1e-9)
-    # The camera sees it.
+    # The camera includes the client.
     far = ffsms.Client(5.0, [1.0, 2.0, 2.5], pin.SE3(np.eye(3), np.array([9.0, 0.0, 0.0])))
     assert view(equipped, moved, client=far)._stage.size > 4.0 > scene._stage.size
 
@@ -127,19 +127,19 @@ def test_cameras(equipped: ffsms.SpaceManipulator, moved: opt.Trajectory) -> Non
         assert f'"camera": "{name}"' in scene.html()
     with pytest.raises(InvalidValue, match='"free" or "front" or "side" or "top" or "base"'):
         view(equipped, moved, camera="behind")
-    # By these the page holds the base where it is at first (test_exported_page.py).
+    # The page uses these to keep the base at its initial pose (test_exported_page.py).
     np.testing.assert_allclose(scene._facts["base"], moved.q[0, :7])
     _, places = track(scene, "base", "position")
     _, turns = track(scene, "base", "quaternion")
     for place, turn, q in zip(places, turns, moved.q, strict=True):
         np.testing.assert_allclose(place, q[:3], atol=1e-12)
-        assert abs(turn @ q[3:7]) == pytest.approx(1.0)  # q and -q are one attitude
+        assert abs(turn @ q[3:7]) == pytest.approx(1.0)  # q and -q are the same attitude
 
 
 def test_the_contact_force_is_an_arrow_during_contact(
     equipped: ffsms.SpaceManipulator, moved: opt.Trajectory
 ) -> None:
-    """A touch of one row between two pictures is shown, too, as long as can be; the softer one is shorter."""
+    """A contact of a single row between two frames is shown; lengths are proportional to the force."""
     flown = ffsms.simulate(equipped, moved, ffsms.SlidingModeController(equipped), dt=0.01)
     wrench = np.zeros((len(flown.t), 6))
     wrench[52, :3], wrench[131, :3] = [0.0, -8.0, 0.0], [4.0, 0.0, 0.0]

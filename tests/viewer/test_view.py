@@ -1,4 +1,4 @@
-"""The viewer's scenes, looked at from the inside: what is drawn, and where it moves."""
+"""Test the objects of the viewer's scenes and their animations."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def opened(scene: View) -> Opened:
 def test_the_page_loads_nothing_external(opened: Opened) -> None:
     assert not re.search(r"""(?:src|href)\s*=\s*["']?(?:https?:)?//""", opened.text)
     assert not re.search(r"@import|url\(\s*[\"']?https?:", opened.text)
-    # Addresses may stand in the text of Meshcat's script (licences, XML name spaces); none is fetched.
+    # Meshcat's script contains addresses (licences, XML name spaces), but fetches none of them.
     start, end = opened.text.index("<script>"), opened.text.index('id="facts"')
     assert "://" not in opened.text[:start] + opened.text[end:]
 
@@ -95,7 +95,7 @@ def test_base_arrow_is_the_dominant_motion_with_the_sign_of_the_joint_rates(
         pointing = pin.Quaternion(*turns[k][[3, 0, 1, 2]]).normalized().toRotationMatrix()[:, 2]
         np.testing.assert_allclose(pointing, wanted / np.linalg.norm(wanted), atol=1e-4)
         ratios.append(scales[k, 2] / np.linalg.norm(wanted))
-    np.testing.assert_allclose(ratios, ratios[0], rtol=1e-4)  # one scale for the whole film
+    np.testing.assert_allclose(ratios, ratios[0], rtol=1e-4)  # the scale is constant
 
 
 def test_cone_takes_the_colour_of_the_assistance(
@@ -116,7 +116,7 @@ def test_cone_takes_the_colour_of_the_assistance(
 def test_layers_exist_and_are_shown_on_request(
     planar: ffsms.SpaceManipulator, plan: opt.Trajectory, opened: Opened
 ) -> None:
-    # There is nothing around this robot (test_obstacle_layer.py, test_surroundings.py).
+    # Layers of other scenes are tested in test_obstacle_layer.py and test_surroundings.py.
     around = {"obstacles", "path", "client", "client_path", "actuators", "contact", "events"}
     assert {layer["name"] for layer in opened.facts["layers"]} == set(LAYERS) - around
     few = Opened(view(planar, plan, show=("robot", "limits"), fps=2.0).html())

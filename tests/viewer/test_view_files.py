@@ -1,4 +1,4 @@
-"""The viewer's page as a file, in a notebook and from the command line, and what is refused."""
+"""Test the viewer's page as a file, in a notebook and from the command line."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def test_the_file_is_written_whole_or_not_at_all(scene: View, tmp_path: Path) ->
 def test_a_notebook_shows_the_same_page(scene: View) -> None:
     inline = scene._repr_html_()
     assert inline.startswith("<iframe srcdoc=")
-    assert inline.count('"') == 4  # everything inside of the attribute is escaped
+    assert inline.count('"') == 4  # quotes within the attribute are escaped
 
 
 def test_titles_are_escaped(planar: ffsms.SpaceManipulator, plan: opt.Trajectory) -> None:
@@ -77,7 +77,7 @@ def test_errors_of_the_view_command_are_single_lines(
     assert "not a folder" in line(str(tmp_path / "nothing"))
     assert "trajectory.npz" in line(str(tmp_path))
     plan.save(tmp_path / "trajectory.npz")
-    assert "--robot" in line(str(tmp_path))  # no summary that says whose motion it is
+    assert "--robot" in line(str(tmp_path))  # there is no summary with the robot
     assert "not a motion of" in line(str(tmp_path), "--robot", "space_arm_7")
     (tmp_path / "summary.json").write_text("[")
     assert "summary.json" in line(str(tmp_path))
@@ -88,7 +88,7 @@ def test_errors_of_the_view_command_are_single_lines(
 def test_the_result_may_come_first(planar: ffsms.SpaceManipulator) -> None:
     plan = ffsms.opt.plan(planar, planar.configuration([0.4, 0.7, -0.5]), [0.75, 0.5, 0.0], 2.0, 0.1)
     one, other = ffsms.view(plan, planar).html(), ffsms.view(planar, plan).html()
-    assert abs(len(one) - len(other)) < 100  # the same but for the random names of the scene's objects
+    assert abs(len(one) - len(other)) < 100  # the names of the scene's objects are random
     with pytest.raises(InvalidValue, match="must be a SpaceManipulator"):
         ffsms.view(plan, plan)
 

@@ -1,4 +1,4 @@
-"""The arm over stacks of configurations against `sms.at`, and its slopes against finite differences."""
+"""Compare stacks of the arm with `sms.at`, and derivatives with finite differences."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from ffsms_pin.system.batch.arm import ArmStack
 
 @pytest.fixture(scope="module")
 def trees(random_tree: Callable[..., Any]) -> list[ffsms.SpaceManipulator]:
-    """Branched robots in space, with sliding joints and a base whose centre of mass is off its origin."""
+    """Return branched robots with prismatic joints and a base whose centre of mass is off its origin."""
     return [ffsms.SpaceManipulator(random_tree(seed, n).model(), "tip") for seed, n in ((1, 4), (2, 7))]
 
 
@@ -31,7 +31,7 @@ def test_the_stack_agrees_with_the_state(
         for k in np.ndindex(2, 3):
             at = (..., *k)
             q = sms.configuration(joints[at])
-            state = sms.at(q)  # the base unturned: base axes are inertial ones
+            state = sms.at(q)  # base axes are inertial axes, because the base is not rotated
             np.testing.assert_allclose(arm.coupling[at], state.C_bm, atol=1e-12)
             np.testing.assert_allclose(arm.jstar[at], state.J_star[:3], atol=1e-12)
             np.testing.assert_allclose(turning[at], state.J_star[3:], atol=1e-12)

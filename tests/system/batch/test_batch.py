@@ -1,4 +1,4 @@
-"""`SpaceManipulator.batch` against `SpaceManipulator.at`, robot by robot."""
+"""Compare `SpaceManipulator.batch` with `SpaceManipulator.at` for all robots."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ ROBOTS = [*model_names(), *satellite_names()]
 
 
 def load(name: str) -> ffsms.SpaceManipulator:
-    """A robot by name; of two arms the left one."""
+    """Load a robot; the end effector of `two_arms` is that of the left arm."""
     return ffsms.load(name, end_effector="left_tool" if name == "two_arms" else None)
 
 
 def close(found: Array, expected: Array) -> bool:
-    """Equal to 1e-12, for what is larger than one in proportion to it."""
+    """Return whether arrays are equal to 1e-12, relative if the largest entry exceeds one."""
     return bool(np.abs(found - expected).max() <= 1e-12 * max(1.0, float(np.abs(expected).max())))
 
 
@@ -83,7 +83,7 @@ def test_manipulability_is_yoshikawas_determinant(rng: np.random.Generator) -> N
 
 
 def test_a_row_does_not_depend_on_the_other_rows(rng: np.random.Generator) -> None:
-    """The same bits, whatever the length of the stack."""
+    """The bits of a row are the same for every length of the stack."""
     sms = ffsms.load("satellite_panda")
     joints = rng.uniform(-2.0, 2.0, (50, 7))
     whole = sms.batch(joints)

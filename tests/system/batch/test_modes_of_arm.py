@@ -1,4 +1,4 @@
-"""The stacked arm in all modes: against `mode_coupling`, finite differences and Pinocchio."""
+"""Compare the stacked arm in all base modes with `mode_coupling`, finite differences and Pinocchio."""
 
 from __future__ import annotations
 
@@ -70,12 +70,12 @@ def test_slopes_of_a_mode(sms: ffsms.SpaceManipulator, mode: str, rng: np.random
 
 
 def momentum_slopes(stack: ArmStack, arm: ArmValues, rates: FloatArray) -> FloatArray:
-    """Slopes (3, n) by the joint positions of the angular momentum at joint rates (n, 1)."""
+    """Return the derivatives (3, n) of the angular momentum at joint rates (n, 1) by joint positions."""
     return kernel.momentum_slopes(stack.tree, arm.positions, rates).reshape(3, -1)
 
 
 def test_momentum_and_torque_of_a_held_base(sms: ffsms.SpaceManipulator, rng: np.random.Generator) -> None:
-    """Pinocchio's centroidal dynamics know nothing of modes: it is the base at rest that makes them alike."""
+    """Compare with Pinocchio's centroidal dynamics of a base at rest."""
     joints, rates, accelerations = (rng.uniform(-1.0, 1.0, (sms.n, 1)) for _ in range(3))
     stack = ArmStack(sms, "rotation-floating")
     arm = stack.evaluate(joints)
@@ -88,7 +88,7 @@ def test_momentum_and_torque_of_a_held_base(sms: ffsms.SpaceManipulator, rng: np
     torque = D @ accelerations[:, 0] + K @ rates[:, 0]
     np.testing.assert_allclose(torque, data.dhg.angular, atol=1e-12)
     np.testing.assert_allclose(forces(stack, joints, rates, accelerations)[-3:, 0], torque, atol=1e-12)
-    # Slopes of the torque, by differences of the torque.
+    # Compare the derivatives of the torque with finite differences.
     for kind, slope in enumerate(force_slopes(stack, joints, rates, accelerations).values()):
         for k in range(sms.n):
             sides = []

@@ -1,4 +1,4 @@
-"""Small algebra on stacks of vectors and rotations, against numpy and Pinocchio."""
+"""Compare algebra on stacks of vectors and rotations with NumPy and Pinocchio."""
 
 from __future__ import annotations
 
