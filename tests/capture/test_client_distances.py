@@ -59,7 +59,7 @@ def _by_coal(sms: ffsms.SpaceManipulator, q: FloatArray, pose: pin.SE3) -> float
 
 
 def test_sliding_joints_close_at_their_rate(tmp_path: Path) -> None:
-    """The bound on the closing speed is at least the rate of the cart on the rail, for any length of the arm."""
+    """The bound on the closing speed is at least the rate of the cart, for any length of the arm."""
     rail = sliding(tmp_path)
     ball = Client(10.0, [1.0, 1.0, 1.0], pin.SE3.Identity(), [0.0] * 6, [coal.Sphere(0.1)])
     distances = ClientDistances(rail, [opt.Obstacle(coal.Sphere(0.1), on=ball, name="ball")], 0.01, "points")

@@ -1,4 +1,4 @@
-"""Laws of the base: attitude held by wheels and thrusters, the arm's reaction fed forward, dumping."""
+"""Laws of the base: attitude held by wheels and thrusters, feedforward of the reaction, dumping."""
 
 from __future__ import annotations
 
@@ -32,15 +32,15 @@ Refused = Callable[..., FfsmsError]
 STEP = 8e-3  # [s] of control
 
 
-def errors(run: Tracking, wanted: Any = None) -> Array:
-    """How far the base is turned from an attitude (3, 3) [deg]; default: from its start."""
-    start = pin.Quaternion(run.q[0, 3:7] if wanted is None else pin.Quaternion(wanted).coeffs())
+def attitude_errors(run: Tracking, attitude: Any = None) -> Array:
+    """Return the angles of the base from an attitude (3, 3) [deg]; default: from its start."""
+    start = pin.Quaternion(run.q[0, 3:7] if attitude is None else pin.Quaternion(attitude).coeffs())
     return np.degrees([start.angularDistance(pin.Quaternion(row)) for row in run.q[:, 3:7]])
 
 
 @pytest.fixture(scope="module")
 def panda() -> ffsms.SpaceManipulator:
-    """On the default satellite, with wheels of 12 N m s and 0.2 N m."""
+    """The arm on the default satellite, with wheels of 12 N m s and 0.2 N m."""
     wheels = ffsms.ReactionWheels(PYRAMID, 12.0 / 628.3, 0.2, 12.0)
     return ffsms.load("satellite_panda").with_actuators(wheels=wheels)
 
@@ -53,27 +53,30 @@ def reach(panda: ffsms.SpaceManipulator) -> Swing:
 
 @pytest.fixture
 def state(panda: ffsms.SpaceManipulator, rng: np.random.Generator) -> tuple[Array, Array]:
-    """Any q and v."""
+    """A random configuration and velocity."""
     q = panda.configuration(0.5 * (panda.limits.lower + panda.limits.upper) + rng.uniform(-0.3, 0.3, 7))
     q[3:7] = pin.Quaternion(rng.normal(size=4)).normalized().coeffs()
     return q, rng.normal(size=13)
 
 
-def test_torques_that_turn_the_base_as_wanted(
+def test_torques_give_the_desired_angular_acceleration_of_the_base(
     panda: ffsms.SpaceManipulator, state: tuple[Array, Array], rng: np.random.Generator
 ) -> None:
-    """The articulated-body algorithm says what they do."""
+    """Compare with the articulated-body algorithm."""
     q, v = state
-    turn, qdd = rng.normal(size=3), rng.normal(size=7)
-    T, tau = held_dynamics(panda, q, v, turn, qdd)
+    alpha, qdd = rng.normal(size=3), rng.normal(size=7)
+    T, tau = held_dynamics(panda, q, v, alpha, qdd)
     model = panda.model
-    found = pin.aba(model, model.createData(), q, v, np.concatenate([np.zeros(3), T, tau]))
-    np.testing.assert_allclose(found[3:], np.concatenate([turn, qdd]), rtol=1e-8, atol=1e-9)
-    moved, ways = np.concatenate([np.zeros(3), turn, np.zeros(7)]), np.delete(np.eye(13), slice(3, 6), axis=1)
-    np.testing.assert_allclose(partly_held(panda, q, v, moved, ways, tau)[3:6], T, rtol=1e-8)
+    acceleration = pin.aba(model, model.createData(), q, v, np.concatenate([np.zeros(3), T, tau]))
+    np.testing.assert_allclose(acceleration[3:], np.concatenate([alpha, qdd]), rtol=1e-8, atol=1e-9)
+    base_motion, directions = (
+        np.concatenate([np.zeros(3), alpha, np.zeros(7)]),
+        np.delete(np.eye(13), slice(3, 6), axis=1),
+    )
+    np.testing.assert_allclose(partly_held(panda, q, v, base_motion, directions, tau)[3:6], T, rtol=1e-8)
 
 
-def test_wheels_give_the_torque_gyroscopic_part_and_all(rng: np.random.Generator) -> None:
+def test_wheel_torques_include_the_gyroscopic_torque(rng: np.random.Generator) -> None:
     wheels = ffsms.ReactionWheels(rng.normal(size=(4, 3)), 0.02)
     T, spin, turn, h = rng.normal(size=3), rng.normal(size=3), rng.normal(size=3), rng.normal(size=4)
     change = WheelAllocation(wheels).torques(T, spin, turn, h) - 0.02 * (wheels.axes @ turn)
@@ -94,42 +97,44 @@ def test_thrusters_give_a_couple_without_a_force(rng: np.random.Generator) -> No
     np.testing.assert_allclose(weak, forces * (5.0 / forces.max()), rtol=1e-9)
 
 
-def test_a_small_error_dies_out_as_the_bandwidth_says(panda: ffsms.SpaceManipulator) -> None:
-    """Critically damped: (1 + b t) exp(-b t)."""
+def test_a_small_error_decays_with_the_bandwidth(panda: ffsms.SpaceManipulator) -> None:
+    """The error of the critically damped loop is (1 + b t) exp(-b t)."""
     still = Swing(panda, np.zeros(7), 8.0, 0.5 * (panda.limits.lower + panda.limits.upper))
-    wanted = pin.exp3(np.radians([0.02, -0.03, 0.01]))
-    law = Coordinated(panda, bandwidth=0.8, attitude=wanted)
+    attitude = pin.exp3(np.radians([0.02, -0.03, 0.01]))
+    law = Coordinated(panda, bandwidth=0.8, attitude=attitude)
     run = ffsms.simulate(panda, still, law, dt=0.01, base_controller=law)
-    found = errors(run, wanted)
-    expected = found[0] * (1.0 + 0.8 * run.t) * np.exp(-0.8 * run.t)
-    np.testing.assert_allclose(found, expected, atol=0.01 * found[0])
+    angles = attitude_errors(run, attitude)
+    expected = angles[0] * (1.0 + 0.8 * run.t) * np.exp(-0.8 * run.t)
+    np.testing.assert_allclose(angles, expected, atol=0.01 * angles[0])
     assert happened(run) == ""
     assert np.abs(run.joint_error).max() < 1e-6
 
 
-def test_the_quaternion_has_two_signs(panda: ffsms.SpaceManipulator, state: tuple[Array, Array]) -> None:
+def test_both_signs_of_the_quaternion_give_the_same_acceleration(
+    panda: ffsms.SpaceManipulator, state: tuple[Array, Array]
+) -> None:
     q, v = state
     hold = AttitudeHold(1.0, 1.0, np.eye(3))
     other = np.concatenate([q[:3], -q[3:7], q[7:]])
     np.testing.assert_allclose(hold.acceleration(q, v), hold.acceleration(other, v), rtol=1e-12)
     still = hold.acceleration(q, 0.0 * v)
-    # It turns the shorter way: against the rotation vector.
+    # The shorter rotation is against the rotation vector.
     assert still @ pin.log3(pin.Quaternion(q[3:7]).toRotationMatrix()) < 0.0
 
 
 @pytest.mark.slow
-def test_what_the_feedforward_is_worth(panda: ffsms.SpaceManipulator, reach: Swing) -> None:
-    found = {}
+def test_the_feedforward_reduces_the_attitude_error(panda: ffsms.SpaceManipulator, reach: Swing) -> None:
+    largest = {}
     for kind in ("none", "plan", "torque"):
         law = QuaternionFeedback(panda, feedforward=kind)
         run = ffsms.simulate(panda, reach, ComputedTorque(panda), dt=STEP, base_controller=law)
         assert happened(run) == ""
-        found[kind] = errors(run).max()
+        largest[kind] = attitude_errors(run).max()
     free = ffsms.simulate(panda, reach, ComputedTorque(panda), dt=STEP)
-    assert errors(free).max() > 1.0
-    assert found["none"] > 0.05
-    assert found["plan"] < 0.05 * found["none"]
-    assert found["torque"] < 2e-3
+    assert attitude_errors(free).max() > 1.0
+    assert largest["none"] > 0.05
+    assert largest["plan"] < 0.05 * largest["none"]
+    assert largest["torque"] < 2e-3
 
 
 def test_coordinated_control_leaves_limp_joints_passive(
@@ -143,25 +148,25 @@ def test_coordinated_control_leaves_limp_joints_passive(
     turn, base, tau = law._held_dynamics(motion)
     assert tau[1] == 0.0
     force = np.concatenate([np.zeros(3), base, tau])
-    found = pin.aba(panda.model, panda.model.createData(), q, v, force)
-    np.testing.assert_allclose(found[3:6], turn, atol=1e-9)
+    acceleration = pin.aba(panda.model, panda.model.createData(), q, v, force)
+    np.testing.assert_allclose(acceleration[3:6], turn, atol=1e-9)
     driven = np.arange(7) != 1
-    np.testing.assert_allclose(found[6:][driven], law._acceleration(motion)[driven], atol=1e-8)
-    assert abs(found[7] - law._acceleration(motion)[1]) > 1e-3
+    np.testing.assert_allclose(acceleration[6:][driven], law._acceleration(motion)[driven], atol=1e-8)
+    assert abs(acceleration[7] - law._acceleration(motion)[1]) > 1e-3
 
 
-def test_coordinated_control_holds_both(panda: ffsms.SpaceManipulator, reach: Swing) -> None:
+def test_coordinated_control_holds_base_and_joints(panda: ffsms.SpaceManipulator, reach: Swing) -> None:
     law = Coordinated(panda)
     run = ffsms.simulate(panda, reach, law, dt=4e-3, base_controller=law)
-    assert errors(run).max() < 1e-3
+    assert attitude_errors(run).max() < 1e-3
     assert np.abs(run.joint_error).max() < 1e-5
-    # A law that counts on a base that gives way misses by more.
+    # A law that assumes a floating base has larger joint errors.
     floating = ComputedTorque(panda)
     other = ffsms.simulate(panda, reach, floating, dt=STEP, base_controller=QuaternionFeedback(panda))
     assert np.abs(other.joint_error).max() > 10.0 * np.abs(run.joint_error).max()
     size = np.abs(run.wheel_momentum).max()
     assert np.abs(run.momentum).max() < 1e-12 * size
-    # The wheels have what the arm has: with the base held, its momentum is minus theirs.
+    # With the base held, the momentum of the arm is minus that of the wheels.
     k = int(np.argmax(np.linalg.norm(run.wheel_momentum, axis=1)))
     arm = panda.at(run.q[k], run.v[k]).momentum[3:]
     assert panda.wheels is not None
@@ -169,7 +174,7 @@ def test_coordinated_control_holds_both(panda: ffsms.SpaceManipulator, reach: Sw
     np.testing.assert_allclose(turn @ panda.wheels.total(run.wheel_momentum[k]), -arm, atol=1e-10)
 
 
-def test_another_plant_and_wheels_that_turn_already(panda: ffsms.SpaceManipulator, reach: Swing) -> None:
+def test_a_perturbed_plant_with_turning_wheels_is_held(panda: ffsms.SpaceManipulator, reach: Swing) -> None:
     from ffsms_pin.simulation import perturb
 
     plant, law = perturb(panda, arm_mass=1.2, base_mass=0.9), Coordinated(panda, bandwidth=2.0)
@@ -182,21 +187,21 @@ def test_another_plant_and_wheels_that_turn_already(panda: ffsms.SpaceManipulato
         base_controller=law,
         conditions=ffsms.Conditions(wheel_momentum=[3.0, -5.0, 2.0, 8.0]),
     )
-    assert 1e-4 < errors(run).max() < 0.1
+    assert 1e-4 < attitude_errors(run).max() < 0.1
     assert np.abs(run.momentum - run.momentum[0]).max() < 1e-12 * np.linalg.norm(run.momentum[0])
 
 
-def test_wheels_that_are_too_small_are_told(panda: ffsms.SpaceManipulator, reach: Swing) -> None:
+def test_saturated_wheels_are_reported(panda: ffsms.SpaceManipulator, reach: Swing) -> None:
     small = panda.with_actuators(wheels=ffsms.ReactionWheels(np.eye(3), 1e-3, 0.2, 0.05))
     law = Coordinated(small)
     run = ffsms.simulate(small, reach, law, dt=STEP, base_controller=law)
     assert "at its largest momentum of 0.05 N m s" in run.note
     assert np.abs(run.wheel_momentum).max() < 0.05 + 1e-5
-    assert errors(run).max() > 0.5
+    assert attitude_errors(run).max() > 0.5
 
 
-def test_case_2_with_wheels_of_its_size() -> None:
-    """Four wheels of 1 N m s and 0.1 N m, 0.9 kg each: docs/bases-that-act.md says where they are from."""
+def test_wheels_of_its_size_hold_case_2() -> None:
+    """Four wheels of 1 N m s, 0.1 N m and 0.9 kg each; docs/bases-that-act.md names their source."""
     scenario = ffsms.scenario("case-2")
     wheels = ffsms.ReactionWheels(PYRAMID, 0.001364, 0.1, 0.001364 * 7000.0 * 2.0 * np.pi / 60.0)
     sms = scenario.load().with_actuators(wheels=wheels)
@@ -204,9 +209,9 @@ def test_case_2_with_wheels_of_its_size() -> None:
     law = Coordinated(sms)
     with pytest.warns(FfsmsWarning, match="leaves the base free"):
         run = ffsms.simulate(sms, plan, law, dt=STEP, base_controller=law)
-    assert errors(run).max() < 0.1
+    assert attitude_errors(run).max() < 0.1
     assert happened(run) == ""
-    assert np.degrees(plan.base_rotation.max()) > 5.0  # with the base left to itself
+    assert np.degrees(plan.base_rotation.max()) > 5.0  # with a floating base
 
 
 def test_momentum_is_dumped(panda: ffsms.SpaceManipulator) -> None:
@@ -219,9 +224,9 @@ def test_momentum_is_dumped(panda: ffsms.SpaceManipulator) -> None:
     run = ffsms.simulate(
         robot, still, law, dt=0.02, base_controller=law, conditions=ffsms.Conditions(wheel_momentum=start)
     )
-    assert errors(run).max() < 0.1
+    assert attitude_errors(run).max() < 0.1
     share = np.abs(run.wheel_momentum).max(axis=1) / 1.2
-    # It stopped where it should, and the thrusters' couples took what the total lost.
+    # Dumping stopped near its lower threshold, and the couples of the thrusters took the lost momentum.
     assert 0.02 < share[-1] < 0.2
     assert run.thruster_force[-250:].max() == 0.0
     assert set(np.unique(run.thruster_force)) == {0.0, 1.0}
@@ -239,14 +244,14 @@ def test_thrusters_alone_hold_the_attitude(panda: ffsms.SpaceManipulator, reach:
     robot = panda.with_actuators(thrusters=thrusters)
     law = Coordinated(robot, bandwidth=0.5)
     run = ffsms.simulate(robot, reach, law, dt=5e-3, base_controller=law)
-    assert errors(run).max() < 0.3
+    assert attitude_errors(run).max() < 0.3
     assert run.propellant[-1] > 0.0
 
 
-def pulses(wanted: Array, least: float, period: float = 0.1) -> Array:
+def pulses(forces: Array, least: float, period: float = 0.1) -> Array:
     thrusters = ffsms.Thrusters([0, 0, 0], [1, 0, 0], 2.0, least_on_time=least, period=period)
     modulator = PulseWidth(thrusters, 1e-3)
-    return np.array([modulator.apply(np.array([force]))[0] for force in wanted])
+    return np.array([modulator.apply(np.array([force]))[0] for force in forces])
 
 
 @pytest.mark.parametrize("share", [0.03, 0.1, 0.5, 0.95, 1.0])
@@ -266,17 +271,17 @@ def test_a_pulse_longer_than_the_rounded_period_is_refused() -> None:
         PulseWidth(thrusters, 0.01)
 
 
-def test_pulses_stop_where_nothing_is_wanted() -> None:
+def test_pulses_stop_when_no_force_is_commanded() -> None:
     on = pulses(np.concatenate([np.full(1000, 5.0), np.zeros(2000)]), 0.01)
     assert on[100:1000].min() == 2.0
-    assert on[1300:].max() == 0.0  # what was missed is made good for a period, and no longer
+    assert on[1300:].max() == 0.0  # the missed force is made up for one period only
 
 
 def torques(law: QuaternionFeedback, view: BaseView) -> float:
-    """Size of the wheels' torques [N m]."""
-    found = law.command(view).wheel_torque
-    assert found is not None
-    return float(np.abs(found).max())
+    """Return the largest wheel torque of a command [N m]."""
+    torque = law.command(view).wheel_torque
+    assert torque is not None
+    return float(np.abs(torque).max())
 
 
 def test_copies_hold_their_own_attitude(panda: ffsms.SpaceManipulator, reach: Swing) -> None:
@@ -292,7 +297,7 @@ def test_copies_hold_their_own_attitude(panda: ffsms.SpaceManipulator, reach: Sw
     assert torques(law, view._replace(q=turned)) < 1e-12
 
 
-def test_laws_that_cannot_be(
+def test_invalid_base_laws_are_refused(
     panda: ffsms.SpaceManipulator, planar: ffsms.SpaceManipulator, refused: Refused
 ) -> None:
     for law in (QuaternionFeedback, Coordinated):

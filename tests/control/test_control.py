@@ -25,13 +25,13 @@ Refused = Callable[..., FfsmsError]
 
 
 def random_state(sms: ffsms.SpaceManipulator, rng: np.random.Generator) -> tuple[Array, Array]:
-    """A turned base anywhere, joints anywhere, and a velocity with momentum."""
+    """Return a random base pose with random joints, and a velocity with momentum."""
     q = sms.configuration(rng.uniform(-2.0, 2.0, sms.n), random_pose(rng))
     return q, rng.normal(size=sms.nv)
 
 
 def reduced_by_forward_dynamics(sms: ffsms.SpaceManipulator, q: Array, v: Array) -> tuple[Array, Array]:
-    """H_q and C_q from accelerations alone: no Schur complement, no nonlinear effects."""
+    """Return H_q and C_q from accelerations alone: no Schur complement, no nonlinear effects."""
     data = sms.model.createData()
 
     def joint_accelerations(tau: Array) -> Array:
@@ -74,14 +74,14 @@ def test_torque_is_the_law_written_out(planar: ffsms.SpaceManipulator, rng: np.r
             q, v = random_state(planar, rng)
             q_e, qd_e, qdd_d = size * rng.normal(size=3), size * rng.normal(size=3), rng.normal(size=3)
             H_q, C_q = reduced_by_forward_dynamics(planar, q, v)
-            wanted = np.empty(3)
+            expected = np.empty(3)
             for i in range(3):
                 s = qd_e[i] + Gamma[i] * q_e[i]
                 inside += abs(s) < boundary
                 push = K_s[i] * max(-1.0, min(1.0, s / boundary))
-                wanted[i] = H_q[i] @ (qdd_d - Gamma * qd_e) + C_q[i] - push
+                expected[i] = H_q[i] @ (qdd_d - Gamma * qd_e) + C_q[i] - push
             tau = controller.torque(q, v, q[7:] - q_e, v[6:] - qd_e, qdd_d)
-            np.testing.assert_allclose(tau, wanted, atol=1e-9)
+            np.testing.assert_allclose(tau, expected, atol=1e-9)
     assert 20 <= inside <= 40  # of 60: both branches of sat were taken
 
 
@@ -98,13 +98,13 @@ def test_scalar_vector_and_matrix_gains_are_the_same_law(
     planar: ffsms.SpaceManipulator, rng: np.random.Generator
 ) -> None:
     q, v = random_state(planar, rng)
-    wanted = rng.normal(size=(3, 3))
+    motion = rng.normal(size=(3, 3))
     laws = [
         SlidingModeController(planar, 0.3, 5.0, 0.1, 2.0),
         SlidingModeController(planar, [0.3] * 3, [5.0] * 3, [0.1] * 3, [2.0] * 3),
         SlidingModeController(planar, 0.3 * np.eye(3), 5 * np.eye(3, dtype=int), 0.1, 2),
     ]
-    first, *others = (law.torque(q, v, *wanted) for law in laws)
+    first, *others = (law.torque(q, v, *motion) for law in laws)
     for other in others:
         np.testing.assert_array_equal(first, other)
 
@@ -116,7 +116,7 @@ def test_full_gain_matrices_are_used(planar: ffsms.SpaceManipulator, rng: np.ran
     q, v = random_state(planar, rng)
     q_e, qd_e, qdd_d = 1e-3 * rng.normal(size=3), 1e-3 * rng.normal(size=3), rng.normal(size=3)
     tau = controller.torque(q, v, q[7:] - q_e, v[6:] - qd_e, qdd_d)
-    # What the law is for: with this torque the error obeys H_q (qdd_e + Gamma qd_e) = -K_s s / boundary.
+    # With this torque the error obeys H_q (qdd_e + Gamma qd_e) = -K_s s / boundary.
     qdd = pin.aba(planar.model, planar.model.createData(), q, v, np.concatenate([np.zeros(6), tau]))[6:]
     H_q, _ = reduced_by_forward_dynamics(planar, q, v)
     np.testing.assert_allclose(
@@ -124,7 +124,7 @@ def test_full_gain_matrices_are_used(planar: ffsms.SpaceManipulator, rng: np.ran
     )
 
 
-def test_torque_limit_holds_with_it_and_is_exceeded_without(
+def test_torques_exceed_the_limit_only_without_it(
     planar: ffsms.SpaceManipulator, rng: np.random.Generator
 ) -> None:
     q, v = random_state(planar, rng)
@@ -135,19 +135,19 @@ def test_torque_limit_holds_with_it_and_is_exceeded_without(
         limited = SlidingModeController(planar, torque_limit=limit).torque(q, v, *motion)
         assert (np.abs(free) > limit).any()
         np.testing.assert_array_equal(limited, np.clip(free, -limit, limit))
-    one_free = SlidingModeController(planar, torque_limit=[np.inf, 0.2, 0.1]).torque(q, v, *motion)
-    np.testing.assert_array_equal(one_free, [free[0], *np.clip(free, -limit, limit)[1:]])
+    partly_limited = SlidingModeController(planar, torque_limit=[np.inf, 0.2, 0.1]).torque(q, v, *motion)
+    np.testing.assert_array_equal(partly_limited, [free[0], *np.clip(free, -limit, limit)[1:]])
 
 
-def test_continuous_joint_takes_the_shorter_way_round(random_tree: Callable[..., Any]) -> None:
+def test_a_continuous_joint_takes_the_shorter_rotation(random_tree: Callable[..., Any]) -> None:
     sms = ffsms.SpaceManipulator(random_tree(5, 3, ("continuous",)).model(), "tip")
     controller = SlidingModeController(sms, K_s=1.0, boundary=1.0)
     q, still = sms.configuration([3.1, -3.1, 0.5]), np.zeros(sms.nv)
     near = controller.torque(q, still, [3.13, -3.13, 0.52], np.zeros(3), np.zeros(3))
     for turns in ([1, 0, 0], [0, -1, 0], [0, 3, -2]):
-        wanted = np.array([3.13, -3.13, 0.52]) + 2.0 * math.pi * np.array(turns)
+        desired = np.array([3.13, -3.13, 0.52]) + 2.0 * math.pi * np.array(turns)
         np.testing.assert_allclose(
-            controller.torque(q, still, wanted, np.zeros(3), np.zeros(3)), near, atol=1e-12
+            controller.torque(q, still, desired, np.zeros(3), np.zeros(3)), near, atol=1e-12
         )
     # Across the cut the error is 0.083 rad, not a turn less that.
     across = controller.torque(q, still, [-3.1, 3.1, 0.5], np.zeros(3), np.zeros(3))
@@ -175,7 +175,7 @@ def test_time_constants(planar: ffsms.SpaceManipulator) -> None:
 
 
 @pytest.mark.parametrize(
-    ("given", "word"),
+    ("gains", "fragment"),
     [
         ({"K_s": -1.0}, "K_s must be above zero"),
         ({"K_s": [0.1, 0.2]}, "K_s must be one finite number, 3 finite numbers"),
@@ -187,35 +187,35 @@ def test_time_constants(planar: ffsms.SpaceManipulator) -> None:
     ],
 )
 def test_bad_gains_are_refused(
-    given: dict[str, Any], word: str, planar: ffsms.SpaceManipulator, refused: Refused
+    gains: dict[str, Any], fragment: str, planar: ffsms.SpaceManipulator, refused: Refused
 ) -> None:
-    refused(lambda: SlidingModeController(planar, **given), InvalidValue, word)
+    refused(lambda: SlidingModeController(planar, **gains), InvalidValue, fragment)
 
 
 def test_torque_of_lists_is_that_of_arrays(planar: ffsms.SpaceManipulator, rng: np.random.Generator) -> None:
     q, v = random_state(planar, rng)
-    wanted = rng.normal(size=(3, 3))
+    desired = rng.normal(size=(3, 3))
     law = SlidingModeController(planar, K_s=0.1)
-    tau = law.torque(q, v, *wanted)
-    np.testing.assert_array_equal(law.torque(list(q), list(v), *wanted.tolist()), tau)
-    for k in range(5):  # any one of them not an array, or not contiguous
-        given: list[Any] = [q, v, *wanted]
-        given[k] = given[k].tolist()
-        np.testing.assert_array_equal(law.torque(*given), tau)
-        given[k] = np.repeat(given[k], 2)[::2]
-        np.testing.assert_array_equal(law.torque(*given), tau)
-    # NaN in the state gives NaN, however the rest is given.
+    tau = law.torque(q, v, *desired)
+    np.testing.assert_array_equal(law.torque(list(q), list(v), *desired.tolist()), tau)
+    for k in range(5):  # one argument as a list, or not contiguous
+        arguments: list[Any] = [q, v, *desired]
+        arguments[k] = arguments[k].tolist()
+        np.testing.assert_array_equal(law.torque(*arguments), tau)
+        arguments[k] = np.repeat(arguments[k], 2)[::2]
+        np.testing.assert_array_equal(law.torque(*arguments), tau)
+    # NaN in the state gives NaN for any type of the other arguments.
     v[0] = np.nan
-    assert np.isnan(law.torque(q, v, *wanted)).any()
-    assert np.isnan(law.torque(q, v, wanted[0].tolist(), wanted[1], wanted[2])).any()
-    q_d = wanted[0].copy()
-    law.torque(q, v, q_d, wanted[1], wanted[2])
-    np.testing.assert_array_equal(q_d, wanted[0])
+    assert np.isnan(law.torque(q, v, *desired)).any()
+    assert np.isnan(law.torque(q, v, desired[0].tolist(), desired[1], desired[2])).any()
+    q_d = desired[0].copy()
+    law.torque(q, v, q_d, desired[1], desired[2])
+    np.testing.assert_array_equal(q_d, desired[0])
 
 
 @pytest.mark.parametrize("full", [False, True])
 @pytest.mark.parametrize("limit", [np.inf, 0.7])
-def test_torque_in_one_pass_is_the_law_by_its_formula(
+def test_torque_in_one_pass_is_the_formula_of_the_law(
     full: bool, limit: float, random_tree: Callable[..., Any], rng: np.random.Generator
 ) -> None:
     n = 5
@@ -229,27 +229,29 @@ def test_torque_in_one_pass_is_the_law_by_its_formula(
         q_e, qd_e, qdd_d = size * rng.normal(size=n), size * rng.normal(size=n), rng.normal(size=n)
         H_q, C_q = reduced_dynamics(sms, q, v)
         s = qd_e + Gamma @ q_e
-        wanted = H_q @ (qdd_d - Gamma @ qd_e) + C_q - K_s @ np.clip(s / boundary, -1.0, 1.0)
+        expected = H_q @ (qdd_d - Gamma @ qd_e) + C_q - K_s @ np.clip(s / boundary, -1.0, 1.0)
         tau = law.torque(q, v, sms.joint_positions(q) - q_e, v[6:] - qd_e, qdd_d)
-        scale = 1.0 + np.abs(wanted).max()
-        np.testing.assert_allclose(tau, np.clip(wanted, -limit, limit), atol=1e-11 * scale)
+        scale = 1.0 + np.abs(expected).max()
+        np.testing.assert_allclose(tau, np.clip(expected, -limit, limit), atol=1e-11 * scale)
 
 
 def test_gains_cannot_be_exchanged(planar: ffsms.SpaceManipulator) -> None:
-    # They were checked with the robot's joints.
+    # Gains are checked with the robot's joints once, when the law is created.
     law: Any = SlidingModeController(planar)
     for name in ("K_s", "Gamma", "boundary", "torque_limit"):
         with pytest.raises(AttributeError):
             setattr(law, name, getattr(law, name))
 
 
-def test_one_law_in_threads_and_in_a_copy(planar: ffsms.SpaceManipulator, rng: np.random.Generator) -> None:
+def test_a_law_gives_the_same_torques_in_threads_and_in_a_copy(
+    planar: ffsms.SpaceManipulator, rng: np.random.Generator
+) -> None:
     law = SlidingModeController(planar, K_s=0.1)
     cases = [(*random_state(planar, rng), *rng.normal(size=(3, 3))) for _ in range(4)]
-    wanted = [law.torque(*case) for case in cases]
-    kept = [tau.copy() for tau in wanted]
+    expected = [law.torque(*case) for case in cases]
+    kept = [tau.copy() for tau in expected]
     copied = pickle.loads(pickle.dumps(law))
-    for case, tau in zip(cases, wanted, strict=True):
+    for case, tau in zip(cases, expected, strict=True):
         np.testing.assert_array_equal(copied.torque(*case), tau)
 
     def work(k: int) -> None:
@@ -264,5 +266,5 @@ def test_one_law_in_threads_and_in_a_copy(planar: ffsms.SpaceManipulator, rng: n
                 pass
     finally:
         sys.setswitchinterval(interval)
-    for tau, before in zip(wanted, kept, strict=True):  # what was handed out is the caller's own
+    for tau, before in zip(expected, kept, strict=True):  # returned arrays belong to the caller
         np.testing.assert_array_equal(tau, before)

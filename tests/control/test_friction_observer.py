@@ -1,4 +1,4 @@
-"""Friction that computed torque learns, in closed loop and against what is simulated."""
+"""Friction estimated by computed torque, in closed loop and compared with the simulated friction."""
 
 from __future__ import annotations
 
@@ -22,15 +22,15 @@ def plan() -> opt.Trajectory:
     return opt.plan(sms, sms.configuration(np.radians([10, 40, -30])), [0.7, 0.35, 0.0], 8.0, 0.05)
 
 
-def flown(plan: opt.Trajectory, learn: bool, **conditions: Any) -> ffsms.Tracking:
+def follow(plan: opt.Trajectory, adaptive: bool, **conditions: Any) -> ffsms.Tracking:
     assert plan.problem is not None
-    law = ComputedTorque(plan.problem.sms, adaptive=learn)
+    law = ComputedTorque(plan.problem.sms, adaptive=adaptive)
     return ffsms.simulate(plan.problem.sms, plan, law, dt=5e-3, **conditions)
 
 
-def test_friction_is_made_good(plan: opt.Trajectory) -> None:
+def test_estimated_friction_is_compensated(plan: opt.Trajectory) -> None:
     friction = simulation.JointFriction(coulomb=COULOMB)
-    without, learnt = (flown(plan, learn, friction=friction) for learn in (False, True))
+    without, learnt = (follow(plan, adaptive, friction=friction) for adaptive in (False, True))
     assert not without.arrived
     assert learnt.arrived
     assert np.abs(learnt.joint_error[-1]).max() < 1e-3
@@ -38,7 +38,7 @@ def test_friction_is_made_good(plan: opt.Trajectory) -> None:
 
 
 class Steady:
-    """Joints at constant rates."""
+    """A reference with constant joint rates."""
 
     duration, target = 4.0, np.zeros(3)
 
@@ -64,8 +64,8 @@ def test_the_estimate_is_the_friction_that_acts() -> None:
     np.testing.assert_allclose(observer.friction, COULOMB, rtol=0.02)
 
 
-def test_few_samples_say_little() -> None:
-    """One sample explains any torque, and an estimate that counted in full then would throw a light wrist."""
+def test_the_estimate_grows_slowly_with_the_samples() -> None:
+    """One sample explains any torque, so its full estimate would accelerate a light wrist."""
     sms, rates = ffsms.load("planar_3r"), np.array([0.1, -0.12, 0.15])
     observer = FrictionObserver(sms, 5e-3, np.full(3, np.inf))
     q, shares = sms.configuration([0.1, 0.4, -0.3]), []
@@ -78,23 +78,23 @@ def test_few_samples_say_little() -> None:
     assert 0.8 < shares[-1] < 1.2
 
 
-def test_nothing_is_learnt_where_there_is_no_friction(plan: opt.Trajectory) -> None:
-    without, learnt = (flown(plan, learn) for learn in (False, True))
+def test_nothing_is_estimated_without_friction(plan: opt.Trajectory) -> None:
+    without, learnt = (follow(plan, adaptive) for adaptive in (False, True))
     np.testing.assert_allclose(learnt.q, without.q, atol=1e-6)
 
 
-def test_an_unknown_payload_is_no_friction() -> None:
+def test_an_unknown_payload_is_not_taken_for_friction() -> None:
     sms = ffsms.load("satellite_ur5")
     q0 = sms.home()
     goal = sms.at(q0).end_effector_pose.translation + np.array([-0.1, 0.15, 0.1])
     plan = opt.plan(sms, q0, goal, 6.0, 0.05)
     payload = simulation.Capture(0.0, 10.0, 0.1 * np.eye(3))
-    without, learnt = (flown(plan, learn, events=[payload]) for learn in (False, True))
-    errors = [float(np.abs(one.joint_error).max()) for one in (without, learnt)]
+    without, learnt = (follow(plan, adaptive, events=[payload]) for adaptive in (False, True))
+    errors = [float(np.abs(run.joint_error).max()) for run in (without, learnt)]
     assert errors[1] < 1.2 * errors[0] + 0.01
 
 
-def test_a_single_torque_knows_no_friction() -> None:
+def test_a_single_torque_contains_no_friction_estimate() -> None:
     sms = ffsms.load("planar_3r")
     law, q, v = ComputedTorque(sms), sms.configuration([0.1, 0.2, 0.3]), np.zeros(9)
     first = law.torque(q, v, [0.2, 0.2, 0.2], np.zeros(3), np.zeros(3))
@@ -115,10 +115,10 @@ def held() -> opt.Trajectory:
     return opt.plan(sms, q0, [0.7, 0.35, 0.0], 8.0, 0.05, mode="rotation-floating")
 
 
-def flown_held(plan: opt.Trajectory, law: str, learn: bool, **conditions: Any) -> ffsms.Tracking:
+def follow_held(plan: opt.Trajectory, law: str, adaptive: bool, **conditions: Any) -> ffsms.Tracking:
     assert plan.problem is not None
     sms = plan.problem.sms
-    joints = (Coordinated if law == "coordinated" else ComputedTorque)(sms, adaptive=learn)
+    joints = (Coordinated if law == "coordinated" else ComputedTorque)(sms, adaptive=adaptive)
     base = joints if isinstance(joints, Coordinated) else QuaternionFeedback(sms)
     return ffsms.simulate(sms, plan, joints, 5e-3, base_controller=base, **conditions)
 
@@ -127,9 +127,11 @@ def flown_held(plan: opt.Trajectory, law: str, learn: bool, **conditions: Any) -
     "law",
     ["coordinated", pytest.param("quaternion feedback", marks=[pytest.mark.slow, pytest.mark.long])],
 )
-def test_friction_is_made_good_where_wheels_hold_the_base(held: opt.Trajectory, law: str) -> None:
+def test_estimated_friction_is_compensated_with_the_base_held_by_wheels(
+    held: opt.Trajectory, law: str
+) -> None:
     friction = simulation.JointFriction(coulomb=COULOMB)
-    without, learnt = (flown_held(held, law, learn, friction=friction) for learn in (False, True))
+    without, learnt = (follow_held(held, law, adaptive, friction=friction) for adaptive in (False, True))
     assert not without.arrived
     assert learnt.arrived
     assert learnt.position_error[-1] < 2e-3
@@ -138,6 +140,6 @@ def test_friction_is_made_good_where_wheels_hold_the_base(held: opt.Trajectory, 
 
 
 @pytest.mark.parametrize("law", ["quaternion feedback", "coordinated"])
-def test_what_wheels_do_to_the_joints_is_no_friction(held: opt.Trajectory, law: str) -> None:
-    without, learnt = (flown_held(held, law, learn) for learn in (False, True))
+def test_the_reaction_of_wheels_is_not_taken_for_friction(held: opt.Trajectory, law: str) -> None:
+    without, learnt = (follow_held(held, law, adaptive) for adaptive in (False, True))
     np.testing.assert_allclose(learnt.q, without.q, atol=1e-6)

@@ -1,4 +1,4 @@
-"""Impedance and admittance: energy, stiffness, contact with a wall, and what the laws remember."""
+"""Impedance and admittance: energy, stiffness, contact with a wall, and the state of the laws."""
 
 from __future__ import annotations
 
@@ -27,8 +27,8 @@ def resting(sms: ffsms.SpaceManipulator, joints: Array, duration: float) -> Swin
     return Swing(sms, np.zeros(sms.n), duration, joints)
 
 
-class Watched:
-    """A law, with the energy of its springs before each torque; V is this and the kinetic energy."""
+class EnergyRecorder:
+    """A law that records the energy of its springs before each torque; V also has the kinetic energy."""
 
     def __init__(self, law: Impedance, pose: Any = None) -> None:
         self.law, self.pose, self.energy = law, pose, list[float]()
@@ -36,8 +36,8 @@ class Watched:
 
     def torque(self, q: Array, v: Array, q_d: Array, qd_d: Array, qdd_d: Array) -> Array:
         now = advance(self.law.sms, q, q_d, self.motions)
-        wanted = None if self.pose is None else pin.XYZQUATToSE3(q[:7]).inverse() * self.pose
-        pull = self.law.spring.pull(self.law.sms, now, wanted)
+        target = None if self.pose is None else pin.XYZQUATToSE3(q[:7]).inverse() * self.pose
+        pull = self.law.spring.pull(self.law.sms, now, target)
         self.motions = now._replace(nullspace=pull.nullspace)
         self.energy.append(pull.energy)
         return self.law.torque(q, v, q_d, qd_d, qdd_d)
@@ -47,8 +47,8 @@ class Watched:
 
 
 @pytest.mark.parametrize("arm", ["planar", "panda"])
-def test_energy_grows_no_faster_than_the_push_gives_it(arm: str, request: pytest.FixtureRequest) -> None:
-    """Masses a third off, momentum, a tumbling base and a push that changes: dV/dt <= P all the same."""
+def test_energy_grows_no_faster_than_the_work_of_the_push(arm: str, request: pytest.FixtureRequest) -> None:
+    """dV/dt <= P holds with masses a third off, momentum, a tumbling base and a push that changes."""
     sms: ffsms.SpaceManipulator = request.getfixturevalue(arm)
     joints = BENT if sms.n == 3 else PANDA
     plant, q0 = perturb(sms, arm_mass=1.3, base_mass=0.7), sms.configuration(joints + 0.1)
@@ -61,14 +61,14 @@ def test_energy_grows_no_faster_than_the_push_gives_it(arm: str, request: pytest
         return np.asarray(amplitude * np.sin(3.0 * t))
 
     def stored(pose: Any = None, duration: float = 1.2) -> Array:
-        """V less the work of the push, at the start of each control step."""
-        watched = Watched(Impedance(sms, pose=pose, torque_limit=np.inf), pose)
+        """Return V less the work of the push, at the start of each control step."""
+        recorder = EnergyRecorder(Impedance(sms, pose=pose, torque_limit=np.inf), pose)
         still = resting(sms, joints, duration)
         disturbance = Wrench(push, "end-effector")
         tracking = simulate(
             sms,
             still,
-            watched,
+            recorder,
             1e-3,
             q0,
             plant,
@@ -77,14 +77,14 @@ def test_energy_grows_no_faster_than_the_push_gives_it(arm: str, request: pytest
         tips = [plant.at(q, v).end_effector_twist for q, v in zip(tracking.q, tracking.v, strict=True)]
         power = np.array([push(t) @ tip for t, tip in zip(tracking.t, tips, strict=True)])
         work = np.concatenate([[0.0], np.cumsum(0.5 * (power[1:] + power[:-1]) * np.diff(tracking.t))])
-        left: Array = tracking.kinetic_energy[:-1] + watched.energy - work[:-1]
+        remainder: Array = tracking.kinetic_energy[:-1] + recorder.energy - work[:-1]
         assert np.abs(work).max() > 0.01  # the push does something
-        return left
+        return remainder
 
     V = stored()
     assert np.diff(V).max() < 1e-7 * V[0]
     assert V[0] - V[-1] > 0.5 * V[0]
-    # A place that does not drift with the whole pulls at it, and does give energy.
+    # A fixed pose does not drift with the system, so its spring adds energy.
     place = sms.at(sms.configuration(joints)).end_effector_pose
     assert np.diff(stored(place, 0.4)).max() > 1e-5 * V[0]
 
@@ -97,16 +97,17 @@ def test_torques_are_the_gradient_of_the_energy(
     for _ in range(5):
         joints = rng.uniform(-1.5, 1.5, 7)
         q, h = panda.configuration(joints, random_pose(rng)), 1e-5
-        wanted = joints + rng.uniform(-0.4, 0.4, 7)
-        begin = advance(panda, q, wanted, None)
+        desired = joints + rng.uniform(-0.4, 0.4, 7)
+        begin = advance(panda, q, desired, None)
         pull = spring.pull(panda, begin)
         begin = begin._replace(nullspace=pull.nullspace)
-        for way in np.eye(7):
+        for direction in np.eye(7):
             ends = (
-                advance(panda, panda.configuration(joints + s * h * way), wanted, begin) for s in (1.0, -1.0)
+                advance(panda, panda.configuration(joints + s * h * direction), desired, begin)
+                for s in (1.0, -1.0)
             )
             more, less = (spring.pull(panda, end).energy for end in ends)
-            assert (less - more) / (2.0 * h) == pytest.approx(pull.torque @ way, rel=1e-5, abs=1e-4)
+            assert (less - more) / (2.0 * h) == pytest.approx(pull.torque @ direction, rel=1e-5, abs=1e-4)
 
 
 def test_every_mode_has_the_damping_ratio(panda: ffsms.SpaceManipulator) -> None:
@@ -119,7 +120,7 @@ def test_every_mode_has_the_damping_ratio(panda: ffsms.SpaceManipulator) -> None
     poles = np.linalg.eigvals(A)
     np.testing.assert_allclose(-poles.real / np.abs(poles), 0.6, rtol=1e-6)
     np.testing.assert_allclose(law.time_constants(q), np.sort(-1.0 / poles.real), rtol=1e-6)
-    # The arm is seen by its springs: K is J_star^T diag(k) J_star, and the posture's where that is free.
+    # K is J_star^T diag(k) J_star, plus the stiffness of the posture in the null space.
     J = panda.at(q).J_star
     free = np.eye(7) - np.linalg.pinv(J) @ J
     np.testing.assert_allclose(K, J.T @ np.diag([200.0] * 3 + [10.0] * 3) @ J + 5.0 * free, atol=1e-9)
@@ -143,14 +144,16 @@ def test_a_constant_wrench_moves_the_end_effector_by_wrench_over_stiffness(
         dt=4e-3,
         conditions=Conditions(disturbances=acting, wrist=wrist),
     )
-    off = start.inverse() * robot.at(tracking.q[-1]).end_effector_pose
-    np.testing.assert_allclose(off.translation, wrench[:3] / [100.0, 200.0, 400.0], rtol=1e-2, atol=1e-5)
-    # The moment acts in axes that stay: what turns is small, so it is the same to second order.
-    np.testing.assert_allclose(pin.log3(off.rotation), wrench[3:] / [10.0, 20.0, 5.0], atol=2e-3)
+    displacement = start.inverse() * robot.at(tracking.q[-1]).end_effector_pose
+    np.testing.assert_allclose(
+        displacement.translation, wrench[:3] / [100.0, 200.0, 400.0], rtol=1e-2, atol=1e-5
+    )
+    # The moment acts in fixed axes; the rotation is small, so the difference is of second order.
+    np.testing.assert_allclose(pin.log3(displacement.rotation), wrench[3:] / [10.0, 20.0, 5.0], atol=2e-3)
 
 
-def test_on_a_floating_base_the_way_is_that_beside_the_drift(panda: ffsms.SpaceManipulator) -> None:
-    """A force through the centre of mass pushes all of it along; the end effector lags by F / k."""
+def test_on_a_floating_base_the_displacement_is_relative_to_the_drift(panda: ffsms.SpaceManipulator) -> None:
+    """A force through the centre of mass moves the whole system; the end effector is displaced by F / k."""
     q0 = panda.configuration(PANDA)
     tip = panda.at(q0).end_effector_pose.translation  # the centre of mass is at the origin
     force = 1.5 * tip / np.linalg.norm(tip)
@@ -170,7 +173,7 @@ def test_on_a_floating_base_the_way_is_that_beside_the_drift(panda: ffsms.SpaceM
     assert np.linalg.norm(force / 200.0) > 7e-3
 
 
-# The gains that docs/contact.md gives for each arm, a limit below what the wall would bear, and the noise.
+# The gains of docs/contact.md for each arm, a force limit below the force without it, and the noise.
 ARMS: dict[str, tuple[dict[str, float], dict[str, float], float, float]] = {
     "panda": ({"stiffness": 200.0}, {"mass": 10.0}, 3.0, 0.2),
     "planar": ({"stiffness": 20.0, "turn_stiffness": 1.0}, {"mass": 1.0, "inertia": 0.02}, 0.5, 0.02),
@@ -182,7 +185,7 @@ ARMS: dict[str, tuple[dict[str, float], dict[str, float], float, float]] = {
 def test_pressing_on_a_stiff_wall_is_stable_and_no_harder_than_the_limit(
     arm: str, request: pytest.FixtureRequest
 ) -> None:
-    """By 50 mm on a wall ten times as stiff as the spring and 10 mm ahead, the base held."""
+    """Press 50 mm towards a wall that is 10 mm ahead and ten times as stiff as the spring, the base held."""
     robot = held(request.getfixturevalue(arm))
     springs, virtual, limit, noise = ARMS[arm]
     joints, k = BENT if arm == "planar" else PANDA, springs["stiffness"]
@@ -192,7 +195,7 @@ def test_pressing_on_a_stiff_wall_is_stable_and_no_harder_than_the_limit(
     wall = Wall(start.end_effector_pose.translation - 0.01 * normal, normal, 10.0 * k)
 
     def pressed(law: JointLaw, wrist: WristSensor | None = None, duration: float = 4.0) -> Array:
-        """The force, after the approach of 1.5 s; no torque at its limit."""
+        """Return the force after the approach of 1.5 s; check that no torque is at its limit."""
         contact: dict[str, Any] = {"client": massive(), "loads": wall, "wrist": wrist}
         reference = Press(robot, joints, -0.05 * normal, duration)
         run = simulate(robot, reference, law, dt=4e-3, substeps=2, guards=None, **contact)
@@ -203,21 +206,21 @@ def test_pressing_on_a_stiff_wall_is_stable_and_no_harder_than_the_limit(
     limited = pressed(Impedance(robot, **springs, force_limit=limit))
     late = WristSensor(noise, 0.05 * noise, latency=6e-3)
     admitted = pressed(Admittance(robot, **springs, **virtual, force_limit=limit), late)
-    # 40 mm too far: the springs of law and wall in series bear it.
+    # The springs of law and wall in series are compressed by 40 mm.
     assert free[-1] == pytest.approx(0.04 * k / 1.1, rel=0.25)
     assert free[-1] > 1.05 * limit
     assert limited[-1] == pytest.approx(limit, rel=0.01)
     assert admitted[-200:].mean() == pytest.approx(limit, rel=0.03)
     for force in (free, limited, admitted):
         assert force[-200:].std() < noise / 2.0
-    # Nothing winds up: a second more of pressing changes nothing.
+    # The force does not wind up: it is constant over the last second.
     assert limited[375] == pytest.approx(limited[-1], rel=0.02)
-    # The same way under computed torque, as stiff as the admittance's inner law: many times the limit.
+    # Computed torque, as stiff as the admittance's inner law, presses with a multiple of the limit.
     assert pressed(ComputedTorque(robot, 400.0, 40.0), duration=2.0)[-1] > 3.0 * limit
 
 
 @pytest.mark.parametrize("arm", ["planar", "panda"])
-def test_a_free_base_bounces_off_a_wall_and_no_energy_comes_of_it(
+def test_a_free_base_bounces_off_a_wall_without_gaining_energy(
     arm: str, request: pytest.FixtureRequest
 ) -> None:
     sms: ffsms.SpaceManipulator = request.getfixturevalue(arm)
@@ -228,7 +231,7 @@ def test_a_free_base_bounces_off_a_wall_and_no_energy_comes_of_it(
     wall, client = Wall(tip - 2e-3 * normal, normal, 2000.0), massive()
     v0 = np.zeros(sms.nv)
     v0[:3] = -0.03 * normal
-    law = Watched(Impedance(sms, torque_limit=np.inf))
+    law = EnergyRecorder(Impedance(sms, torque_limit=np.inf))
     run = simulate(
         sms,
         resting(sms, joints, 1.0),
@@ -246,20 +249,20 @@ def test_a_free_base_bounces_off_a_wall_and_no_energy_comes_of_it(
     assert V[-1] < 0.99 * V[0]
 
 
-def test_a_given_pose_draws_the_end_effector(panda: ffsms.SpaceManipulator) -> None:
+def test_the_end_effector_moves_to_the_pose_of_the_law(panda: ffsms.SpaceManipulator) -> None:
     joints = PANDA + 0.05
     place = panda.at(panda.configuration(joints)).end_effector_pose
-    law = Watched(Impedance(panda, pose=place), place)
+    law = EnergyRecorder(Impedance(panda, pose=place), place)
     run = simulate(panda, resting(panda, PANDA, 8.0), law, dt=4e-3)
-    off = place.inverse() * panda.at(run.q[-1]).end_effector_pose
-    assert np.linalg.norm(pin.log6(off).vector) < 1e-3
+    displacement = place.inverse() * panda.at(run.q[-1]).end_effector_pose
+    assert np.linalg.norm(pin.log6(displacement).vector) < 1e-3
     assert law.energy[-1] + run.kinetic_energy[-1] < 1e-3
     with pytest.raises(InvalidValue, match="pose"):
         Impedance(panda, pose=np.eye(3))
 
 
-def test_admittance_gives_way_as_its_virtual_mass_would(panda: ffsms.SpaceManipulator) -> None:
-    """Along one axis: m x'' + 2 (k m)^(1/2) x' + k x = F, up to the tenth of the arm's own inertia."""
+def test_admittance_moves_as_its_virtual_mass(panda: ffsms.SpaceManipulator) -> None:
+    """The motion along one axis is m x'' + 2 (k m)^(1/2) x' + k x = F, because the arm is light beside m."""
     robot = held(panda)
     start = robot.at(robot.configuration(PANDA)).end_effector_pose
     law = Admittance(robot, mass=200.0, inertia=20.0)  # heavy beside the arm
@@ -285,7 +288,9 @@ def test_admittance_needs_a_wrist(planar: ffsms.SpaceManipulator, refused: Refus
 
 
 @pytest.mark.parametrize("kind", [Impedance, Admittance])
-def test_a_copy_remembers_and_a_reset_forgets(kind: type[Any], planar: ffsms.SpaceManipulator) -> None:
+def test_a_copy_keeps_the_state_and_a_reset_clears_it(
+    kind: type[Any], planar: ffsms.SpaceManipulator
+) -> None:
     law, q, v = kind(planar, torque_limit=np.inf), planar.configuration(BENT), np.zeros(9)
     still = np.zeros(3)
     other = planar.configuration(BENT + np.array([0.6, -0.9, 0.5]))
@@ -304,7 +309,7 @@ def test_a_copy_remembers_and_a_reset_forgets(kind: type[Any], planar: ffsms.Spa
 
 
 @pytest.mark.parametrize("far", [np.nan, -np.inf, 1e300])
-def test_errors_that_are_no_use_give_nan(far: float, planar: ffsms.SpaceManipulator) -> None:
+def test_absurd_joint_errors_give_nan(far: float, planar: ffsms.SpaceManipulator) -> None:
     q, v, rest = planar.configuration(np.full(3, 0.3)), np.zeros(planar.nv), np.zeros(3)
     for law in (Impedance(planar), Admittance(planar)):
         assert np.isnan(law.torque(q, v, np.array([far, 0.3, 0.3]), rest, rest)).all()

@@ -1,4 +1,4 @@
-"""The laws side by side: their Lyapunov functions, their time constants, and the matrix they rest on."""
+"""The joint laws: Lyapunov functions, time constants, and the Coriolis matrix of the reduced system."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from ffsms_pin.simulation import Conditions, JointFriction, Tracking, WristSenso
 
 Array = NDArray[np.float64]
 Refused = Callable[..., FfsmsError]
-WAY = (0.9, 1.2, -0.9)
+DISPLACEMENT = (0.9, 1.2, -0.9)
 
 
 def values(law: SlidingModeController | ComputedTorque | PD, tracking: Tracking) -> Array:
@@ -64,7 +64,7 @@ def test_coriolis_matrix_of_the_reduced_system(
 
 
 def test_neglected_term_of_the_paper_shows(planar: ffsms.SpaceManipulator) -> None:
-    # Moved fast with little push, the paper's V rises at times; with a push that outweighs the term, never.
+    # In a fast motion the paper's V rises with a small gain K_s; it never rises if K_s outweighs the term.
     reference = Swing(planar, (1.2, 2.0, -2.0), duration=1.5)
     q0 = planar.configuration(START + np.array([0.2, -0.1, 0.15]))
     rises = []
@@ -77,21 +77,21 @@ def test_neglected_term_of_the_paper_shows(planar: ffsms.SpaceManipulator) -> No
 
 
 def test_computed_torque_error_is_linear_and_v_decreases(planar: ffsms.SpaceManipulator) -> None:
-    reference = Swing(planar, WAY, 3.0)
+    reference = Swing(planar, DISPLACEMENT, 3.0)
     law = ComputedTorque(planar, K_p=9.0, K_d=6.0, torque_limit=np.inf)
     tracking = simulate(
         planar, reference, law, q0=planar.configuration(START + 0.2), conditions=Conditions(guards=None)
     )
     assert np.diff(values(law, tracking))[1:].max() < 1e-8
     # Critically damped at 3 rad/s; the torque, held over a step, is half a step late.
-    wanted = 0.2 * (1.0 + 3.0 * tracking.t) * np.exp(-3.0 * tracking.t)
-    np.testing.assert_allclose(tracking.joint_error, np.tile(wanted[:, None], 3), atol=2e-3)
+    expected = 0.2 * (1.0 + 3.0 * tracking.t) * np.exp(-3.0 * tracking.t)
+    np.testing.assert_allclose(tracking.joint_error, np.tile(expected[:, None], 3), atol=2e-3)
 
 
-def test_friction_that_is_known_is_made_good(planar: ffsms.SpaceManipulator) -> None:
-    reference, friction, off = Swing(planar, WAY, 3.0), {"coulomb": 0.02, "viscous": 0.05}, []
-    for known in (0.0, 0.8, 1.0):
-        believed = {name: known * size for name, size in friction.items()}
+def test_known_friction_is_compensated(planar: ffsms.SpaceManipulator) -> None:
+    reference, friction, errors = Swing(planar, DISPLACEMENT, 3.0), {"coulomb": 0.02, "viscous": 0.05}, []
+    for share in (0.0, 0.8, 1.0):
+        believed = {name: share * size for name, size in friction.items()}
         law = ComputedTorque(planar, **believed, adaptive=False)
         run = simulate(
             planar,
@@ -100,9 +100,9 @@ def test_friction_that_is_known_is_made_good(planar: ffsms.SpaceManipulator) -> 
             2e-3,
             conditions=Conditions(friction=JointFriction(**friction), guards=None),
         )
-        off.append(np.abs(run.joint_error).max())
-    assert off[1] < 0.3 * off[0]
-    assert off[2] < 0.05 * off[0]
+        errors.append(np.abs(run.joint_error).max())
+    assert errors[1] < 0.3 * errors[0]
+    assert errors[2] < 0.05 * errors[0]
     with pytest.raises(InvalidValue, match="coulomb"):
         ComputedTorque(planar, coulomb=-0.1)
 
@@ -115,10 +115,12 @@ def test_pd_brings_the_joints_to_rest_with_v_decreasing(planar: ffsms.SpaceManip
     V = values(law, tracking)
     assert np.diff(V)[1:].max() < 1e-9 * V[0]  # from rest, where dV/dt = 0, a held torque may gain a trifle
     assert np.abs(tracking.joint_error[-1]).max() < 1e-2
-    moving = Swing(planar, WAY, 8.0)
-    lag = np.abs(simulate(planar, moving, law, dt=2e-3, conditions=Conditions(guards=None)).joint_error).max()
+    moving = Swing(planar, DISPLACEMENT, 8.0)
+    largest_error = np.abs(
+        simulate(planar, moving, law, dt=2e-3, conditions=Conditions(guards=None)).joint_error
+    ).max()
     assert (
-        lag
+        largest_error
         > 10.0
         * np.abs(
             simulate(
@@ -143,7 +145,11 @@ def test_every_law_follows_the_move(name: str, planar: ffsms.SpaceManipulator) -
 
 def test_effort_and_chatter_are_integrals(planar: ffsms.SpaceManipulator) -> None:
     tracking = simulate(
-        planar, Swing(planar, WAY, 3.0), ComputedTorque(planar), dt=0.01, conditions=Conditions(guards=None)
+        planar,
+        Swing(planar, DISPLACEMENT, 3.0),
+        ComputedTorque(planar),
+        dt=0.01,
+        conditions=Conditions(guards=None),
     )
     assert tracking.effort == pytest.approx(float((tracking.tau**2).sum() * 0.01))
     steps = tracking.tau[1:] - tracking.tau[:-1]

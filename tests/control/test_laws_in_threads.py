@@ -19,29 +19,29 @@ from ffsms_pin.simulation import JointFriction, WristSensor, simulate
 
 
 @pytest.fixture
-def hasty() -> Iterator[None]:
-    """Threads that take turns every few microseconds."""
+def frequent_switches() -> Iterator[None]:
+    """A switch interval of a microsecond, so that threads take turns within a step."""
     before = sys.getswitchinterval()
     sys.setswitchinterval(1e-6)
     yield
     sys.setswitchinterval(before)
 
 
-@pytest.mark.usefixtures("hasty")
+@pytest.mark.usefixtures("frequent_switches")
 @pytest.mark.parametrize("name", LAWS)
-def test_one_law_serves_runs_in_several_threads(planar: ffsms.SpaceManipulator, name: str) -> None:
+def test_a_law_serves_runs_in_several_threads(planar: ffsms.SpaceManipulator, name: str) -> None:
     options: dict[str, Any] = {"friction": JointFriction(0.02, 0.01), "wrist": WristSensor(0.1)}
     law = LAWS[name](planar)
     swings = [Swing(planar, way=(0.02 * i, -0.01 * i, 0.02), duration=0.2) for i in range(1, 5)]
     alone = [simulate(planar, swing, law, guards=None, **options) for swing in swings]
     with ThreadPoolExecutor(4) as pool:
         together = list(pool.map(lambda swing: simulate(planar, swing, law, guards=None, **options), swings))
-    for one, other in zip(alone, together, strict=True):
-        assert one.tau.tobytes() == other.tau.tobytes()
-        assert one.q.tobytes() == other.q.tobytes()
+    for single, other in zip(alone, together, strict=True):
+        assert single.tau.tobytes() == other.tau.tobytes()
+        assert single.q.tobytes() == other.q.tobytes()
 
 
-def test_a_thread_and_a_copy_have_a_memory_of_their_own(planar: ffsms.SpaceManipulator) -> None:
+def test_a_thread_and_a_copy_have_a_state_of_their_own(planar: ffsms.SpaceManipulator) -> None:
     q, still = planar.configuration([0.1, 0.2, 0.3]), np.zeros(3)
     state: tuple[Any, ...] = (q, np.zeros(9), np.array([0.1, 0.2, 0.2]), still, still)
     law = Admittance(planar, torque_limit=np.inf)
@@ -52,5 +52,5 @@ def test_a_thread_and_a_copy_have_a_memory_of_their_own(planar: ffsms.SpaceManip
     assert (pushed != fresh).any()
     for again in copies:
         assert (again.torque(*state) == pushed).all()
-    with ThreadPoolExecutor(1) as pool:  # a new thread begins with what the law was made with
+    with ThreadPoolExecutor(1) as pool:  # a new thread starts from the initial state of the law
         assert (pool.submit(law.torque, *state).result() == fresh).all()

@@ -1,4 +1,4 @@
-"""Payloads that the adaptive law estimates, with and without, and what is no payload."""
+"""Payloads estimated by the adaptive law, and disturbances that are not payloads."""
 
 from __future__ import annotations
 
@@ -30,12 +30,12 @@ def prism() -> ffsms.SpaceManipulator:
 
 
 def swing(sms: ffsms.SpaceManipulator) -> Swing:
-    """A motion within 0.6 of the rate limits."""
+    """Return a motion within 0.6 of the rate limits."""
     start = sms.joint_positions(sms.home())
     return Swing(sms, 0.3 * np.where(sms.layout.turns, 1.0, 0.3), 4.0, start)
 
 
-def flown(
+def follow(
     sms: ffsms.SpaceManipulator, adaptive: bool = True, **conditions: Any
 ) -> tuple[ffsms.Tracking, ComputedTorque]:
     law = ComputedTorque(sms, K_p=49.0, K_d=14.0, adaptive=adaptive)
@@ -43,7 +43,7 @@ def flown(
     return run, law
 
 
-def carried(law: ComputedTorque) -> NDArray[np.float64]:
+def estimated_payload(law: ComputedTorque) -> NDArray[np.float64]:
     """Return the parameters (10,) of the payload that a law has estimated."""
     before, after = (list(robot.model.inertias)[-1].toDynamicParameters() for robot in (law.sms, law.robot))
     return np.asarray(after - before)
@@ -52,21 +52,21 @@ def carried(law: ComputedTorque) -> NDArray[np.float64]:
 def test_joints_with_an_unknown_payload_keep_their_rates(prism: ffsms.SpaceManipulator) -> None:
     rates, law = {}, None
     for adaptive in (False, True):
-        run, law = flown(prism, adaptive, events=PAYLOAD, guards=None)
+        run, law = follow(prism, adaptive, events=PAYLOAD, guards=None)
         rates[adaptive] = (np.abs(run.v[:, 6:]) / prism.limits.velocity).max()
     assert rates[False] > 1.1
     assert rates[True] < 0.7
     assert law is not None
-    assert carried(law)[0] == pytest.approx(MASS, rel=0.02)
+    assert estimated_payload(law)[0] == pytest.approx(MASS, rel=0.02)
 
 
-def test_a_payload_is_found_where_wheels_hold_the_base() -> None:
+def test_a_payload_is_identified_with_the_base_held_by_wheels() -> None:
     wheels = ffsms.ReactionWheels(np.eye(3), 0.01, torque=5.0, momentum=50.0)
     sms = ffsms.load("planar_3r").with_actuators(wheels=wheels)
     law = Coordinated(sms)
     payload = Conditions(events=Capture(0.0, 5.0, 0.05 * np.eye(3)))
     simulate(sms, swing(sms), law, STEP, base_controller=law, conditions=payload)
-    assert carried(law)[0] == pytest.approx(5.0, rel=0.1)
+    assert estimated_payload(law)[0] == pytest.approx(5.0, rel=0.1)
 
 
 @pytest.mark.parametrize(
@@ -85,16 +85,18 @@ def test_a_payload_is_found_where_wheels_hold_the_base() -> None:
     ],
     ids=["right", "friction", "noise", "weak drives", "lock", "limp"],
 )
-def test_what_is_no_payload(prism: ffsms.SpaceManipulator, conditions: dict[str, Any]) -> None:
-    _, law = flown(prism, guards=None, **conditions)
+def test_other_disturbances_are_not_taken_for_a_payload(
+    prism: ffsms.SpaceManipulator, conditions: dict[str, Any]
+) -> None:
+    _, law = follow(prism, guards=None, **conditions)
     assert law.robot is law.sms
 
 
-def test_a_payload_that_is_put_down_does_not_count_any_more(prism: ffsms.SpaceManipulator) -> None:
+def test_a_released_payload_leaves_the_estimate(prism: ffsms.SpaceManipulator) -> None:
     observer = PayloadObserver(prism, STEP)
     masses = []
     for events in ([PAYLOAD], []):
-        run, _ = flown(prism, adaptive=False, events=events, guards=None)
+        run, _ = follow(prism, adaptive=False, events=events, guards=None)
         observer.acted(run.q[0], run.v[0], run.tau[0])  # the moment of the change is not observed
         for k in range(1, len(run.tau)):
             observer.update(run.q[k], run.v[k])
@@ -106,7 +108,7 @@ def test_a_payload_that_is_put_down_does_not_count_any_more(prism: ffsms.SpaceMa
 
 @pytest.mark.long
 @pytest.mark.slow
-def test_re_planning_counts_on_the_payload() -> None:
+def test_re_planning_uses_the_estimated_payload() -> None:
     sms = ffsms.load("planar_3r")
     q0 = sms.configuration(np.radians([10, 40, -30]))
     problem = opt.Problem(sms, q0, [0.7, 0.35, 0.0], 8.0, 0.05)
@@ -124,7 +126,7 @@ def test_re_planning_counts_on_the_payload() -> None:
     assert ends[False] > 1e-3
 
 
-def test_parameters_that_are_published_are_physical(prism: ffsms.SpaceManipulator) -> None:
-    _, law = flown(prism, events=PAYLOAD)
-    payload = pin.Inertia.FromDynamicParameters(carried(law))
+def test_published_parameters_are_physically_consistent(prism: ffsms.SpaceManipulator) -> None:
+    _, law = follow(prism, events=PAYLOAD)
+    payload = pin.Inertia.FromDynamicParameters(estimated_payload(law))
     assert np.linalg.eigvalsh(payload.inertia)[0] > 0.0

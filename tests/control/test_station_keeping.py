@@ -25,24 +25,24 @@ def panda() -> ffsms.SpaceManipulator:
 
 
 def base_places(sms: ffsms.SpaceManipulator, run: Tracking) -> FloatArray:
-    """The base's centre of mass along a run (N, 3) [m]."""
+    """Return the positions of the base's centre of mass along a run (N, 3) [m]."""
     turns = [pin.Quaternion(row[3:7]).toRotationMatrix() for row in run.q]
     return np.array([q[:3] + R @ sms.base_com for q, R in zip(run.q, turns, strict=True)])
 
 
 @pytest.mark.parametrize("holds", ["both", "place"])
-def test_the_articulated_body_algorithm_agrees(
+def test_the_law_agrees_with_the_articulated_body_algorithm(
     panda: ffsms.SpaceManipulator, rng: np.random.Generator, holds: str
 ) -> None:
-    """Of a base that moves anyhow, with joint torques of any size."""
+    """The base moves at random, with random joint torques."""
     q = panda.configuration(0.5 * (panda.limits.lower + panda.limits.upper))
     q[3:7] = pin.Quaternion(rng.normal(size=4)).normalized().coeffs()
     v, tau = 0.1 * rng.normal(size=13), rng.normal(size=7)
     R, c = pin.Quaternion(q[3:7]).toRotationMatrix(), panda.base_com
     place = q[:3] + R @ c + [0.01, -0.02, 0.03]
     law = StationKeeping(panda, 0.7, 0.9, place=place, holds=holds)  # type: ignore[arg-type]
-    nothing = (np.zeros(7),) * 3
-    command = law.command(BaseView(0.0, q, v, np.zeros(0), nothing, tau))
+    zeros = (np.zeros(7),) * 3
+    command = law.command(BaseView(0.0, q, v, np.zeros(0), zeros, tau))
     assert command.thruster_force is not None
     forces = command.thruster_force
     assert forces.max() < 50.0  # nothing was scaled down
@@ -52,9 +52,9 @@ def test_the_articulated_body_algorithm_agrees(
     a = pin.aba(model, model.createData(), q, v, np.concatenate([force, moment, tau]))
     spin = v[3:6]
     velocity = v[:3] + np.cross(spin, c)
-    found = a[:3] + np.cross(a[3:6], c) + np.cross(spin, velocity)
-    wanted = -(0.7**2) * R.T @ (q[:3] + R @ c - place) - 2.0 * 0.9 * 0.7 * velocity
-    np.testing.assert_allclose(found, wanted, atol=1e-9)
+    acceleration = a[:3] + np.cross(a[3:6], c) + np.cross(spin, velocity)
+    expected = -(0.7**2) * R.T @ (q[:3] + R @ c - place) - 2.0 * 0.9 * 0.7 * velocity
+    np.testing.assert_allclose(acceleration, expected, atol=1e-9)
     if holds == "both":
         np.testing.assert_allclose(a[3:6], -2.0 * 0.9 * 0.7 * spin, atol=1e-9)
     else:
@@ -62,7 +62,7 @@ def test_the_articulated_body_algorithm_agrees(
 
 
 @pytest.mark.parametrize(("mode", "holds"), [("flying", "both"), ("translation-flying", "place")])
-def test_a_plan_in_the_mode_is_what_the_loop_does(mode: str, holds: str) -> None:
+def test_the_loop_follows_a_plan_in_the_mode(mode: str, holds: str) -> None:
     sms = ffsms.load("planar_3r").with_actuators(thrusters=THRUSTERS)
     q0 = sms.configuration([0.3, 0.8, -0.6])
     plan = opt.plan(sms, q0, [0.75, 0.5, 0.0], 8.0, 0.05, mode=mode)
@@ -75,13 +75,13 @@ def test_a_plan_in_the_mode_is_what_the_loop_does(mode: str, holds: str) -> None
     assert turned == pytest.approx(planned, abs=1e-4)
     assert (planned > 0.01) is (mode == "translation-flying")
     assert run.position_error[-1] < 2e-3
-    # Left to itself the base does move.
+    # Without a base law the base moves.
     with pytest.warns(FfsmsWarning, match="but there is no base law"):
         floating = ffsms.simulate(sms, plan, ComputedTorque(sms), dt=5e-3)
     assert np.linalg.norm(base_places(sms, floating) - base_places(sms, floating)[0], axis=1).max() > 2e-3
 
 
-def test_wheels_take_the_moment_where_there_are_any(panda: ffsms.SpaceManipulator) -> None:
+def test_wheels_take_the_moment_if_the_robot_has_wheels(panda: ffsms.SpaceManipulator) -> None:
     robot = panda.with_actuators(
         wheels=ffsms.ReactionWheels(PYRAMID, 12.0 / 628.3, 5.0, 12.0), thrusters=THRUSTERS
     )
