@@ -120,7 +120,5 @@ def test_error_bands_have_the_median_of_the_runs(runs: list[ffsms.Tracking]) -> 
 
 def test_lines_without_a_name_have_no_label() -> None:
     ax = plot_series(None, np.arange(3.0), np.ones((3, 2)), "value [-]", ["first"])
-    assert [str(line.get_label())[:1] for line in ax.get_lines()] == [
-        "f",
-        "_",
-    ]  # matplotlib hides labels that begin with "_"
+    labels = [str(line.get_label())[:1] for line in ax.get_lines()]
+    assert labels == ["f", "_"]  # matplotlib hides labels that begin with "_"
