@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
-from ffsms_pin.kernel import kernel
 from ffsms_pin.opt.costs import ideal_cosine, soft_assistance, step_cost
 
 entropies = st.floats(0.0, 1.0)
@@ -45,11 +44,9 @@ def test_the_cost_is_zero_or_least_at_the_ideal_cosine(entropy: float, kappa: fl
 @pytest.mark.parametrize("kappa", [15.0, 30.0, 200.0])
 @pytest.mark.parametrize("deficit", [1e-8, 1e-11, 1e-14])
 def test_the_ideal_cosine_with_an_entropy_near_one(kappa: float, deficit: float) -> None:
-    """Check the formula down to -1, and the kernel's implementation."""
     entropy = 1.0 - deficit
     expected = max(-1.0, math.log(math.expm1(kappa * (1.0 - entropy))) / kappa)
     assert ideal_cosine(entropy, kappa) == pytest.approx(expected, abs=1e-12)
-    assert kernel.ideal_cosine(entropy, kappa) == ideal_cosine(entropy, kappa)
 
 
 @pytest.mark.parametrize("kappa", [1e3, 1e4, 1e6])

@@ -173,6 +173,6 @@ def test_no_two_packaged_parts_share_a_name() -> None:
     parts: list[type[opt.Term]] = [opt.Coupling, opt.Smooth, opt.Effort, opt.BaseTurn]
     parts += [opt.WheelMomentum, opt.WheelEnergy, opt.Propellant]
     limits: list[type[opt.Limit]] = [opt.JointLimits, opt.Clearance, BaseLimits, opt.AlphaBox]
-    limits.append(opt.WheelLimits)
+    limits += [opt.WheelLimits, opt.TorqueLimits, opt.Corridor]
     names = [part.name for part in parts] + [limit.name for limit in limits]
     assert len(set(names)) == len(names)
