@@ -11,8 +11,8 @@ import numpy as np
 ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT / "tests"))
 
-from engine_motions import basilisk_end, mujoco_end, our_end, push, rates_apart  # noqa: E402
-from engines import ROBOTS, Adam, Found, Mujoco, apart, ours, random_state, robot  # noqa: E402
+from engine_motions import basilisk_end, mujoco_end, our_end, push, rate_difference  # noqa: E402
+from engines import ROBOTS, Adam, Mujoco, PaperMatrices, ours, random_state, relative_differences, robot  # noqa: E402
 from published_run import (  # noqa: E402
     PUBLISHED,
     mujoco_end as mujoco_base_end,
@@ -70,7 +70,10 @@ less than 1e-5.
 
 def page() -> str:
     """Return the page in Markdown."""
-    lines = [f"| robot | engine | {' | '.join(Found._fields)} |", "|---|---|" + "---|" * len(Found._fields)]
+    lines = [
+        f"| robot | engine | {' | '.join(PaperMatrices._fields)} |",
+        "|---|---|" + "---|" * len(PaperMatrices._fields),
+    ]
     for name in ROBOTS:
         sms = robot(name)
         engines = [("MuJoCo", Mujoco(sms))]
@@ -78,10 +81,10 @@ def page() -> str:
             engines.append(("adam", Adam(sms, str(model_path(name)))))
         for title, engine in engines:
             rng = np.random.default_rng(1)
-            worst = dict.fromkeys(Found._fields, 0.0)
+            worst = dict.fromkeys(PaperMatrices._fields, 0.0)
             for _ in range(STATES):
                 q, v = random_state(sms, rng)
-                for key, value in apart(ours(sms, q, v), engine.found(q, v)).items():
+                for key, value in relative_differences(ours(sms, q, v), engine.found(q, v)).items():
                     worst[key] = max(worst[key], value)
             lines.append(f"| {name} | {title} | " + " | ".join(f"{x:.0e}" for x in worst.values()) + " |")
     return HEAD + "\n".join(lines) + "\n" + MOTIONS + "\n".join(_motions()) + "\n" + _published_run() + "\n"
@@ -103,7 +106,7 @@ def _motions() -> list[str]:
         motion = push(sms)
         fine, coarse = our_end(sms, motion, 5e-4), our_end(sms, motion, 5e-3)
         fastest = np.abs(fine[1][6:]).max()
-        mujoco = rates_apart(fine, mujoco_end(sms, motion, 5e-4))
-        basilisk = rates_apart(coarse, basilisk_end(sms, motion, 5e-3))
+        mujoco = rate_difference(fine, mujoco_end(sms, motion, 5e-4))
+        basilisk = rate_difference(coarse, basilisk_end(sms, motion, 5e-3))
         lines.append(f"| {name} | {fastest:.2f} | {mujoco:.0e} | {basilisk:.0e} |")
     return lines

@@ -9,7 +9,7 @@ import ffsms_pin as ffsms
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.robot.base_motion import roll_out
 
-__all__ = ["DEGREE", "LIMITS", "finely", "target_of", "turned_start"]
+__all__ = ["DEGREE", "LIMITS", "displaced_target", "largest_base_motion", "turned_start"]
 
 DEGREE = np.pi / 180.0
 # Limits of about half of the base motion without limits, on the move from `turned_start`.
@@ -29,13 +29,13 @@ def turned_start(panda: ffsms.SpaceManipulator) -> FloatArray:
     return panda.configuration(0.5 * (lower + upper) + share * (upper - lower), base)
 
 
-def target_of(sms: ffsms.SpaceManipulator, start: FloatArray, way: list[float]) -> FloatArray:
+def displaced_target(sms: ffsms.SpaceManipulator, start: FloatArray, way: list[float]) -> FloatArray:
     """Return the target at a displacement from the end effector, given in base axes."""
     turn = pin.XYZQUATToSE3(start[:7]).rotation
     return np.asarray(sms.at(start).end_effector_pose.translation + turn @ np.array(way))
 
 
-def finely(
+def largest_base_motion(
     sms: ffsms.SpaceManipulator, q0: FloatArray, rates: FloatArray, dt: float, substeps: int = 5
 ) -> dict[str, float]:
     """Return the largest values of the limited quantities, at the nodes and between them."""

@@ -31,7 +31,7 @@ from ffsms_pin.viewer import View
 __all__ = [
     "ARM",
     "SIDE",
-    "Eye",
+    "SceneCamera",
     "check",
     "chromium",
     "configuration_at",
@@ -39,8 +39,8 @@ __all__ = [
     "is_shade",
     "places",
     "requests",
-    "soon",
-    "until",
+    "wait_for",
+    "wait_for_script",
 ]
 
 Array = NDArray[np.float64]
@@ -99,7 +99,7 @@ _CAMERA = """const camera = viewer.camera, view = camera.view;
             view.offsetX, view.offsetY, innerWidth, innerHeight]"""
 
 
-class Eye:
+class SceneCamera:
     """Screenshots of a scene, and the projection of positions into them.
 
     The projection is computed from the camera's position, its target and the vertical field of view. The
@@ -157,7 +157,7 @@ def places(sms: ffsms.SpaceManipulator, q: Array) -> tuple[Array, list[Array]]:
     return np.array(top), [np.array(data.oMi[j].act(np.array([0.15, 0.0, 0.0]))) for j in (2, 3, 4)]
 
 
-def check(eye: Eye, sms: ffsms.SpaceManipulator, q: Array, target: Array, others: Array) -> None:
+def check(eye: SceneCamera, sms: ffsms.SpaceManipulator, q: Array, target: Array, others: Array) -> None:
     """Check that base, arm and target are drawn at q (nq,), and the arm not at `others` (nq,)."""
     base, links = places(sms, q)
     elsewhere = places(sms, others)[1][2]
@@ -176,10 +176,10 @@ def check(eye: Eye, sms: ffsms.SpaceManipulator, q: Array, target: Array, others
             found.append(f"an arm at {elsewhere}")
         return found
 
-    soon(lambda: not wrong(), wrong)
+    wait_for(lambda: not wrong(), wrong)
 
 
-def soon(holds: Callable[[], bool], explain: Callable[[], object]) -> None:
+def wait_for(holds: Callable[[], bool], explain: Callable[[], object]) -> None:
     """Wait up to 15 s for a condition, because drawing without a graphics card is slow."""
     started = time.monotonic()
     while not holds():
@@ -188,7 +188,7 @@ def soon(holds: Callable[[], bool], explain: Callable[[], object]) -> None:
         time.sleep(0.2)
 
 
-def until(browser: webdriver.Chrome, script: str) -> None:
+def wait_for_script(browser: webdriver.Chrome, script: str) -> None:
     started = time.monotonic()
     while not browser.execute_script(script):
         if time.monotonic() - started > _PATIENCE:

@@ -8,7 +8,7 @@ from scenario_files import IN_DEGREES, write
 
 from ffsms_pin.scenarios import Outcome, run, scenario
 
-__all__ = ["CONDITIONS", "QUICK", "ran", "text"]
+__all__ = ["CONDITIONS", "QUICK", "run_text", "text"]
 
 QUICK = f"""{IN_DEGREES}\
 [plan]
@@ -45,6 +45,6 @@ def text(*names: str) -> str:
     )
 
 
-def ran(folder: Path, content: str) -> Outcome:
+def run_text(folder: Path, content: str) -> Outcome:
     """Return the outcome of a scenario file with this content."""
     return run(scenario(write(folder, content)))

@@ -11,7 +11,7 @@ import pytest
 from kept_plans import kept_plan
 from motions import Swing
 from scenario_files import COARSE, write
-from trees import Tree, grown, packaged_planar
+from trees import Tree, packaged_planar, random_robot
 
 import ffsms_pin as ffsms
 from ffsms_pin import opt
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 @pytest.fixture(scope="session")
 def random_tree() -> Callable[..., Tree]:
     """Return the function `random_tree(seed, n, kinds=("revolute", "prismatic"))` of branched robots."""
-    return grown
+    return random_robot
 
 
 @pytest.fixture(scope="session")

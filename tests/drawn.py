@@ -17,7 +17,7 @@ from matplotlib.text import Text
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.scenarios import Outcome, run, scenario
 
-__all__ = ["curves", "dotted", "flown", "points", "untidy"]
+__all__ = ["curves", "dotted", "points", "quick_run", "text_faults"]
 
 SCENARIO = """
 robot.model = "planar_3r"
@@ -31,7 +31,7 @@ control.dt = 0.01
 _FLOWN: dict[str, Outcome] = {}
 
 
-def flown(folder: Path, more: str = "") -> Outcome:
+def quick_run(folder: Path, more: str = "") -> Outcome:
     """Return a run of 3 s, computed once per process; `more` are further lines of its scenario."""
     if more not in _FLOWN:
         path = folder / "quick.toml"
@@ -56,7 +56,7 @@ def dotted(ax: Axes) -> list[float]:
     return sorted(float(curve[0, 1]) for curve in lines if len(curve) == 2)
 
 
-def untidy(figure: Figure) -> list[str]:
+def text_faults(figure: Figure) -> list[str]:
     """Return the texts of a figure that are cut off, and the pairs of texts that overlap."""
     written: list[Text] = []
 

@@ -8,12 +8,12 @@ from typing import NamedTuple
 import mujoco as mj
 import numpy as np
 from engines import Array, Mujoco
-from scripts import loaded
+from scripts import load_script
 
 import ffsms_pin as ffsms
 from ffsms_pin.simulation.integrators import rk4_step
 
-__all__ = ["DURATION", "Push", "basilisk_end", "mujoco_end", "our_end", "push", "rates_apart"]
+__all__ = ["DURATION", "Push", "basilisk_end", "mujoco_end", "our_end", "push", "rate_difference"]
 
 DURATION = 10.0  # [s]
 State = tuple[Array, Array]
@@ -56,13 +56,13 @@ def mujoco_end(sms: ffsms.SpaceManipulator, motion: Push, dt: float) -> State:
 
 def basilisk_end(sms: ffsms.SpaceManipulator, motion: Push, dt: float) -> State:
     """Return the final q and v by Basilisk, with a hub, spinning bodies and its Runge-Kutta method."""
-    basilisk = loaded("examples/basilisk_robot.py")
+    basilisk = load_script("examples/basilisk_robot.py")
     craft, arms = basilisk.to_basilisk(sms, motion.q, motion.v)
     control = basilisk.ArmControl(sms, craft, arms, lambda t, q, v: motion.torque(t))
     basilisk.run_until(basilisk.started(dt, [*(arm for _, arm in arms), craft, control]), DURATION)
     return control.q, control.v
 
 
-def rates_apart(one: State, other: State) -> float:
+def rate_difference(one: State, other: State) -> float:
     """Return the norm of the difference of joint rates, relative to the norm of the first."""
     return float(np.linalg.norm(one[1][6:] - other[1][6:]) / np.linalg.norm(one[1][6:]))

@@ -24,7 +24,7 @@ def robot(name: str) -> ffsms.SpaceManipulator:
     return ffsms.load(name, end_effector="left_tool" if name == "two_arms" else None)
 
 
-class Found(NamedTuple):
+class PaperMatrices(NamedTuple):
     """The matrices of a state in the paper's conventions; H and bias are for [base twist; joint rates]."""
 
     H: Array
@@ -35,18 +35,18 @@ class Found(NamedTuple):
     C_q: Array
 
 
-def reduced(H: Array, bias: Array, J: Array) -> Found:
+def reduced(H: Array, bias: Array, J: Array) -> PaperMatrices:
     """Return the paper's matrices from inertia matrix, bias and end-effector Jacobian (6, 6 + n)."""
     C_bm: Array = np.asarray(-np.linalg.solve(H[:6, :6], H[:6, 6:]), dtype=np.float64)
-    return Found(
+    return PaperMatrices(
         H, bias, C_bm, J[:, 6:] + J[:, :6] @ C_bm, H[6:, 6:] + H[6:, :6] @ C_bm, bias[6:] + C_bm.T @ bias[:6]
     )
 
 
-def ours(sms: ffsms.SpaceManipulator, q: Array, v: Array) -> Found:
+def ours(sms: ffsms.SpaceManipulator, q: Array, v: Array) -> PaperMatrices:
     state = sms.at(q, v)
     bias = np.concatenate([state.C_b, state.C_m])
-    return Found(state.H, bias, state.C_bm, state.J_star, state.H_q, state.C_q)
+    return PaperMatrices(state.H, bias, state.C_bm, state.J_star, state.H_q, state.C_q)
 
 
 def to_base_com(sms: ffsms.SpaceManipulator, q: Array) -> Array:
@@ -83,7 +83,7 @@ class Mujoco:
         R = pin.XYZQUATToSE3(q[:7]).rotation
         return q, np.concatenate([R.T @ u[:3], u[3:]])
 
-    def found(self, q: Array, v: Array) -> Found:
+    def matrices(self, q: Array, v: Array) -> PaperMatrices:
         """Return MuJoCo's matrices in the paper's conventions."""
         self.set(q, v)
         mj.mj_forward(self.model, self.data)
@@ -115,7 +115,7 @@ class Adam:
         self.sms = sms
         self.peer: Any = KinDynComputations(path, sms.joint_names)
 
-    def found(self, q: Array, v: Array) -> Found:
+    def matrices(self, q: Array, v: Array) -> PaperMatrices:
         """Return adam's matrices (mixed representation) in the paper's conventions."""
         pose = pin.XYZQUATToSE3(q[:7])
         R, T = pose.rotation, to_base_com(self.sms, q)
@@ -135,9 +135,9 @@ def random_state(sms: ffsms.SpaceManipulator, rng: np.random.Generator) -> tuple
     return sms.configuration(rng.uniform(-1.0, 1.0, sms.n), base), 0.3 * rng.normal(size=sms.nv)
 
 
-def apart(one: Found, other: Found) -> dict[str, float]:
+def relative_differences(one: PaperMatrices, other: PaperMatrices) -> dict[str, float]:
     """Return the largest difference of each quantity, relative to its largest entry."""
     return {
         name: float(np.abs(a - b).max() / np.abs(a).max())
-        for name, a, b in zip(Found._fields, one, other, strict=True)
+        for name, a, b in zip(PaperMatrices._fields, one, other, strict=True)
     }

@@ -13,12 +13,12 @@ import numpy as np
 import umsgpack
 from numpy.typing import NDArray
 
-__all__ = ["Opened"]
+__all__ = ["ExportedPage"]
 
 Array = NDArray[np.float64]
 
 
-class Opened:
+class ExportedPage:
     """The facts and the Meshcat commands of an exported file."""
 
     def __init__(self, text: str) -> None:

@@ -25,7 +25,7 @@ __all__ = [
     "planar_problem",
     "same",
     "spline_of",
-    "told",
+    "trajectory_of",
 ]
 
 COARSE = Grid(6, 3, 2)
@@ -74,7 +74,7 @@ def node_rates(problem: Problem, spline: RateSpline, p: FloatArray) -> FloatArra
     return spline.rates_at(nodes).of(p, problem.joint_rates)
 
 
-def told(problem: Problem, rates: FloatArray) -> Trajectory:
+def trajectory_of(problem: Problem, rates: FloatArray) -> Trajectory:
     """Return the trajectory of joint rates at the nodes."""
     return measure(problem, rates)
 

@@ -8,12 +8,12 @@ import pinocchio as pin
 import ffsms_pin as ffsms
 from ffsms_pin.checks import FloatArray
 
-__all__ = ["ARMS", "Meshes", "places"]
+__all__ = ["ARMS", "Meshes", "random_joints"]
 
 ARMS = ["satellite_panda", "satellite_ur10"]
 
 
-def places(sms: ffsms.SpaceManipulator, count: int, seed: int) -> FloatArray:
+def random_joints(sms: ffsms.SpaceManipulator, count: int, seed: int) -> FloatArray:
     """Draw joint positions (n, count) within the limits."""
     rng, limits = np.random.default_rng(seed), sms.limits
     low, high = np.maximum(limits.lower, -np.pi), np.minimum(limits.upper, np.pi)

@@ -21,7 +21,7 @@ __all__ = [
     "ObservedSwing",
     "Swing",
     "arrays_of",
-    "happened",
+    "note_without_goal",
     "random_pose",
 ]
 
@@ -31,25 +31,25 @@ HASTY = SearchOptions(time_limit=1e-9)  # returns the first plan that is found
 
 
 class Swing:
-    """A quintic joint motion from `start` by `way`, with zero rates and accelerations at both ends."""
+    """A quintic joint motion from `start` by `displacement`, at rest and without acceleration at both ends."""
 
     def __init__(
         self,
         sms: ffsms.SpaceManipulator,
-        way: Any = (0.3, 0.4, -0.3),
+        displacement: Any = (0.3, 0.4, -0.3),
         duration: float = 2.0,
         start: Any = START,
     ) -> None:
-        self.first, self.way, self.duration = np.array(start), np.array(way), duration
+        self.first, self.displacement, self.duration = np.array(start), np.array(displacement), duration
         self.q = sms.configuration(start)[np.newaxis]
         self.target: Any = np.array([0.5, 0.5, 0.0])
 
     def sample(self, t: float) -> tuple[Array, Array, Array]:
         """Return the joint motion at t."""
         x, T = t / self.duration, self.duration
-        position = self.first + self.way * x**3 * (10.0 - 15.0 * x + 6.0 * x**2)
-        rate = self.way * 30.0 * x**2 * (1.0 - x) ** 2 / T
-        return position, rate, self.way * 60.0 * x * (1.0 - x) * (1.0 - 2.0 * x) / T**2
+        position = self.first + self.displacement * x**3 * (10.0 - 15.0 * x + 6.0 * x**2)
+        rate = self.displacement * 30.0 * x**2 * (1.0 - x) ** 2 / T
+        return position, rate, self.displacement * 60.0 * x * (1.0 - x) * (1.0 - 2.0 * x) / T**2
 
 
 class ObservedSwing(Swing, Observer):
@@ -102,7 +102,7 @@ def arrays_of(tracking: Tracking) -> list[str]:
     return [field.name for field in fields(tracking) if isinstance(getattr(tracking, field.name), np.ndarray)]
 
 
-def happened(tracking: Tracking) -> str:
+def note_without_goal(tracking: Tracking) -> str:
     """Return the note of a recording without missed goals, because most test motions have no goal."""
     verdict = f"not arrived: {'; '.join(tracking.misses)}" if tracking.misses else ""
     return tracking.note.removeprefix(verdict).removeprefix("; ")

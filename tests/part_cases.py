@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import coal
 import numpy as np
 import pinocchio as pin
-from base_actuators import PLACES, PYRAMID, WAYS
+from base_actuators import PYRAMID, THRUSTER_DIRECTIONS, THRUSTER_POSITIONS
 from clearances_at import least_clearance
 from own_parts import AbovePlane, LookAt
 
@@ -53,13 +53,13 @@ MODES = {
 }
 
 
-def acting(sms: ffsms.SpaceManipulator, **limits: float) -> ffsms.SpaceManipulator:
+def with_wheels_and_thrusters(sms: ffsms.SpaceManipulator, **limits: float) -> ffsms.SpaceManipulator:
     """Return the robot with thrusters and with wheels, which are unlimited without `limits`."""
-    thrusters = ffsms.Thrusters(PLACES, WAYS, 50.0, proportional=True)
+    thrusters = ffsms.Thrusters(THRUSTER_POSITIONS, THRUSTER_DIRECTIONS, 50.0, proportional=True)
     return sms.with_actuators(wheels=ffsms.ReactionWheels(PYRAMID, 0.01, **limits), thrusters=thrusters)
 
 
-class Use(NamedTuple):
+class LimitedQuantities(NamedTuple):
     """The quantities of a motion that limits can restrict."""
 
     attitude: float
@@ -76,10 +76,12 @@ class Use(NamedTuple):
 
 
 # A function that returns the robot, with tighter limits if needed, and a limit that a motion violates.
-Tight = Callable[[ffsms.SpaceManipulator, Use], tuple[ffsms.SpaceManipulator, opt.Limit]]
+TightLimit = Callable[[ffsms.SpaceManipulator, LimitedQuantities], tuple[ffsms.SpaceManipulator, opt.Limit]]
 
 
-def beside_the_chord(sms: ffsms.SpaceManipulator, use: Use) -> tuple[ffsms.SpaceManipulator, opt.Limit]:
+def beside_the_chord(
+    sms: ffsms.SpaceManipulator, use: LimitedQuantities
+) -> tuple[ffsms.SpaceManipulator, opt.Limit]:
     """Return a plane parallel to the chord, at half of the motion's largest distance from the chord."""
     chord = use.path[:, -1] - use.path[:, 0]
     normal = np.array([-chord[1], chord[0], 0.0]) / np.linalg.norm(chord)
@@ -90,7 +92,7 @@ def beside_the_chord(sms: ffsms.SpaceManipulator, use: Use) -> tuple[ffsms.Space
     return sms, AbovePlane((float(normal[0]), float(normal[1]), 0.0), offset)
 
 
-def slow(sms: ffsms.SpaceManipulator, use: Use) -> tuple[ffsms.SpaceManipulator, opt.Limit]:
+def slow(sms: ffsms.SpaceManipulator, use: LimitedQuantities) -> tuple[ffsms.SpaceManipulator, opt.Limit]:
     """Return the robot with rate limits of 0.85 times the rates of the motion."""
     return sms.with_limits(replace(sms.limits, velocity=0.85 * use.rates)), opt.JointLimits()
 
@@ -110,18 +112,18 @@ class Drifting:
         return np.array([p.translation for p in poses]), np.array([p.rotation for p in poses])
 
 
-def in_the_way(on: str) -> Tight:
+def obstacle_on_path(on: str) -> TightLimit:
     """Return a function that puts a capsule at the middle of the end effector's path, fixed to `on`."""
 
-    def made(sms: ffsms.SpaceManipulator, use: Use) -> tuple[ffsms.SpaceManipulator, opt.Limit]:
+    def made(sms: ffsms.SpaceManipulator, use: LimitedQuantities) -> tuple[ffsms.SpaceManipulator, opt.Limit]:
         gone = np.linalg.norm(use.path - use.path[:, :1], axis=0)
         middle = len(gone) // 2 if on == "client" else int(np.argmax(gone >= 0.5 * gone[-1]))
         place, shape = pin.SE3(np.eye(3), use.path[:, middle]), coal.Capsule(0.02, 0.05)
         if on == "base":
             obstacle = opt.Obstacle(shape, use.base[middle].actInv(place), "base")
         elif on == "client":
-            aside = pin.SE3(np.eye(3), np.array([0.02, 0.0, 0.0]))
-            obstacle = opt.Obstacle(shape, aside, Drifting(place.translation, 3.0))
+            offset = pin.SE3(np.eye(3), np.array([0.02, 0.0, 0.0]))
+            obstacle = opt.Obstacle(shape, offset, Drifting(place.translation, 3.0))
         else:
             obstacle = opt.Obstacle(shape, place)
         return sms, opt.Clearance(0.01, "off", obstacles=[obstacle])
@@ -129,10 +131,10 @@ def in_the_way(on: str) -> Tight:
     return made
 
 
-def aside(timed: bool, turned: bool = False) -> Tight:
+def waypoint_aside(timed: bool, turned: bool = False) -> TightLimit:
     """Return a function that puts a waypoint 0.05 m beside the middle of the path, towards the base."""
 
-    def made(sms: ffsms.SpaceManipulator, use: Use) -> tuple[ffsms.SpaceManipulator, opt.Limit]:
+    def made(sms: ffsms.SpaceManipulator, use: LimitedQuantities) -> tuple[ffsms.SpaceManipulator, opt.Limit]:
         middle = use.path.shape[1] // 2
         way = use.base[middle].translation - use.path[:, middle]
         place = use.path[:, middle] + 0.05 * way / np.linalg.norm(way)
@@ -146,10 +148,10 @@ def aside(timed: bool, turned: bool = False) -> Tight:
 ELBOWS = {3: "link_3", 7: "panda_link5"}
 
 
-def elbow_aside(turned: bool = False) -> Tight:
+def elbow_goal_aside(turned: bool = False) -> TightLimit:
     """Return a function that puts a goal for the elbow 0.05 m beside its final position in the motion."""
 
-    def made(sms: ffsms.SpaceManipulator, use: Use) -> tuple[ffsms.SpaceManipulator, opt.Limit]:
+    def made(sms: ffsms.SpaceManipulator, use: LimitedQuantities) -> tuple[ffsms.SpaceManipulator, opt.Limit]:
         elbow = frame_pose(sms, use.last, ELBOWS[sms.n])
         way = elbow.translation - use.path[:, -1]
         across = np.cross([0.0, 0.0, 1.0], way) / np.linalg.norm(way)
@@ -171,21 +173,21 @@ def frame_pose(sms: ffsms.SpaceManipulator, q: FloatArray, name: str) -> Any:
     return data.oMf[sms.model.getFrameId(name)].copy()
 
 
-def weak(sms: ffsms.SpaceManipulator, use: Use) -> tuple[ffsms.SpaceManipulator, opt.Limit]:
+def weak(sms: ffsms.SpaceManipulator, use: LimitedQuantities) -> tuple[ffsms.SpaceManipulator, opt.Limit]:
     """Return the robot with torque limits of 0.8 times the torques of the motion."""
     return sms.with_limits(replace(sms.limits, torque=0.8 * use.torques)), opt.TorqueLimits()
 
 
-def weak_wheels(what: str) -> Tight:
+def weak_wheels(what: str) -> TightLimit:
     """Return a function that limits the wheels to 0.8 of the momentum or torque of the motion."""
 
-    def made(sms: ffsms.SpaceManipulator, use: Use) -> tuple[ffsms.SpaceManipulator, opt.Limit]:
-        return acting(sms, **{what: 0.8 * use.wheels[what == "torque"]}), opt.WheelLimits()
+    def made(sms: ffsms.SpaceManipulator, use: LimitedQuantities) -> tuple[ffsms.SpaceManipulator, opt.Limit]:
+        return with_wheels_and_thrusters(sms, **{what: 0.8 * use.wheels[what == "torque"]}), opt.WheelLimits()
 
     return made
 
 
-LIMITS: dict[str, Tight] = {
+LIMITS: dict[str, TightLimit] = {
     "joints": slow,
     "attitude": lambda sms, use: (sms, BaseLimits(attitude=0.6 * use.attitude)),
     "attitude_rate": lambda sms, use: (sms, BaseLimits(attitude_rate=0.6 * use.attitude_rate)),
@@ -193,12 +195,12 @@ LIMITS: dict[str, Tight] = {
     "final_attitude": lambda sms, use: (sms, BaseLimits(final_attitude=0.5 * use.final_attitude)),
     "points": lambda sms, use: (sms, opt.Clearance(use.least("points") + 0.015, "points")),
     "shapes": lambda sms, use: (sms, opt.Clearance(use.least("shapes") + 0.015, "shapes")),
-    "obstacle": in_the_way("inertial"),
-    "obstacle on the base": in_the_way("base"),
-    "obstacle on a client": in_the_way("client"),
-    "via": aside(True),
-    "via at any time": aside(False),
-    "also": elbow_aside(),
+    "obstacle": obstacle_on_path("inertial"),
+    "obstacle on the base": obstacle_on_path("base"),
+    "obstacle on a client": obstacle_on_path("client"),
+    "via": waypoint_aside(True),
+    "via at any time": waypoint_aside(False),
+    "also": elbow_goal_aside(),
     "own": beside_the_chord,
     "torques": weak,
     "wheels' momentum": weak_wheels("momentum"),
@@ -225,7 +227,7 @@ def problem_of(sms: ffsms.SpaceManipulator, part: str = "", **change: Any) -> op
     """
     if part in MODES:
         change = {"mode": MODES[part], **change}
-        sms = acting(sms) if sms.wheels is None else sms
+        sms = with_wheels_and_thrusters(sms) if sms.wheels is None else sms
     if sms.n == 3:
         options: dict[str, Any] = {"goal": GOAL, "duration": 6.0, "dt": 0.02, "limits": [opt.JointLimits()]}
         return opt.Problem(sms, sms.configuration([0.4, 0.7, -0.5]), **(options | change))
@@ -238,7 +240,7 @@ def problem_of(sms: ffsms.SpaceManipulator, part: str = "", **change: Any) -> op
     return opt.Problem(sms, q0, **(options | change))
 
 
-def finished(problem: opt.Problem, rates: FloatArray) -> Rollouts:
+def rollout_of(problem: opt.Problem, rates: FloatArray) -> Rollouts:
     """Return the rollout of joint rates at the nodes, with all data that limits and terms read."""
     motion = rolled_out(problem.sms, problem.stack, problem.q0, rates, problem.dt, problem.momentum)
     place = problem.goal.place(problem.duration).position
@@ -247,14 +249,14 @@ def finished(problem: opt.Problem, rates: FloatArray) -> Rollouts:
     return replace(motion, wheels=problem.wheels, wheel_total=problem.wheel_total)
 
 
-def use_of(problem: opt.Problem, rates: FloatArray) -> Use:
+def limited_quantities(problem: opt.Problem, rates: FloatArray) -> LimitedQuantities:
     """Compute the limited quantities of a motion from the configurations at the nodes."""
     plan, sms = measure(problem, rates), problem.sms
-    motion = finished(problem, rates)
+    motion = rollout_of(problem, rates)
     first = sms.at(problem.q0).base_pose
     poses = [sms.at(q).base_pose for q in plan.q]
     turns = [float(np.linalg.norm(pin.log3(first.rotation.T @ pose.rotation))) for pose in poses]
-    return Use(
+    return LimitedQuantities(
         max(turns),
         float(np.linalg.norm(plan.v[:, 3:6], axis=1).max()),
         max(float(np.linalg.norm(pose.translation - first.translation)) for pose in poses),
@@ -287,7 +289,7 @@ def size_of(residuals: list[Variable]) -> float:
     return max((float(np.abs(one.value).max(initial=0.0)) for one in residuals), default=0.0)
 
 
-def rates_of_march(problem: opt.Problem) -> FloatArray:
+def rates_of_step_rollout(problem: opt.Problem) -> FloatArray:
     """Return the joint rates of a step rollout with the problem's limits and without terms."""
     stepper = Stepper.of(problem, terms=())
     return roll_out_steps(stepper, problem.q0, problem.joint_rates, GOAL, problem.duration)[0]

@@ -15,10 +15,10 @@ from ffsms_pin.opt.limits.alpha_box import AlphaBox
 from ffsms_pin.opt.step.state import StepState, rate_bounds
 from ffsms_pin.opt.step.stepper import StepProblem, StepQP, StepWeights
 
-__all__ = ["as_solved", "by_daqp", "plain_programme"]
+__all__ = ["by_daqp", "plain_qp", "with_bound_rows"]
 
 
-def plain_programme(
+def plain_qp(
     sms: ffsms.SpaceManipulator,
     q: FloatArray,
     rates: FloatArray,
@@ -85,7 +85,7 @@ def by_daqp(problem: StepProblem) -> FloatArray:
     return np.asarray(x)
 
 
-def as_solved(problem: StepProblem) -> StepQP:
+def with_bound_rows(problem: StepProblem) -> StepQP:
     """Return the program with its bounds as rows."""
     H, g, C, low, up, lower, upper = problem
     (bounded,) = (np.minimum(-lower, upper) < UNBOUNDED).nonzero()

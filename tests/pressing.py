@@ -11,7 +11,7 @@ from motions import Array
 import ffsms_pin as ffsms
 from ffsms_pin.simulation import perturb
 
-__all__ = ["PANDA", "REST", "Press", "Wall", "held", "massive"]
+__all__ = ["PANDA", "REST", "Press", "Wall", "fixed_base", "massive"]
 
 PANDA = np.array([0.0, -0.8, 0.0, -2.4, 0.0, 1.6, 0.8])  # joints of the satellite's arm, elbow bent
 REST = np.zeros(6)
@@ -22,7 +22,7 @@ def massive(twist: Any = REST) -> ffsms.Client:
     return ffsms.Client(1e6, np.full(3, 1e6), pin.SE3.Identity(), twist)
 
 
-def held(sms: ffsms.SpaceManipulator) -> ffsms.SpaceManipulator:
+def fixed_base(sms: ffsms.SpaceManipulator) -> ffsms.SpaceManipulator:
     """Return the robot on a base that is too heavy to be moved."""
     return perturb(sms, base_mass=1e4, base_inertia=1e4)
 

@@ -7,10 +7,10 @@ from collections.abc import Callable
 
 import psutil
 
-__all__ = ["alive", "command_of", "waited"]
+__all__ = ["command_of", "running", "wait_until"]
 
 
-def alive(processes: list[psutil.Process]) -> list[psutil.Process]:
+def running(processes: list[psutil.Process]) -> list[psutil.Process]:
     """Return the processes that still run."""
     return [one for one in processes if _runs(one)]
 
@@ -23,7 +23,7 @@ def command_of(process: psutil.Process) -> str:
         return ""
 
 
-def waited(happened: Callable[[], bool], seconds: float) -> bool:
+def wait_until(happened: Callable[[], bool], seconds: float) -> bool:
     """Return whether a condition becomes true within `seconds`."""
     end = time.monotonic() + seconds
     while not happened() and time.monotonic() < end:

@@ -11,7 +11,7 @@ import ffsms_pin as ffsms
 from ffsms_pin import simulation
 from ffsms_pin.control import ComputedTorque
 
-__all__ = ["Wave", "changed", "swung_by"]
+__all__ = ["Wave", "recording_of", "with_changed_base"]
 
 
 class Wave:
@@ -37,13 +37,13 @@ class Wave:
         return self.middle + self.size * swell * np.sin(self.frequencies * t + phases)
 
 
-def changed(sms: ffsms.SpaceManipulator) -> ffsms.SpaceManipulator:
+def with_changed_base(sms: ffsms.SpaceManipulator) -> ffsms.SpaceManipulator:
     """Return the robot with a base of another mass, inertia and centre of mass."""
     return simulation.perturb(sms, base_mass=0.9, base_inertia=1.12, base_com=[0.02, -0.03, 0.01])
 
 
 @cache
-def swung_by(
+def recording_of(
     plant: ffsms.SpaceManipulator, model: ffsms.SpaceManipulator, duration: float = 6.0, **options: Any
 ) -> simulation.Tracking:
     """Return the recording of a plant under a control law with another model."""

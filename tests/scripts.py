@@ -6,12 +6,12 @@ import importlib.util
 from pathlib import Path
 from types import ModuleType
 
-__all__ = ["loaded"]
+__all__ = ["load_script"]
 
 _ROOT = Path(__file__).resolve().parents[1]
 
 
-def loaded(script: str) -> ModuleType:
+def load_script(script: str) -> ModuleType:
     """Return a new module of a script; `path` is relative to the repository's root."""
     path = _ROOT / script
     spec = importlib.util.spec_from_file_location(path.stem, path)

@@ -32,7 +32,7 @@ def path(
     return roll_out(sms, q0, rates[0], np.diff(rates, axis=0) / dt, dt, momentum)[0]
 
 
-def missed(sms: ffsms.SpaceManipulator, q: FloatArray, target: FloatArray) -> float:
+def distance_to(sms: ffsms.SpaceManipulator, q: FloatArray, target: FloatArray) -> float:
     return float(np.linalg.norm(sms.at(q).end_effector_pose.translation - target))
 
 
@@ -96,7 +96,7 @@ class StepRows(StepLimit):
         return self._rows(step)
 
 
-def wanted_motion(
+def desired_motion(
     step: StepState, target: FloatArray, cosine: float, side: FloatArray, rotation: FloatArray | None = None
 ) -> DesiredMotion:
     """Return the desired motion of a step without limits."""
@@ -118,7 +118,7 @@ def make_stepper(
     return Stepper(sms, dt, kappa, limits, **options)
 
 
-class March(NamedTuple):
+class StepRollout(NamedTuple):
     """The joint rates (N + 1, n) at the nodes, and a note on steps that failed."""
 
     rates: FloatArray
@@ -127,6 +127,6 @@ class March(NamedTuple):
 
 def plan_stepwise(
     stepper: Stepper, q0: FloatArray, target: FloatArray, duration: float, rotation: FloatArray | None = None
-) -> March:
+) -> StepRollout:
     """Return a step rollout from rest."""
-    return March(*roll_out_steps(stepper, q0, np.zeros(stepper.sms.n), target, duration, rotation))
+    return StepRollout(*roll_out_steps(stepper, q0, np.zeros(stepper.sms.n), target, duration, rotation))

@@ -8,14 +8,14 @@ from pathlib import Path
 from types import ModuleType
 
 import pytest
-from scripts import loaded
+from scripts import load_script
 
 TOOLS = Path(__file__).resolve().parents[1] / "tools"
 
 
 @pytest.fixture(scope="module")
 def backend() -> ModuleType:
-    return loaded("tools/backend.py")
+    return load_script("tools/backend.py")
 
 
 @pytest.mark.skipif(os.name == "nt", reason="CMake looks for Microsoft's compiler itself")

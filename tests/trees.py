@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from ffsms_pin.urdf import model_path
 
-__all__ = ["Body", "Tree", "grown", "packaged_planar"]
+__all__ = ["Body", "Tree", "packaged_planar", "random_robot"]
 
 Array = NDArray[np.float64]
 
@@ -123,7 +123,7 @@ def _inertia(rng: np.random.Generator, mass: float) -> Array:
     return np.asarray(turn @ np.diag([b + c, a + c, a + b]) @ turn.T * mass / 12.0)
 
 
-def grown(seed: int, n: int, kinds: tuple[str, ...] = ("revolute", "prismatic")) -> Tree:
+def random_robot(seed: int, n: int, kinds: tuple[str, ...] = ("revolute", "prismatic")) -> Tree:
     """Return the random branched robot of a seed."""
     rng = np.random.default_rng(seed)
     mass = float(rng.uniform(5.0, 300.0))

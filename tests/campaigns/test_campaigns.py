@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from campaign_files import CAMPAIGN
 from distributed import LocalCluster
-from drawn import untidy
+from drawn import text_faults
 from scenario_files import IN_RADIANS, SECOND
 
 import ffsms_pin as ffsms
@@ -208,7 +208,7 @@ def test_runs_that_fail_are_rows_with_their_error(tmp_path: Path) -> None:
     assert numbers["worst"][0]["outcome"] in ("failed", "stopped")
     assert json.loads(json.dumps(numbers, allow_nan=False))["runs"] == RUNS
     figure = plot_campaign(table)
-    assert untidy(figure) == []
+    assert text_faults(figure) == []
     assert "all runs" in figure.axes[1].get_legend_handles_labels()[1]
 
 
@@ -290,7 +290,7 @@ def test_the_methods_side_by_side(compared: Path, capsys: pytest.CaptureFixture[
     once, again = (row["percentiles"]["final_error_m"][50] for row in numbers.values())
     assert again < 0.2 * once
     figure = plot_campaign(table)
-    assert untidy(figure) == []
+    assert text_faults(figure) == []
     assert figure.axes[0].get_legend_handles_labels()[1] == list(numbers)
     for curve, part in zip(figure.axes[0].get_lines(), by_method(table).values(), strict=True):
         errors = 1e3 * np.sort(part["final_error_m"])
@@ -321,7 +321,7 @@ def test_runs_that_are_stopped_count_as_such(tmp_path: Path) -> None:
         assert numbers["success_rate"] == 0.0
         assert all("off its reference" in row["error"] for row in numbers["worst"])
     json.dumps(report(table), allow_nan=False)
-    assert untidy(plot_campaign(table)) == []
+    assert text_faults(plot_campaign(table)) == []
 
 
 @pytest.mark.slow

@@ -12,7 +12,7 @@ from pathlib import Path
 import psutil
 import pytest
 from campaign_files import CAMPAIGN
-from processes import alive, waited
+from processes import running, wait_until
 
 from ffsms_pin.campaigns import Campaign, campaign, read_table
 from ffsms_pin.campaigns.draws import drawn_columns
@@ -80,7 +80,7 @@ def test_a_parent_that_ends_leaves_no_process_and_goes_on_later(
         )
     family = [psutil.Process(process.pid)]
     try:
-        assert waited(lambda: len(chunks_in(out)) >= 4 or process.poll() is not None, 120.0)
+        assert wait_until(lambda: len(chunks_in(out)) >= 4 or process.poll() is not None, 120.0)
         family += family[0].children(recursive=True)
         assert len(family) >= 3
         if sent == "SIGINT":
@@ -88,9 +88,9 @@ def test_a_parent_that_ends_leaves_no_process_and_goes_on_later(
         else:
             process.send_signal(getattr(signal, sent))
         assert process.wait(timeout=WITHIN) == status
-        assert waited(lambda: not alive(family), WITHIN)
+        assert wait_until(lambda: not running(family), WITHIN)
     finally:
-        for one in alive(family):
+        for one in running(family):
             one.kill()
     if status > 0:
         last = (tmp_path / "err").read_text().splitlines()[-1]
@@ -111,7 +111,7 @@ def test_a_worker_that_is_killed_loses_nothing(file: Path, table: bytes, tmp_pat
 
     def kill() -> None:
         """Kill a worker once there are chunks."""
-        waited(lambda: len(chunks_in(tmp_path)) >= 4, 120.0)
+        wait_until(lambda: len(chunks_in(tmp_path)) >= 4, 120.0)
         workers = psutil.Process().children()
         workers = [one for one in workers if "spawn_main" in " ".join(one.cmdline())]
         workers[0].kill()

@@ -7,7 +7,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
-from processes import waited
+from processes import wait_until
 from rich.console import Console
 from scenario_files import QUICK, write
 
@@ -21,7 +21,7 @@ def test_progress_without_a_terminal_is_printed_in_lines(monkeypatch: pytest.Mon
     monkeypatch.setattr(output, "_BETWEEN_LINES", 0.1)
     with output.shown_progress(Console(file=out)) as show:
         show("planning", 0.17)
-        assert waited(lambda: out.getvalue().count("\n") >= 2, 60.0)  # also between calls
+        assert wait_until(lambda: out.getvalue().count("\n") >= 2, 60.0)  # also between calls
         show("planning", 1.0)
         show("planning", 1.0)
     lines = out.getvalue().splitlines()
@@ -35,10 +35,10 @@ def test_progress_of_runs_has_the_rate_and_the_time_left(monkeypatch: pytest.Mon
     monkeypatch.setattr(output, "_BETWEEN_LINES", 0.1)
     with output.shown_progress(Console(file=out, width=200)) as show:
         show("runs", 0, 1000)
-        assert waited(lambda: "runs: 0 of 1000, time left unknown" in out.getvalue(), 60.0)
+        assert wait_until(lambda: "runs: 0 of 1000, time left unknown" in out.getvalue(), 60.0)
         now[0] = 5.0
         show("runs", 5, 1000)
-        assert waited(lambda: "runs: 5 of 1000, 1 a second, about 0:16:35 left" in out.getvalue(), 60.0)
+        assert wait_until(lambda: "runs: 5 of 1000, 1 a second, about 0:16:35 left" in out.getvalue(), 60.0)
 
 
 def test_a_failing_figure_leaves_all_results(

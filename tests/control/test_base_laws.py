@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 import pytest
-from base_actuators import PLACES, PYRAMID, WAYS
-from motions import Array, Swing, happened
+from base_actuators import PYRAMID, THRUSTER_DIRECTIONS, THRUSTER_POSITIONS
+from motions import Array, Swing, note_without_goal
 
 import ffsms_pin as ffsms
 from ffsms_pin.actuation.thrusters import ThrusterAllocation
@@ -84,7 +84,7 @@ def test_wheel_torques_include_the_gyroscopic_torque(rng: np.random.Generator) -
 
 
 def test_thrusters_give_a_couple_without_a_force(rng: np.random.Generator) -> None:
-    thrusters = ffsms.Thrusters(PLACES, WAYS, 5.0, proportional=True)
+    thrusters = ffsms.Thrusters(THRUSTER_POSITIONS, THRUSTER_DIRECTIONS, 5.0, proportional=True)
     centre = rng.uniform(-0.1, 0.1, 3)
     allocation, moment = ThrusterAllocation(thrusters, centre), rng.uniform(-1.0, 1.0, 3)
     forces = allocation.forces(np.zeros(3), moment)
@@ -106,7 +106,7 @@ def test_a_small_error_decays_with_the_bandwidth(panda: ffsms.SpaceManipulator) 
     angles = attitude_errors(run, attitude)
     expected = angles[0] * (1.0 + 0.8 * run.t) * np.exp(-0.8 * run.t)
     np.testing.assert_allclose(angles, expected, atol=0.01 * angles[0])
-    assert happened(run) == ""
+    assert note_without_goal(run) == ""
     assert np.abs(run.joint_error).max() < 1e-6
 
 
@@ -128,7 +128,7 @@ def test_the_feedforward_reduces_the_attitude_error(panda: ffsms.SpaceManipulato
     for kind in ("none", "plan", "torque"):
         law = QuaternionFeedback(panda, feedforward=kind)
         run = ffsms.simulate(panda, reach, ComputedTorque(panda), dt=STEP, base_controller=law)
-        assert happened(run) == ""
+        assert note_without_goal(run) == ""
         largest[kind] = attitude_errors(run).max()
     free = ffsms.simulate(panda, reach, ComputedTorque(panda), dt=STEP)
     assert attitude_errors(free).max() > 1.0
@@ -210,13 +210,13 @@ def test_wheels_of_its_size_hold_case_2() -> None:
     with pytest.warns(FfsmsWarning, match="leaves the base free"):
         run = ffsms.simulate(sms, plan, law, dt=STEP, base_controller=law)
     assert attitude_errors(run).max() < 0.1
-    assert happened(run) == ""
+    assert note_without_goal(run) == ""
     assert np.degrees(plan.base_rotation.max()) > 5.0  # with a floating base
 
 
 def test_momentum_is_dumped(panda: ffsms.SpaceManipulator) -> None:
     wheels = ffsms.ReactionWheels(PYRAMID, 2e-3, 0.2, 1.2)
-    thrusters = ffsms.Thrusters(PLACES, WAYS, 1.0, least_on_time=0.02)
+    thrusters = ffsms.Thrusters(THRUSTER_POSITIONS, THRUSTER_DIRECTIONS, 1.0, least_on_time=0.02)
     robot = panda.with_actuators(wheels=wheels, thrusters=thrusters)
     still = Swing(robot, np.zeros(7), 40.0, 0.5 * (panda.limits.lower + panda.limits.upper))
     start = [1.0, -0.4, 0.3, 0.1]
@@ -240,7 +240,7 @@ def test_momentum_is_dumped(panda: ffsms.SpaceManipulator) -> None:
 
 
 def test_thrusters_alone_hold_the_attitude(panda: ffsms.SpaceManipulator, reach: Swing) -> None:
-    thrusters = ffsms.Thrusters(PLACES, WAYS, 1.0, least_on_time=0.01)
+    thrusters = ffsms.Thrusters(THRUSTER_POSITIONS, THRUSTER_DIRECTIONS, 1.0, least_on_time=0.01)
     robot = panda.with_actuators(thrusters=thrusters)
     law = Coordinated(robot, bandwidth=0.5)
     run = ffsms.simulate(robot, reach, law, dt=5e-3, base_controller=law)

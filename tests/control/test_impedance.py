@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from motions import Array, Swing, random_pose
-from pressing import PANDA, Press, Wall, held, massive
+from pressing import PANDA, Press, Wall, fixed_base, massive
 
 import ffsms_pin as ffsms
 from ffsms_pin.control import Admittance, ComputedTorque, Impedance, JointLaw
@@ -130,7 +130,7 @@ def test_every_mode_has_the_damping_ratio(panda: ffsms.SpaceManipulator) -> None
 def test_a_constant_wrench_moves_the_end_effector_by_wrench_over_stiffness(
     kind: type[Any], panda: ffsms.SpaceManipulator
 ) -> None:
-    robot, wrench = held(panda), np.array([1.0, -2.0, 1.5, 0.3, -0.2, 0.1])
+    robot, wrench = fixed_base(panda), np.array([1.0, -2.0, 1.5, 0.3, -0.2, 0.1])
     start = robot.at(robot.configuration(PANDA)).end_effector_pose
     law = kind(robot, stiffness=[100.0, 200.0, 400.0], turn_stiffness=[10.0, 20.0, 5.0])
     acting = Wrench(
@@ -186,7 +186,7 @@ def test_pressing_on_a_stiff_wall_is_stable_and_no_harder_than_the_limit(
     arm: str, request: pytest.FixtureRequest
 ) -> None:
     """Press 50 mm towards a wall that is 10 mm ahead and ten times as stiff as the spring, the base held."""
-    robot = held(request.getfixturevalue(arm))
+    robot = fixed_base(request.getfixturevalue(arm))
     springs, virtual, limit, noise = ARMS[arm]
     joints, k = BENT if arm == "planar" else PANDA, springs["stiffness"]
     start = robot.at(robot.configuration(joints))
@@ -263,7 +263,7 @@ def test_the_end_effector_moves_to_the_pose_of_the_law(panda: ffsms.SpaceManipul
 
 def test_admittance_moves_as_its_virtual_mass(panda: ffsms.SpaceManipulator) -> None:
     """The motion along one axis is m x'' + 2 (k m)^(1/2) x' + k x = F, because the arm is light beside m."""
-    robot = held(panda)
+    robot = fixed_base(panda)
     start = robot.at(robot.configuration(PANDA)).end_effector_pose
     law = Admittance(robot, mass=200.0, inertia=20.0)  # heavy beside the arm
     acting = Wrench([2.0, 0.0, 0.0, 0.0, 0.0, 0.0], "end-effector")

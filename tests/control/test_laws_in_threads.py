@@ -32,7 +32,7 @@ def frequent_switches() -> Iterator[None]:
 def test_a_law_serves_runs_in_several_threads(planar: ffsms.SpaceManipulator, name: str) -> None:
     options: dict[str, Any] = {"friction": JointFriction(0.02, 0.01), "wrist": WristSensor(0.1)}
     law = LAWS[name](planar)
-    swings = [Swing(planar, way=(0.02 * i, -0.01 * i, 0.02), duration=0.2) for i in range(1, 5)]
+    swings = [Swing(planar, displacement=(0.02 * i, -0.01 * i, 0.02), duration=0.2) for i in range(1, 5)]
     alone = [simulate(planar, swing, law, guards=None, **options) for swing in swings]
     with ThreadPoolExecutor(4) as pool:
         together = list(pool.map(lambda swing: simulate(planar, swing, law, guards=None, **options), swings))

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import pinocchio as pin
 import pytest
-from base_actuators import PLACES, PYRAMID, WAYS
+from base_actuators import PYRAMID, THRUSTER_DIRECTIONS, THRUSTER_POSITIONS
 
 import ffsms_pin as ffsms
 from ffsms_pin import opt
@@ -16,7 +16,7 @@ from ffsms_pin.control import BaseView, ComputedTorque, StationKeeping
 from ffsms_pin.errors import FfsmsError, FfsmsWarning, InvalidValue
 from ffsms_pin.simulation import Tracking
 
-THRUSTERS = ffsms.Thrusters(PLACES, WAYS, 50.0, proportional=True)
+THRUSTERS = ffsms.Thrusters(THRUSTER_POSITIONS, THRUSTER_DIRECTIONS, 50.0, proportional=True)
 
 
 @pytest.fixture(scope="module")
@@ -46,8 +46,8 @@ def test_the_law_agrees_with_the_articulated_body_algorithm(
     assert command.thruster_force is not None
     forces = command.thruster_force
     assert forces.max() < 50.0  # nothing was scaled down
-    directions = WAYS / np.linalg.norm(WAYS, axis=1, keepdims=True)
-    force, moment = forces @ directions, forces @ np.cross(PLACES, directions)
+    directions = THRUSTER_DIRECTIONS / np.linalg.norm(THRUSTER_DIRECTIONS, axis=1, keepdims=True)
+    force, moment = forces @ directions, forces @ np.cross(THRUSTER_POSITIONS, directions)
     model = panda.model
     a = pin.aba(model, model.createData(), q, v, np.concatenate([force, moment, tau]))
     spin = v[3:6]
@@ -91,8 +91,8 @@ def test_wheels_take_the_moment_if_the_robot_has_wheels(panda: ffsms.SpaceManipu
     assert command.wheel_torque is not None
     assert command.thruster_force is not None
     assert np.abs(command.wheel_torque).max() > 1e-3
-    directions = WAYS / np.linalg.norm(WAYS, axis=1, keepdims=True)
-    couple = command.thruster_force @ np.cross(PLACES - robot.base_com, directions)
+    directions = THRUSTER_DIRECTIONS / np.linalg.norm(THRUSTER_DIRECTIONS, axis=1, keepdims=True)
+    couple = command.thruster_force @ np.cross(THRUSTER_POSITIONS - robot.base_com, directions)
     np.testing.assert_allclose(couple, 0.0, atol=1e-9)
 
 

@@ -10,7 +10,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from numpy.typing import NDArray
-from scripts import loaded
+from scripts import load_script
 
 import ffsms_pin as ffsms
 from ffsms_pin.errors import FfsmsError, InvalidValue
@@ -130,7 +130,7 @@ def test_wrong_scalings_are_refused(
 
 
 def test_the_tables_in_the_docs_agree_with_the_code() -> None:
-    script = loaded("benchmarks/metrics.py")
+    script = load_script("benchmarks/metrics.py")
     recorded = (ROOT / "docs" / "records" / "metrics.md").read_text(encoding="utf-8")
     assert recorded.partition("\n\n")[2] == f"{script.tables()}\n"
     assert script.tables().count("\n|") == 12

@@ -10,7 +10,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from PIL import Image
-from scripts import loaded
+from scripts import load_script
 
 import ffsms_pin as ffsms
 from ffsms_pin import opt
@@ -34,7 +34,7 @@ def test_a_film_shows_the_motion_at_its_speed(planar: ffsms.SpaceManipulator, tm
     plan = measure(opt.Problem(planar, q0, [0.5, 0.5, 0.0], 2.0, 0.1), 0.4 * np.ones((21, 3)))
     scene = view(planar, plan, show="robot", speed=2.0, camera="top")
     scene.to_html(tmp_path / "page.html")
-    script = loaded("docs/film.py")
+    script = load_script("docs/film.py")
     images = script.pictures(tmp_path / "page.html", RATE, WIDTH, HEIGHT)
     assert len(images) == 5  # one second of film, and the last instant
     # The camera is above, with a vertical field of view of 40 degrees, and all points are within nine tenths

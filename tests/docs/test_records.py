@@ -6,7 +6,7 @@ from argparse import ArgumentParser
 from pathlib import Path
 
 import pytest
-from scripts import loaded
+from scripts import load_script
 
 from ffsms_pin.cli.main import parser
 from ffsms_pin.robot import satellite_names
@@ -17,7 +17,7 @@ ROOT = Path(__file__).parents[2]
 TABLE = "| robot | off by [mm] |\n|---|---|\n| `planar_3r` | 0.4 |\n"
 SHOWN = f"<!-- record: mine -->\n\n{TABLE}\n*`python mine.py`, 2026-11-23, two cores.*\n\n<!-- end -->\n\n"
 
-records = loaded("docs/records.py")
+records = load_script("docs/records.py")
 
 
 @pytest.mark.parametrize("page", records.pages(), ids=lambda page: page.name)

@@ -10,7 +10,7 @@ import mujoco as mj
 import numpy as np
 import pinocchio as pin
 import pytest
-from engines import ROBOTS, Mujoco, apart, ours, random_state, robot
+from engines import ROBOTS, Mujoco, ours, random_state, relative_differences, robot
 
 import ffsms_pin as ffsms
 from ffsms_pin.cli import main
@@ -28,7 +28,7 @@ def assert_same(sms: ffsms.SpaceManipulator, again: ffsms.SpaceManipulator) -> N
     """Check that names, matrices, limits, base box and shapes of two robots are equal to 1e-12."""
     assert again.joint_names == sms.joint_names
     q, v = random_state(sms, np.random.default_rng(3))
-    assert max(apart(ours(sms, q, v), ours(again, q, v)).values()) < 1e-12
+    assert max(relative_differences(ours(sms, q, v), ours(again, q, v)).values()) < 1e-12
     np.testing.assert_allclose(again.limits.table, sms.limits.table, rtol=1e-12, atol=1e-12)
     np.testing.assert_allclose(again.limits.torque, sms.limits.torque, rtol=1e-12)
     assert again.base_size == sms.base_size
@@ -95,10 +95,10 @@ def test_a_pinocchio_model_with_shapes_is_exported(tmp_path: Path) -> None:
     sms = model_of_shapes()
     again = written(sms, tmp_path / "robot.urdf")
     q, v = random_state(sms, np.random.default_rng(3))
-    assert max(apart(ours(sms, q, v), ours(again, q, v)).values()) < 1e-12
+    assert max(relative_differences(ours(sms, q, v), ours(again, q, v)).values()) < 1e-12
     np.testing.assert_array_equal(again.limits.upper, sms.limits.upper)
     assert len(again.convex_parts()) == 5  # the capsule as three parts, the ellipsoid as two slabs
-    assert max(apart(ours(sms, q, v), Mujoco(sms).found(q, v)).values()) < 1e-11
+    assert max(relative_differences(ours(sms, q, v), Mujoco(sms).matrices(q, v)).values()) < 1e-11
     sms.model.armature[6:] = 0.5
     with pytest.warns(FfsmsWarning, match="armature"):
         to_urdf(sms, tmp_path / "robot.urdf")
@@ -114,7 +114,7 @@ def test_the_robot_in_mujoco_has_the_same_inertia_and_shapes(name: str) -> None:
     sms = robot(name)
     peer = Mujoco(sms, shapes=True)
     q, v = random_state(sms, np.random.default_rng(4))
-    assert np.abs(peer.found(q, v).H - ours(sms, q, v).H).max() < 1e-12 * np.abs(ours(sms, q, v).H).max()
+    assert np.abs(peer.matrices(q, v).H - ours(sms, q, v).H).max() < 1e-12 * np.abs(ours(sms, q, v).H).max()
     groups = list(peer.model.geom_group)
     assert groups.count(2) == sms.geometry("visual").ngeoms
     assert groups.count(3) == sms.geometry("collision").ngeoms

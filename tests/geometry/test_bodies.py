@@ -9,7 +9,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from clearances_at import At
-from meshes import ARMS, Meshes, places
+from meshes import ARMS, Meshes, random_joints
 from motions import random_pose
 
 import ffsms_pin as ffsms
@@ -27,7 +27,7 @@ def robot(request: pytest.FixtureRequest) -> ffsms.SpaceManipulator:
 
 def test_parts_are_never_further_apart_than_shapes(robot: ffsms.SpaceManipulator) -> None:
     stack, meshes = BodyStack(robot, "hulls", 0.01), Meshes(robot)
-    q = places(robot, 12, 1)
+    q = random_joints(robot, 12, 1)
     values = stack.values(Poses.of(q))
     exact = np.array([meshes.distances(robot.configuration(row), stack.names) for row in q.T]).T
     apart = exact > 0.0
@@ -38,7 +38,7 @@ def test_parts_are_never_further_apart_than_shapes(robot: ffsms.SpaceManipulator
 
 
 def test_screening_loses_nothing(robot: ffsms.SpaceManipulator) -> None:
-    stack, q = BodyStack(robot, "hulls", 0.01), places(robot, 40, 2)
+    stack, q = BodyStack(robot, "hulls", 0.01), random_joints(robot, 40, 2)
     screened = stack.values(Poses.of(q), 0.05)
     # Compute the distances of all pairs of parts by Coal, with poses by Pinocchio.
     model, data, parts = robot.model, robot.model.createData(), robot.convex_parts()
@@ -69,7 +69,7 @@ def test_screening_loses_nothing(robot: ffsms.SpaceManipulator) -> None:
 @pytest.mark.parametrize("mode", ["hulls", "shapes"])
 def test_near_pairs_are_found_with_their_gradients(robot: ffsms.SpaceManipulator, mode: str) -> None:
     stack, near = BodyStack(robot, mode, 0.01), 0.03
-    poses = Poses.of(places(robot, 20, 4))
+    poses = Poses.of(random_joints(robot, 20, 4))
     everywhere = stack.values(poses)
     where, nearest = stack.below(poses, np.full(len(stack.names), near))
     value, slopes = nearest.distance, stack.slopes(poses, where, nearest)[0]
@@ -87,7 +87,7 @@ def test_near_pairs_are_found_with_their_gradients(robot: ffsms.SpaceManipulator
 
 def test_shapes_that_are_screened_are_measured_as_by_pinocchio(robot: ffsms.SpaceManipulator) -> None:
     stack, meshes, near = BodyStack(robot, "shapes", 0.01), Meshes(robot), 0.05
-    q = places(robot, 12, 5)
+    q = random_joints(robot, 12, 5)
     values = stack.values(Poses.of(q), near)
     exact = np.array([meshes.distances(robot.configuration(row), stack.names) for row in q.T]).T
     close = exact < near - 1e-6
@@ -100,7 +100,7 @@ def test_shapes_that_are_screened_are_measured_as_by_pinocchio(robot: ffsms.Spac
 
 def test_gradients(robot: ffsms.SpaceManipulator) -> None:
     stack, h = BodyStack(robot, "hulls", 0.01), 1e-5
-    q = places(robot, 12, 3)
+    q = random_joints(robot, 12, 3)
     poses = Poses.of(q)
     values = stack.values(poses)
     where = np.nonzero((values > 1e-3) & (values < 0.3))
@@ -122,7 +122,7 @@ def test_gradients(robot: ffsms.SpaceManipulator) -> None:
 def test_rows_omit_only_inactive_pairs(robot: ffsms.SpaceManipulator) -> None:
     stack = BodyStack(robot, "hulls", 0.01)
     model = At(stack)
-    q, fastest = robot.configuration(places(robot, 1, 5)[:, 0]), np.full(robot.n, 0.2)
+    q, fastest = robot.configuration(random_joints(robot, 1, 5)[:, 0]), np.full(robot.n, 0.2)
     value, gradient = model.gradients(q)
     near_value, near_gradient = model.gradients(q, 0.012 + stack.reaches @ fastest / 2.0)
     same = np.abs(near_gradient - gradient).max(axis=1) < 1e-12
@@ -135,7 +135,7 @@ def test_rows_omit_only_inactive_pairs(robot: ffsms.SpaceManipulator) -> None:
 @pytest.mark.parametrize("mode", ["hulls", "shapes"])
 def test_a_single_configuration_equals_a_row_of_a_stack(robot: ffsms.SpaceManipulator, mode: str) -> None:
     """Distances agree to 1e-14 and gradients to 1e-9, for a random base pose."""
-    stack, joints, base = BodyStack(robot, mode, 0.01), places(robot, 8, 9), pin.SE3.Random()
+    stack, joints, base = BodyStack(robot, mode, 0.01), random_joints(robot, 8, 9), pin.SE3.Random()
     poses = Poses.of(joints)
     every = stack.every(poses)
     nearest = stack.nearest(poses, every)
@@ -182,7 +182,7 @@ def test_robots_of_other_masses_share_their_clearance_stack(robot: ffsms.SpaceMa
         assert other._stacks[0] is not limit._stacks[0]
     assert limit.for_robot(ffsms.load("space_arm_7"))._stacks[0] is not limit._stacks[0]
     assert replace(limit, collision="points").for_robot(robot)._stacks[0] is not limit._stacks[0]
-    joints, kept = places(robot, 3, 5), limit._stacks[0]
+    joints, kept = random_joints(robot, 3, 5), limit._stacks[0]
     assert kept is not None
     poses = Poses.of(joints)
     np.testing.assert_array_equal(kept.values(poses), BodyStack(heavier, "hulls", 0.01).values(poses))

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from meshes import ARMS, Meshes, places
+from meshes import ARMS, Meshes, random_joints
 
 import ffsms_pin as ffsms
 from ffsms_pin import opt
@@ -23,7 +23,7 @@ def robot(request: pytest.FixtureRequest) -> ffsms.SpaceManipulator:
 
 def test_no_distance_changes_faster_than_its_bound(robot: ffsms.SpaceManipulator) -> None:
     stack = BodyStack(robot, "hulls", 0.01)
-    rng, q = np.random.default_rng(4), places(robot, 60, 4)
+    rng, q = np.random.default_rng(4), random_joints(robot, 60, 4)
     change = rng.uniform(-0.2, 0.2, q.shape)
     before, after = (stack.values(Poses.of(place)) for place in (q, q + change))
     bound = stack.reaches @ np.abs(change)
@@ -43,7 +43,7 @@ class Counted(BodyStack):
 
 def test_few_distances_along_a_motion_give_the_exact_minimum(robot: ffsms.SpaceManipulator) -> None:
     """Distances and their largest rates determine the instants at which distances are computed."""
-    start, end = places(robot, 2, 7).T
+    start, end = random_joints(robot, 2, 7).T
     problem = opt.Problem(robot, robot.configuration(start), np.ones(3), 2.0, 0.01, limits=[])
     rates = np.tile((end - start) / 2.0, (201, 1))
     motion = rolled_out(robot, problem.stack, problem.q0, rates, 0.01, problem.momentum)
@@ -71,7 +71,7 @@ def test_a_collision_between_two_instants_is_detected(name: str) -> None:
     rng = np.random.default_rng(6)
     stack, meshes = BodyStack(sms, "hulls", 0.01), Meshes(sms)
     for _ in range(2000):
-        ends = places(sms, 2, int(rng.integers(1 << 30)))
+        ends = random_joints(sms, 2, int(rng.integers(1 << 30)))
         path = ends[:, :1] + np.linspace(0.0, 1.0, 41) * (ends[:, 1:] - ends[:, :1])
         watched = path[:, [0, 20, 40]]
         if stack.values(Poses.of(watched), 0.02).min() > 0.012:
@@ -94,7 +94,7 @@ def test_plans_do_not_penetrate(name: str, turn: float) -> None:
     """Check exact meshes at nodes and midpoints of plans to reachable positions."""
     sms, rng = ffsms.load(name), np.random.default_rng(7)
     stack, meshes = BodyStack(sms, "hulls", 0.01), Meshes(sms)
-    drawn = places(sms, 200, 8)
+    drawn = random_joints(sms, 200, 8)
     start = drawn[:, stack.values(Poses.of(drawn), 0.05).min(axis=0) >= 0.015][:, 0]
     clear = 0
     for _ in range(100):

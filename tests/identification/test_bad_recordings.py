@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 import pytest
-from recorded import changed, swung_by
+from recorded import recording_of, with_changed_base
 
 import ffsms_pin as ffsms
 from ffsms_pin.errors import InvalidValue
@@ -19,7 +19,7 @@ from ffsms_pin.simulation import Conditions, Sensors, Wrench, simulate
 @pytest.fixture
 def arrays(panda: ffsms.SpaceManipulator) -> Any:
     """Return arrays t, q, v of a good recording."""
-    tracking = swung_by(changed(panda), panda)
+    tracking = recording_of(with_changed_base(panda), panda)
     return np.array(tracking.t), np.array(tracking.q), np.array(tracking.v)
 
 
@@ -155,8 +155,10 @@ def test_arguments(panda: ffsms.SpaceManipulator, arrays: Any, refused: Any) -> 
     wrong("known.base", "mass and inertia", known={"base": {"mass": 3.0}})
     wrong("known.base", "mass and inertia", known={"base": {"mass": 3.0, "inertia": np.eye(3), "comm": 0.0}})
     wrong("spread", spread=0.0)
-    wrong("not both", tracking=swung_by(changed(panda), panda))
-    wrong("local", tracking=swung_by(changed(panda), panda), recording=None, base_velocity="mixed")
+    wrong("not both", tracking=recording_of(with_changed_base(panda), panda))
+    wrong(
+        "local", tracking=recording_of(with_changed_base(panda), panda), recording=None, base_velocity="mixed"
+    )
     wrong("local", base_velocity="world")
     unseen = arrays[0], arrays[1], np.column_stack([np.full((len(arrays[0]), 3), np.nan), arrays[2][:, 3:]])
     wrong("not measured", recording=(*unseen, np.zeros((len(arrays[0]), 7))))

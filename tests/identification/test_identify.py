@@ -10,7 +10,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from engines import Mujoco
-from recorded import Wave, changed, swung_by
+from recorded import Wave, recording_of, with_changed_base
 
 import ffsms_pin as ffsms
 from ffsms_pin import control, simulation
@@ -32,7 +32,7 @@ def arm() -> ffsms.SpaceManipulator:
 
 @cache
 def true_arm() -> ffsms.SpaceManipulator:
-    return changed(arm())
+    return with_changed_base(arm())
 
 
 def relative(found: Any, true: Any) -> float:
@@ -57,7 +57,7 @@ def base_of(found: Identification, true: ffsms.SpaceManipulator, share: float) -
 
 
 def test_the_base_is_identified_from_exact_data() -> None:
-    tracking = swung_by(true_arm(), arm())
+    tracking = recording_of(true_arm(), arm())
     found = identify(arm(), tracking, unknown=["base"])
     base_of(found, true_arm(), 1e-5)
     assert len(found.observable) == 10
@@ -71,14 +71,14 @@ def test_the_base_is_identified_from_exact_data() -> None:
 
 def test_a_momentum_that_is_not_zero_changes_nothing() -> None:
     momentum = (3.0, -2.0, 1.0, 0.4, 0.5, -0.6)
-    tracking = swung_by(true_arm(), arm(), momentum=momentum)
+    tracking = recording_of(true_arm(), arm(), momentum=momentum)
     assert np.linalg.norm(tracking.momentum[0]) > 3.0
     base_of(identify(arm(), tracking), true_arm(), 1e-5)
 
 
 def test_the_recursion_equals_dense_least_squares() -> None:
     """Compare the recursion with one dense weighted least-squares problem over the whole recording."""
-    tracking = swung_by(true_arm(), arm())
+    tracking = recording_of(true_arm(), arm())
     t, q, v = measured(tracking, NOISE)
     recording = t[::7], q[::7], v[::7]
     identifier = Identifier(arm(), ["base"])
@@ -108,7 +108,7 @@ def test_the_recursion_equals_dense_least_squares() -> None:
 
 
 def test_the_recursive_estimate_equals_the_batch_estimate() -> None:
-    t, q, v = measured(swung_by(true_arm(), arm()), NOISE)
+    t, q, v = measured(recording_of(true_arm(), arm()), NOISE)
     identifier = Identifier(arm(), ["base"], sensors=NOISE)
     for row in zip(t, q, v, strict=True):
         identifier.update(*row)
@@ -119,7 +119,7 @@ def test_the_recursive_estimate_equals_the_batch_estimate() -> None:
 
 
 def test_confidence_intervals_contain_the_true_parameters() -> None:
-    tracking, true = swung_by(true_arm(), arm()), true_arm().inertial_parameters[:10]
+    tracking, true = recording_of(true_arm(), arm()), true_arm().inertial_parameters[:10]
     inside, count, residuals = 0, 0, []
     for seed in range(12):
         found = identify(arm(), recording=measured(tracking, NOISE, seed), sensors=NOISE)
@@ -134,7 +134,7 @@ def test_confidence_intervals_contain_the_true_parameters() -> None:
 def test_noise_of_the_size_of_the_motion_biases_nothing() -> None:
     """Noise of velocities, which multiply the unknowns, makes the mass too small without correction."""
     loud = Sensors(base_velocity_noise=7e-4, base_rate_noise=2e-4)
-    tracking, true = swung_by(true_arm(), arm()), true_arm().inertial_parameters[:10]
+    tracking, true = recording_of(true_arm(), arm()), true_arm().inertial_parameters[:10]
     assert np.sqrt(np.mean(tracking.v[:, :3] ** 2)) < 5.0 * loud.base_velocity_noise
     stated, shown, plain = [], [], []
     for seed in range(6):
@@ -156,7 +156,7 @@ def test_base_and_payload_together() -> None:
     last = int(arm().model.frames[arm().frame_id].parentJoint) - 1
     bodies[last] = bodies[last] + payload
     plant = arm().with_inertias(bodies)
-    found = identify(arm(), swung_by(plant, arm()), unknown=["base", "payload"])
+    found = identify(arm(), recording_of(plant, arm()), unknown=["base", "payload"])
     base_of(found, true_arm(), 1e-3)
     assert found["payload"].mass == pytest.approx(10.0, rel=1e-3)
     np.testing.assert_allclose(found["payload"].com, payload.lever, atol=1e-3)
@@ -165,7 +165,7 @@ def test_base_and_payload_together() -> None:
 
 
 def test_a_missing_payload_is_estimated_as_zero() -> None:
-    found = identify(arm(), swung_by(arm(), arm()), unknown=["payload"])
+    found = identify(arm(), recording_of(arm(), arm()), unknown=["payload"])
     assert abs(found["payload"].mass) < 1e-3
     assert np.linalg.eigvalsh(pseudo_inertia(found["payload"].parameters))[0] > 0.0
 
@@ -173,7 +173,7 @@ def test_a_missing_payload_is_estimated_as_zero() -> None:
 def test_without_a_known_mass_only_ratios_are_identified() -> None:
     everything = ["base", *arm().joint_names]
     plant = simulation.perturb(true_arm(), arm_mass=[1.1, 0.9, 1.05, 0.95, 1.1, 0.9, 1.08])
-    tracking = swung_by(plant, arm())
+    tracking = recording_of(plant, arm())
     found = identify(arm(), tracking, unknown=everything, spread=0.15)
     assert "only ratios" in found.note
     assert max(direction.left for direction in found.directions) > 0.9
@@ -192,7 +192,7 @@ def test_without_a_known_mass_only_ratios_are_identified() -> None:
 def test_torques_identify_the_scale() -> None:
     bodies = [1.2 * body for body in map(_scaled, list(arm().model.inertias)[1:])]
     plant = arm().with_inertias(bodies)
-    tracking, everything = swung_by(plant, arm()), ["base", *arm().joint_names]
+    tracking, everything = recording_of(plant, arm()), ["base", *arm().joint_names]
     ratios = identify(arm(), tracking, unknown=everything, spread=0.3)
     assert "only ratios" in ratios.note
     assert ratios["base"].mass == pytest.approx(arm().model.inertias[1].mass, rel=0.02)
@@ -215,7 +215,7 @@ class _scaled:  # noqa: N801 - reads as a factor
 
 def test_exact_momenta_and_torques_together_leave_unobservable_parameters_alone() -> None:
     """The information of exact data exceeds that of the prior by sixteen orders of magnitude."""
-    tracking = swung_by(true_arm(), arm())
+    tracking = recording_of(true_arm(), arm())
     recording = tracking.t, tracking.q, tracking.v, tracking.tau
     found = identify(arm(), recording=recording, unknown=["base", *arm().joint_names], spread=0.3)
     assert found.residual < 2.0
@@ -228,7 +228,7 @@ def test_exact_momenta_and_torques_together_leave_unobservable_parameters_alone(
 @pytest.mark.parametrize("momentum", [np.zeros(6), np.array([1.0, -0.5, 0.3, 0.4, 0.2, -0.3])])
 def test_gyros_and_encoders_identify_the_base(momentum: Any) -> None:
     """The angular momentum about the centre of mass depends on all ten parameters."""
-    tracking = swung_by(true_arm(), arm(), momentum=tuple(momentum))
+    tracking = recording_of(true_arm(), arm(), momentum=tuple(momentum))
     q, v = tracking.q[::4].copy(), tracking.v[::4].copy()
     v[:, :3] = np.nan
     base_of(identify(arm(), recording=(tracking.t[::4], q, v)), true_arm(), 1e-5)
@@ -241,7 +241,7 @@ def test_gyros_and_encoders_identify_the_base(momentum: Any) -> None:
 @pytest.mark.parametrize("first_measured", [True, False])
 def test_a_linear_velocity_in_some_samples_only_is_refused(first_measured: bool) -> None:
     """A linear velocity computed from the model's masses would be weighted like a measured velocity."""
-    tracking, identifier = swung_by(true_arm(), arm()), Identifier(arm(), ["base"])
+    tracking, identifier = recording_of(true_arm(), arm()), Identifier(arm(), ["base"])
     for k, measured_now in enumerate((first_measured, not first_measured)):
         v = tracking.v[k].copy()
         v[:3] = v[:3] if measured_now else np.nan
@@ -254,7 +254,10 @@ def test_a_linear_velocity_in_some_samples_only_is_refused(first_measured: bool)
 
 def test_without_a_noisy_linear_velocity_the_inertia_is_more_precise() -> None:
     """The noise of the velocity in the regressors costs more information than the velocity adds."""
-    tracking, true = swung_by(true_arm(), arm()), np.array(true_arm().model.inertias[1].toDynamicParameters())
+    tracking, true = (
+        recording_of(true_arm(), arm()),
+        np.array(true_arm().model.inertias[1].toDynamicParameters()),
+    )
     noise = Sensors(base_velocity_noise=2e-3, base_rate_noise=1e-5, joint_rate_noise=2e-4)
     t, q, v = (x[::2] for x in measured(tracking, noise))
     unseen = np.column_stack([np.full((len(t), 3), np.nan), v[:, 3:]])
@@ -266,7 +269,7 @@ def test_without_a_noisy_linear_velocity_the_inertia_is_more_precise() -> None:
 
 def test_a_low_sampling_rate_is_not_taken_for_noise() -> None:
     """Third differences alone would take the motion for noise of 2 % of the rates."""
-    tracking = swung_by(true_arm(), arm())
+    tracking = recording_of(true_arm(), arm())
     rows = slice(None, None, 40)  # 5 Hz
     base_of(
         identify(arm(), recording=(tracking.t[rows], tracking.q[rows], tracking.v[rows])), true_arm(), 1e-3
@@ -275,7 +278,7 @@ def test_a_low_sampling_rate_is_not_taken_for_noise() -> None:
 
 def test_torques_at_a_stop_are_left_out() -> None:
     """The stop of a joint adds a torque that no sensor measures."""
-    tracking = swung_by(true_arm(), arm())
+    tracking = recording_of(true_arm(), arm())
     q, tau = tracking.q.copy(), tracking.tau.copy()
     recording = Recording(tracking.t, q, tracking.v, tau)
     joint, rows = arm().joint_names.index("panda_joint4"), slice(200, 400)
@@ -336,7 +339,7 @@ def test_a_recording_of_mujoco() -> None:
 
 def test_the_note_of_a_planar_motion_names_unobservable_parameters(planar: ffsms.SpaceManipulator) -> None:
     plant = simulation.perturb(planar, base_mass=1.1, base_inertia=0.9)
-    found = identify(planar, swung_by(plant, planar))
+    found = identify(planar, recording_of(plant, planar))
     assert found["base"].mass == pytest.approx(plant.model.inertias[1].mass, rel=1e-4)
     assert found["base"].inertia[2, 2] == pytest.approx(plant.model.inertias[1].inertia[2, 2], rel=1e-4)
     # A rotation about z does not depend on Ixx, Ixy and Iyy; the other parameters affect the momentum.
@@ -356,7 +359,7 @@ def test_a_recording_at_rest_has_no_observable_parameters() -> None:
 
 def test_estimates_are_consistent_where_least_squares_are_not() -> None:
     rough = Sensors(base_velocity_noise=0.05, base_rate_noise=0.05, joint_rate_noise=0.02)
-    tracking, projected = swung_by(true_arm(), arm()), 0
+    tracking, projected = recording_of(true_arm(), arm()), 0
     for seed in range(6):
         recording = measured(tracking, rough, seed)
         found = identify(arm(), recording=recording, sensors=rough, unknown=["base", "payload"])
@@ -384,7 +387,7 @@ def test_pseudo_inertias_are_parameters(rng: Any) -> None:
 
 def test_latency_of_the_base_is_undone() -> None:
     late = Sensors(base_latency=0.05)
-    recording = measured(swung_by(true_arm(), arm()), late)
+    recording = measured(recording_of(true_arm(), arm()), late)
     base_of(identify(arm(), recording=recording, sensors=late), true_arm(), 5e-3)
     assert (
         abs(identify(arm(), recording=recording)["base"].mass / true_arm().model.inertias[1].mass - 1) > 5e-3
@@ -392,8 +395,8 @@ def test_latency_of_the_base_is_undone() -> None:
 
 
 def test_a_push_between_samples_starts_another_momentum() -> None:
-    tracking = swung_by(true_arm(), arm())
-    pushed = swung_by(true_arm(), arm(), momentum=(3.0, -2.0, 1.0, 0.4, 0.5, -0.6))
+    tracking = recording_of(true_arm(), arm())
+    pushed = recording_of(true_arm(), arm(), momentum=(3.0, -2.0, 1.0, 0.4, 0.5, -0.6))
     identifier = Identifier(arm(), ["base"])
     for t, q, v in zip(tracking.t, tracking.q, tracking.v, strict=True):
         identifier.update(t, q, v)

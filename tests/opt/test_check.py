@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from part_cases import acting, problem_of
+from part_cases import problem_of, with_wheels_and_thrusters
 
 import ffsms_pin as ffsms
 from ffsms_pin import opt
@@ -48,7 +48,7 @@ SLACKS: dict[str, tuple[str, Callable[[opt.Variables], Any]]] = {
 @pytest.mark.parametrize("name", list(SLACKS))
 def test_derivatives_of_variables_pass_the_check(name: str, robot: str) -> None:
     mode, slack = SLACKS[name]
-    problem = problem_of(acting(ffsms.load(robot)), mode=mode, joint_rates=None)
+    problem = problem_of(with_wheels_and_thrusters(ffsms.load(robot)), mode=mode, joint_rates=None)
     assert opt.check(SlackOf(slack), problem) < 1e-4
 
 

@@ -10,7 +10,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from hand_written import Above
-from part_cases import LIMITS, TERMS, finished, problem_of
+from part_cases import LIMITS, TERMS, problem_of, rollout_of
 
 import ffsms_pin as ffsms
 from ffsms_pin import opt
@@ -206,7 +206,7 @@ def test_a_part_without_slopes_is_refused_by_the_problem(
 def test_mistakes_name_the_part(
     planar: ffsms.SpaceManipulator, formula: Callable[[opt.Variables], Any], text: str
 ) -> None:
-    motion = finished(problem_of(planar), 0.1 * np.ones((9, 3)))
+    motion = rollout_of(problem_of(planar), 0.1 * np.ones((9, 3)))
     with pytest.raises(FfsmsError, match=text) as caught:
         residuals_of(Formula(formula), motion)
     if isinstance(caught.value, PartError):

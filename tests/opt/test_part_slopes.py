@@ -14,13 +14,13 @@ from part_cases import (
     PENALISED,
     ROBOTS,
     TERMS,
-    Tight,
-    aside,
-    elbow_aside,
-    finished,
+    TightLimit,
+    elbow_goal_aside,
+    limited_quantities,
     problem_of,
+    rollout_of,
     size_of,
-    use_of,
+    waypoint_aside,
 )
 from slopes import by_differences, by_slopes, motions
 
@@ -71,7 +71,7 @@ def test_derivatives_of_limits(name: str, robot: str, rng: np.random.Generator) 
     problem = problem_of(sms, name)
     spline = spline_of(problem, COARSE, free_end=True)
     p = 0.15 * np.random.default_rng(20250705).normal(size=(1, spline.size, sms.n))
-    tight, limit = LIMITS[name](sms, use_of(problem, node_rates(problem, spline, p[0])))
+    tight, limit = LIMITS[name](sms, limited_quantities(problem, node_rates(problem, spline, p[0])))
     problem, limit = replace(problem, sms=tight), limit.for_robot(tight)
     residuals = check_slopes(problem, partial(residuals_of, limit), rng)
     assert size_of(residuals) > limit.margin
@@ -79,16 +79,16 @@ def test_derivatives_of_limits(name: str, robot: str, rng: np.random.Generator) 
 
 @pytest.mark.parametrize("robot", ROBOTS)
 @pytest.mark.parametrize(
-    "make_limit", [aside(True, turned=True), elbow_aside(turned=True)], ids=["via", "also"]
+    "make_limit", [waypoint_aside(True, turned=True), elbow_goal_aside(turned=True)], ids=["via", "also"]
 )
 def test_derivatives_of_limits_with_an_attitude(
-    make_limit: Tight, robot: str, rng: np.random.Generator
+    make_limit: TightLimit, robot: str, rng: np.random.Generator
 ) -> None:
     sms = ffsms.load(robot)
     problem = problem_of(sms)
     spline = spline_of(problem, COARSE, free_end=True)
     p = 0.15 * np.random.default_rng(20250705).normal(size=(1, spline.size, sms.n))
-    _, limit = make_limit(sms, use_of(problem, node_rates(problem, spline, p[0])))
+    _, limit = make_limit(sms, limited_quantities(problem, node_rates(problem, spline, p[0])))
     check_slopes(problem, partial(residuals_of, limit.for_robot(sms)), rng)
 
 
@@ -100,11 +100,11 @@ def test_violation_agrees_with_the_residual(name: str, robot: str) -> None:
     spline, rng = spline_of(problem, COARSE), np.random.default_rng(7)
     # All joints move in one direction, so the planar arm folds towards its base.
     p = 0.15 * (1.0 + 0.3 * rng.normal(size=(spline.size, sms.n)))
-    tight, limit = LIMITS[name](sms, use_of(problem, node_rates(problem, spline, p)))
+    tight, limit = LIMITS[name](sms, limited_quantities(problem, node_rates(problem, spline, p)))
     problem, limit = replace(problem, sms=tight), limit.for_robot(tight)
     counts = {"kept": 0, "broken": 0}
     for share in (0.0, 0.1, 0.3, 0.5, 0.7, 0.9, 1.0, 1.1, 1.3):
-        motion = finished(problem, node_rates(problem, spline, share * p))
+        motion = rollout_of(problem, node_rates(problem, spline, share * p))
         size, violation = size_of(residuals_of(limit, motion)), limit.violation(motion)
         assert size >= 0.0
         assert (violation.amount > 0.0) == bool(violation.note)

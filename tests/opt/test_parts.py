@@ -18,10 +18,10 @@ from part_cases import (
     POINT,
     STEPPED,
     TERMS,
-    finished,
+    limited_quantities,
     problem_of,
-    rates_of_march,
-    use_of,
+    rates_of_step_rollout,
+    rollout_of,
 )
 
 import ffsms_pin as ffsms
@@ -57,7 +57,7 @@ def plan_stepwise(planar: ffsms.SpaceManipulator) -> StepRates:
     def rates(part: str) -> FloatArray:
         mode = MODES.get(part, "floating")
         if mode not in cache:
-            cache[mode] = rates_of_march(problem_of(planar, part))
+            cache[mode] = rates_of_step_rollout(problem_of(planar, part))
         return cache[mode]
 
     return rates
@@ -73,7 +73,7 @@ def test_a_term_lowers_its_share(name: str, planar: ffsms.SpaceManipulator, free
         share = replace(measure(problem_of(planar, terms=[term]), without.joint_rates)).shares[term.name]
     else:
         plain.append(opt.Coupling())
-        share = term.share(finished(problem_of(planar, name), free(name).joint_rates))
+        share = term.share(rollout_of(problem_of(planar, name), free(name).joint_rates))
     terms = [other for other in plain if other.name != term.name] + [term]
     plan = opt.solve(problem_of(planar, name, terms=terms))
     assert plan.reached
@@ -123,7 +123,7 @@ def test_plans_keep_a_limit_that_free_plans_violate(
     name: str, planar: ffsms.SpaceManipulator, free: Free
 ) -> None:
     problem, unconstrained = problem_of(planar, name), free(name)
-    sms, limit = LIMITS[name](planar, use_of(problem, unconstrained.joint_rates))
+    sms, limit = LIMITS[name](planar, limited_quantities(problem, unconstrained.joint_rates))
     limits = [limit] if name == "joints" else [opt.JointLimits(), limit]
     limited = problem_of(sms, name, limits=limits)
     without = measure(limited, unconstrained.joint_rates)
@@ -145,11 +145,11 @@ def test_rollouts_keep_a_limit_that_free_rollouts_violate(
     name: str, planar: ffsms.SpaceManipulator, plan_stepwise: StepRates
 ) -> None:
     problem, unconstrained = problem_of(planar, name), plan_stepwise(name)
-    sms, limit = LIMITS[name](planar, use_of(problem, unconstrained))
+    sms, limit = LIMITS[name](planar, limited_quantities(problem, unconstrained))
     limits = [limit] if name == "joints" else [opt.JointLimits(), limit]
     limited = problem_of(sms, name, limits=limits)
     assert measure(limited, unconstrained).broken.keys() == {limit.name}
-    rates = rates_of_march(limited)
+    rates = rates_of_step_rollout(limited)
     plan = measure(limited, rates)
     assert plan.broken == {}, plan.note
     # The arm moves.
@@ -161,7 +161,7 @@ def test_steps_at_rest_within_a_limit_may_stay_at_rest(name: str, planar: ffsms.
     """Rows at the start of a motion allow zero rates."""
     problem = problem_of(planar, name)
     moving_rates = np.tile([0.05, -0.04, 0.06], (problem.steps + 1, 1))
-    sms, limit = LIMITS[name](planar, use_of(problem, moving_rates))
+    sms, limit = LIMITS[name](planar, limited_quantities(problem, moving_rates))
     stepper = Stepper(sms, 0.02, 10.0, [limit], mode=problem.mode)
     built = stepper.build(problem.q0, np.zeros(3), GOAL, 6.0)
     still = np.zeros(len(built.g))

@@ -14,7 +14,7 @@ import coal
 import numpy as np
 import pinocchio as pin
 import pytest
-from part_cases import acting
+from part_cases import with_wheels_and_thrusters
 
 import ffsms_pin as ffsms
 from ffsms_pin import opt
@@ -170,7 +170,7 @@ LIMITS: dict[str, tuple[opt.Limit, Callable[[ffsms.SpaceManipulator], ffsms.Spac
     "torques": (opt.TorqueLimits(), lambda sms: limited_robot(sms, torque=0.01)),
     "clearance": (opt.Clearance(obstacles=[ball(0.8, 0.15)]), lambda sms: sms),
     "base": (opt.BaseLimits(0.15, 0.1, 0.05, 0.05), lambda sms: sms),
-    "wheels": (opt.WheelLimits(), lambda sms: acting(sms, momentum=0.03, torque=0.02)),
+    "wheels": (opt.WheelLimits(), lambda sms: with_wheels_and_thrusters(sms, momentum=0.03, torque=0.02)),
     "alpha box": (opt.AlphaBox(), lambda sms: limited_robot(sms, velocity=5.0, acceleration=50.0)),
     "also": (opt.FrameGoal("joint_3", [0.63, 0.32, 0.0]), lambda sms: sms),
     "via": (opt.Waypoint([0.85, 0.3, 0.0], reach=0.05), lambda sms: sms),
@@ -199,7 +199,7 @@ def same(plans: list[opt.Trajectory], names: dict[str, str]) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("part_name", [*LIMITS, *TERMS])
 def test_a_custom_part_gives_the_same_plan(planar: ffsms.SpaceManipulator, part_name: str) -> None:
-    part, robot = LIMITS.get(part_name, (None, acting))
+    part, robot = LIMITS.get(part_name, (None, with_wheels_and_thrusters))
     sms, name = robot(planar), part_name.partition(",")[0]
     mode = {"wheels": "rotation-floating", "wheel energy": "rotation-floating", "propellant": "flying"}
     parts: list[opt.Limit] = [opt.JointLimits(), opt.Clearance()]

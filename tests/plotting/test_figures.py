@@ -9,7 +9,7 @@ from pathlib import Path
 import matplotlib as mpl
 import numpy as np
 import pytest
-from drawn import curves, dotted, flown, points
+from drawn import curves, dotted, points, quick_run
 
 from ffsms_pin import plotting
 from ffsms_pin.plotting.style import legend_above, share_legend, stack
@@ -18,7 +18,7 @@ from ffsms_pin.scenarios import Outcome
 
 @pytest.fixture(scope="module")
 def outcome(tmp_path_factory: pytest.TempPathFactory) -> Outcome:
-    return flown(tmp_path_factory.mktemp("plotting"))
+    return quick_run(tmp_path_factory.mktemp("plotting"))
 
 
 def test_the_coupling_has_its_singular_values_and_its_entropy(outcome: Outcome) -> None:
@@ -116,7 +116,7 @@ def test_every_figure_is_written_whole_and_the_same_each_time(outcome: Outcome, 
 
 def test_the_re_planned_run_and_the_run_planned_once_are_drawn(tmp_path: Path) -> None:
     extra = 'reference.kind = "re-planning"\nplant.arm_mass = 1.5\ncontrol.law = "computed-torque"\n'
-    outcome = flown(tmp_path, extra)
+    outcome = quick_run(tmp_path, extra)
     assert outcome.open_loop is not None
     distance = plotting.figure(outcome, "tracking-torques").axes[0]
     again, once = (points(curve)[:, 1] for curve in curves(distance))

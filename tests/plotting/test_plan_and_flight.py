@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from drawn import untidy
+from drawn import text_faults
 from matplotlib.axes import Axes
 from scenario_files import QUICK, write
 
@@ -109,7 +109,7 @@ def test_legends_have_the_columns_that_fit() -> None:
         root=True
     )
     assert figure is not None
-    assert untidy(figure) == []
+    assert text_faults(figure) == []
 
 
 def test_a_figure_of_two_sides_lists_its_times_once(outcome: Outcome, tmp_path: Path) -> None:

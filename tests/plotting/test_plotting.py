@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from drawn import curves, dotted, flown, points
+from drawn import curves, dotted, points, quick_run
 from matplotlib.axes import Axes
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
@@ -44,7 +44,7 @@ PANELS: dict[str, Panel] = {
 
 @pytest.fixture(scope="module")
 def outcome(tmp_path_factory: pytest.TempPathFactory) -> Outcome:
-    return flown(tmp_path_factory.mktemp("plotting"))
+    return quick_run(tmp_path_factory.mktemp("plotting"))
 
 
 @pytest.mark.parametrize("name", PANELS)
@@ -166,8 +166,8 @@ def test_a_spatial_motion_is_drawn_from_two_sides_at_the_same_scale(
     sides = plotting.motion_sides(sms, plan)
     assert len(set(sides)) == 2
     tracking = simulate(sms, plan, ComputedTorque(sms, K_p=100.0, K_d=20.0), dt=0.05)
-    flown = replace(outcome, sms=sms, plant=sms, trajectory=plan, tracking=tracking)
-    figure = plotting.figure(flown, "motion")
+    spatial = replace(outcome, sms=sms, plant=sms, trajectory=plan, tracking=tracking)
+    figure = plotting.figure(spatial, "motion")
     figure.draw_without_rendering()
     scales = []
     for ax, side in zip(figure.axes, sides, strict=True):

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from drawn import flown, points, untidy
+from drawn import points, quick_run, text_faults
 from matplotlib.figure import Figure
 from scenario_files import CAPTURE, NEARER, write
 
@@ -33,7 +33,7 @@ time = 0.5
 
 @pytest.fixture(scope="module")
 def planar(tmp_path_factory: pytest.TempPathFactory) -> Outcome:
-    return flown(tmp_path_factory.mktemp("planar"))
+    return quick_run(tmp_path_factory.mktemp("planar"))
 
 
 @pytest.fixture(scope="module")
@@ -69,7 +69,7 @@ def test_texts_are_complete_and_separate_and_no_quantity_is_drawn_twice(
     labels: list[str] = []
     for kind in figure_names(outcome):
         figure = plotting.figure(outcome, kind)
-        assert untidy(figure) == [], kind
+        assert text_faults(figure) == [], kind
         panels = itertools.chain(figure.axes, *(part.axes for part in figure.subfigs))
         labels += (
             [] if kind == "motion" else dict.fromkeys(ax.get_ylabel().partition("\n")[0] for ax in panels)
@@ -80,10 +80,10 @@ def test_texts_are_complete_and_separate_and_no_quantity_is_drawn_twice(
 def test_cut_off_and_overlapping_texts_are_detected() -> None:
     figure = Figure()
     figure.text(0.5, 0.5, "one")
-    assert untidy(figure) == []
+    assert text_faults(figure) == []
     figure.text(0.51, 0.5, "other")
     figure.text(0.99, 0.1, "beyond the edge")
-    assert untidy(figure) == ["beyond the edge", "one / other"]
+    assert text_faults(figure) == ["beyond the edge", "one / other"]
 
 
 def test_prismatic_joints_have_their_own_axis(eight: Outcome) -> None:
@@ -145,4 +145,4 @@ def test_a_capture_is_drawn_with_its_phases_and_its_prediction(caught: Outcome) 
 
 def test_texts_of_a_comparison_are_complete_and_separate(tmp_path: Path) -> None:
     made = scenario(write(tmp_path, f"{NEARER}[plan]\nduration = 4.0\ndt = 0.05\n"))
-    assert untidy(plot_comparison(compare(made))) == []
+    assert text_faults(plot_comparison(compare(made))) == []

@@ -126,7 +126,7 @@ def respelled(draw: Any) -> str:
 
 
 def quiet(work: Callable[[Path], None], text: str, folder: Path) -> None:
-    """Call `work` with a file of the text; check that at most a one-line error occurs and nothing is printed."""
+    """Call `work` with a file of the text; check that it prints nothing and raises at most one line."""
     path = folder / "damaged.urdf"
     path.write_text(text, encoding="utf-8", errors="surrogatepass")
     line, kept = "", os.dup(2)

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from condition_files import CONDITIONS, QUICK, ran, text
+from condition_files import CONDITIONS, QUICK, run_text, text
 
 import ffsms_pin as ffsms
 from ffsms_pin import control, opt, simulation as sim
@@ -20,13 +20,13 @@ from ffsms_pin.scenarios import Outcome, run, scenario, summary
 
 @pytest.fixture(scope="module")
 def plain(tmp_path_factory: pytest.TempPathFactory) -> Outcome:
-    return ran(tmp_path_factory.mktemp("plain"), QUICK)
+    return run_text(tmp_path_factory.mktemp("plain"), QUICK)
 
 
 def test_a_file_with_every_condition_is_simulate_with_every_keyword(
     tmp_path: Path, planar: ffsms.SpaceManipulator
 ) -> None:
-    outcome = ran(
+    outcome = run_text(
         tmp_path,
         text(*CONDITIONS)
         + "[estimator]\njoint_acceleration = 0.01\nbase_acceleration = 1e-3\n"
@@ -101,7 +101,7 @@ def test_a_file_with_every_condition_is_simulate_with_every_keyword(
 
 @pytest.mark.parametrize("name", CONDITIONS)
 def test_no_condition_goes_unheard(tmp_path: Path, plain: Outcome, name: str) -> None:
-    outcome = ran(tmp_path, text(name))
+    outcome = run_text(tmp_path, text(name))
     np.testing.assert_array_equal(outcome.trajectory.q, plain.trajectory.q)  # the plan knows nothing of it
     assert np.abs(outcome.tracking.q[-1] - plain.tracking.q[-1]).max() > 1e-7
 
@@ -111,7 +111,7 @@ def test_a_law_by_name_with_its_gains(tmp_path: Path, law: str, planar: ffsms.Sp
     values: dict[str, Any] = {gain: 0.5 + 0.25 * i for i, gain in enumerate(options_of(control.LAWS[law]))}
     values |= {"adaptive": False} if law == "computed-torque" else {}
     lines = "".join(f"{gain} = {json.dumps(value)}\n" for gain, value in values.items())
-    outcome = ran(
+    outcome = run_text(
         tmp_path, QUICK.replace('law = "computed-torque"\n', f'law = "{law}"\n{lines}') + "[wrist]\n"
     )
     assert type(outcome.controller) is control.LAWS[law]
@@ -131,23 +131,25 @@ def test_loads_of_wrist_and_joints_are_told_beside_their_limits(tmp_path: Path) 
         QUICK.replace('law = "computed-torque"', law)
         + "[wrist]\nbias = [1, 1, 1, 1, 1, 1]\nforce_limit = 0.5\n"
     )
-    outcome = ran(tmp_path, text + push)
+    outcome = run_text(tmp_path, text + push)
     numbers = summary(outcome)["tracking"]
     true = {"force_max_N": pytest.approx(0.05), "moment_max_Nm": pytest.approx(0.02)}  # not what is shown
     assert numbers["wrist"] == {**true, "force_limit_N": 0.5, "moment_limit_Nm": None}
     share = np.abs(outcome.tracking.tau / outcome.controller.torque_limit).max()
     assert numbers["torque_max_relative"] == pytest.approx(share)
     assert summary(outcome)["conditions"]["wrist"].endswith("force_limit 0.5")
-    assert "wrist" not in summary(ran(tmp_path, QUICK))["tracking"]
+    assert "wrist" not in summary(run_text(tmp_path, QUICK))["tracking"]
 
 
 def test_random_plants_are_those_of_their_seed(tmp_path: Path, planar: ffsms.SpaceManipulator) -> None:
-    outcome = ran(tmp_path, QUICK + "[plant]\nbase_mass = 1.1\n[plant.random]\nseed = 3\narm_mass = 0.5\n")
+    outcome = run_text(
+        tmp_path, QUICK + "[plant]\nbase_mass = 1.1\n[plant.random]\nseed = 3\narm_mass = 0.5\n"
+    )
     start = sim.perturb(planar, base_mass=1.1)
     (drawn,) = sim.random_plants(start, np.random.default_rng(3), 1, arm_mass=0.5)
     wanted = [float(body.mass) for body in drawn.model.inertias]
     assert [float(body.mass) for body in outcome.plant.model.inertias] == wanted
-    other = ran(tmp_path, QUICK + "[plant]\nbase_mass = 1.1\n[plant.random]\nseed = 4\narm_mass = 0.5\n")
+    other = run_text(tmp_path, QUICK + "[plant]\nbase_mass = 1.1\n[plant.random]\nseed = 4\narm_mass = 0.5\n")
     assert [float(body.mass) for body in other.plant.model.inertias] != wanted
 
 
@@ -158,7 +160,7 @@ def test_a_plant_from_another_file(tmp_path: Path, planar: ffsms.SpaceManipulato
     mass = re.search(r'<mass value="(31[^"]*)"', urdf)
     assert mass is not None
     (tmp_path / "light.urdf").write_text(urdf.replace(mass.group(0), '<mass value="20.0"'), encoding="utf-8")
-    outcome = ran(tmp_path, QUICK + '[plant]\nmodel = "light.urdf"\narm_mass = 1.1\n')
+    outcome = run_text(tmp_path, QUICK + '[plant]\nmodel = "light.urdf"\narm_mass = 1.1\n')
     masses = [float(body.mass) for body in outcome.plant.model.inertias]
     model = [float(body.mass) for body in planar.model.inertias]
     assert masses[1] == 20.0
@@ -189,7 +191,7 @@ def test_the_start_may_be_any_state(tmp_path: Path, planar: ffsms.SpaceManipulat
     q0 = planar.configuration([0.41, 0.69, -0.5])
     q0[:2] += [0.02, -0.01]
     v0 = np.array([0.001, 0.0, 0.0, 0.0, 0.0, 0.002, 0.01, 0.0, -0.01])
-    outcome = ran(tmp_path, QUICK + f"[simulation]\nq0 = {q0.tolist()}\nv0 = {v0.tolist()}\n")
+    outcome = run_text(tmp_path, QUICK + f"[simulation]\nq0 = {q0.tolist()}\nv0 = {v0.tolist()}\n")
     np.testing.assert_array_equal(outcome.tracking.q[0], q0)
     np.testing.assert_array_equal(outcome.tracking.v[0], v0)
 
@@ -222,7 +224,7 @@ def test_integration_steps_can_be_finer(tmp_path: Path, planar: ffsms.SpaceManip
     """A friction that is steep for the control step: four parts come nearer to the motion by sixteen."""
     rough = QUICK + "[friction]\nviscous = 0.3\n"
     runs = [
-        ran(tmp_path, rough + f"[simulation]\nintegrator = 'variational'\nsubsteps = {k}\n").tracking
+        run_text(tmp_path, rough + f"[simulation]\nintegrator = 'variational'\nsubsteps = {k}\n").tracking
         for k in (1, 4, 16)
     ]
     coarse, finer = (np.abs(one.q - runs[2].q).max() for one in runs[:2])

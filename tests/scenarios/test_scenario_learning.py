@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 import pytest
-from condition_files import QUICK, ran
+from condition_files import QUICK, run_text
 from rich.console import Console
 
 import ffsms_pin as ffsms
@@ -25,7 +25,7 @@ LONGER = QUICK.replace("duration = 2.0", "duration = 4.0")
 
 
 def test_the_summary_has_what_was_believed_learnt_and_true(tmp_path: Path) -> None:
-    outcome = ran(tmp_path, LONGER + LEARN + "[plant]\nbase_mass = 1.1\nbase_inertia = 0.9\n")
+    outcome = run_text(tmp_path, LONGER + LEARN + "[plant]\nbase_mass = 1.1\nbase_inertia = 0.9\n")
     numbers: Any = summary(outcome)["learnt"]
     base = {key: numbers["bodies"]["base"][key] for key in ("believed", "learnt", "true")}
     assert 0.0 < numbers["bodies"]["base"]["mass_deviation_kg"] < 1.0
@@ -79,17 +79,17 @@ def test_known_masses_and_bodies_are_those_of_python(tmp_path: Path) -> None:
 )
 def test_known_values_that_cannot_be_used_are_refused(tmp_path: Path, keys: str, words: str) -> None:
     with pytest.raises(InvalidScenario, match=words):
-        ran(tmp_path, QUICK + LEARN + keys + "\n")
+        run_text(tmp_path, QUICK + LEARN + keys + "\n")
 
 
 def test_without_it_the_summary_has_nothing(tmp_path: Path) -> None:
-    assert "learnt" not in summary(ran(tmp_path, QUICK))
+    assert "learnt" not in summary(run_text(tmp_path, QUICK))
 
 
 def test_what_does_not_fit_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InvalidScenario, match=r"\[learn\] needs \[reference\] kind"):
-        ran(tmp_path, QUICK + '[learn]\nunknown = ["base"]\n')
+        run_text(tmp_path, QUICK + '[learn]\nunknown = ["base"]\n')
     with pytest.raises(InvalidScenario, match="link_9"):
-        ran(tmp_path, QUICK + LEARN.replace('["base"]', '["link_9"]'))
+        run_text(tmp_path, QUICK + LEARN.replace('["base"]', '["link_9"]'))
     with pytest.raises(InvalidScenario, match="unknown"):
-        ran(tmp_path, QUICK + LEARN.replace('unknown = ["base"]', ""))
+        run_text(tmp_path, QUICK + LEARN.replace('unknown = ["base"]', ""))

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from condition_files import QUICK, ran
+from condition_files import QUICK, run_text
 
 import ffsms_pin as ffsms
 from ffsms_pin import control, opt, simulation as sim
@@ -16,7 +16,7 @@ from ffsms_pin.scenarios import summary
 def test_planning_again_has_its_own_rate_and_the_plan_made_once_stands_beside_it(
     tmp_path: Path, planar: ffsms.SpaceManipulator
 ) -> None:
-    outcome = ran(
+    outcome = run_text(
         tmp_path,
         QUICK.replace("duration = 2.0", "duration = 4.0\nkappa = 5.0")
         + '[reference]\nkind = "re-planning"\ndt = 0.02\nhold = 0.5\n[plant]\narm_mass = 1.3\n',
@@ -43,7 +43,7 @@ def test_planning_again_has_its_own_rate_and_the_plan_made_once_stands_beside_it
 
 def test_an_open_loop_that_is_stopped_is_reported_and_stops_nothing_else(tmp_path: Path) -> None:
     """A joint locks: planning again goes on with what is left, the plan made once leaves the joint behind."""
-    outcome = ran(
+    outcome = run_text(
         tmp_path,
         QUICK.replace("duration = 2.0", "duration = 6.0")
         + '[reference]\nkind = "re-planning"\n[guards]\njoint_error = 0.05\n'
@@ -61,11 +61,11 @@ def test_an_open_loop_that_is_stopped_is_reported_and_stops_nothing_else(tmp_pat
 def test_momentum_of_the_plan_is_the_plants_unless_it_has_its_own(tmp_path: Path) -> None:
     momentum = [0.01, 0.0, 0.0, 0.0, 0.0, 0.002]
     content = QUICK.replace("[control]", f"momentum = {momentum}\n[control]")
-    outcome = ran(tmp_path, content)
+    outcome = run_text(tmp_path, content)
     np.testing.assert_allclose(outcome.trajectory.momentum, momentum)
     np.testing.assert_allclose(outcome.tracking.momentum[-1], momentum, rtol=0.0, atol=1e-10)
     assert summary(outcome)["tracking"]["end_effector_deviation_max_m"] < 1e-4
-    still = ran(tmp_path, content + "[simulation]\nmomentum = [0, 0, 0, 0, 0, 0]\n")
+    still = run_text(tmp_path, content + "[simulation]\nmomentum = [0, 0, 0, 0, 0, 0]\n")
     assert np.abs(still.tracking.momentum).max() < 1e-10
     assert summary(still)["tracking"]["end_effector_deviation_max_m"] > 1e-3
 
@@ -74,7 +74,7 @@ def test_planning_again_knows_limits_of_the_base_and_momentum(
     tmp_path: Path, planar: ffsms.SpaceManipulator
 ) -> None:
     momentum = [0.0, 0.0, 0.0, 0.0, 0.0, 0.004]
-    outcome = ran(
+    outcome = run_text(
         tmp_path,
         QUICK.replace("duration = 2.0", "duration = 4.0").replace(
             "[control]", f"momentum = {momentum}\n[plan.base_limits]\nattitude_rate_deg = 1.0\n[control]"
@@ -97,7 +97,7 @@ def test_planning_again_knows_limits_of_the_base_and_momentum(
 @pytest.mark.slow
 def test_base_limits_are_kept(tmp_path: Path) -> None:
     content = QUICK.replace('method = "resolved-rate"', 'method = "horizon"')
-    free = summary(ran(tmp_path, content))["base"]
+    free = summary(run_text(tmp_path, content))["base"]
     limit = 0.5 * free["rotation_max_deg"]
-    tight = ran(tmp_path, f"{content}[plan.base_limits]\nattitude_deg = {limit}\ntranslation = inf\n")
+    tight = run_text(tmp_path, f"{content}[plan.base_limits]\nattitude_deg = {limit}\ntranslation = inf\n")
     assert summary(tight)["base"]["rotation_max_deg"] <= limit * (1.0 + 1e-6)

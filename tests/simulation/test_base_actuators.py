@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from motions import Array, Constant, Swing, arrays_of, happened
+from motions import Array, Constant, Swing, arrays_of, note_without_goal
 
 import ffsms_pin as ffsms
 from ffsms_pin.control import BaseCommand, BaseView, ComputedTorque
@@ -69,7 +69,7 @@ def test_momentum_and_energy_are_kept(planar: ffsms.SpaceManipulator, swing: Swi
     assert (
         np.abs(run.energy_error).max() < (1e-10 if integrator == "rk4" else 2e-8) * run.kinetic_energy.max()
     )
-    assert happened(run) == ""
+    assert note_without_goal(run) == ""
     # The base turned, so the wheels' axes did: the gyroscopic torque was there.
     assert np.linalg.norm(run.v[-1, 3:6]) > 1e-3
 
@@ -138,7 +138,7 @@ def test_thrusters_give_their_impulse(planar: ffsms.SpaceManipulator) -> None:
         [[0, 0.2, 0], [0, -0.2, 0]], [[1, 0, 0], [1, 0, 0]], 0.5, proportional=True, specific_impulse=200.0
     )
     robot = planar.with_actuators(thrusters=thrusters)
-    swing = Swing(robot, way=(0.0, 0.0, 0.0))
+    swing = Swing(robot, displacement=(0.0, 0.0, 0.0))
     both = Say(lambda view: BaseCommand(thruster_force=np.array([0.4, 9.0 if view.t < 1.0 else -1.0])))
     run = ffsms.simulate(robot, swing, ComputedTorque(robot), base_controller=both)
     np.testing.assert_allclose(run.thruster_force[[0, -1]], [[0.4, 0.5], [0.4, 0.0]])

@@ -11,7 +11,7 @@ from Basilisk.architecture import messaging
 from Basilisk.simulation import reactionWheelStateEffector
 from Basilisk.utilities import SimulationBaseClass, macros
 from motions import Array, Constant
-from scripts import loaded
+from scripts import load_script
 
 import ffsms_pin as ffsms
 from ffsms_pin.control import BaseCommand, BaseView
@@ -67,7 +67,7 @@ def basilisk_run(
     """
     sim = SimulationBaseClass.SimBaseClass()
     sim.CreateNewProcess("dynamics").addTask(sim.CreateNewTask("task", macros.sec2nano(dt)))
-    craft, ((_, arm),) = loaded("examples/basilisk_robot.py").to_basilisk(sms, q, v)
+    craft, ((_, arm),) = load_script("examples/basilisk_robot.py").to_basilisk(sms, q, v)
     torques = messaging.ArrayMotorTorqueMsg().write(_torques(tau))
     arm.motorTorqueInMsg.subscribeTo(torques)
 

@@ -237,7 +237,7 @@ def test_time_off_a_torque_limit_counts_against_time_at_it(planar: ffsms.SpaceMa
 
 
 def test_a_joint_off_its_reference_trips(planar: ffsms.SpaceManipulator) -> None:
-    swing, law = Swing(planar, way=(1.2, 0.0, 0.0), duration=8.0), Constant(np.zeros(3))
+    swing, law = Swing(planar, displacement=(1.2, 0.0, 0.0), duration=8.0), Constant(np.zeros(3))
     kept = simulate(planar, swing, law, dt=5e-3)
     assert "joint 'joint_1' is 1" in kept.stopped
     assert "off its reference, 1 rad are allowed" in kept.stopped
@@ -375,7 +375,7 @@ def test_a_supervisor_decides_what_happens_if_a_guard_trips(
             return [Phase(now.t, "warned"), *([Freeze(now.t, trip.reason)] if again else [])]
 
     supervisor = Lets()
-    swing = Swing(planar, way=(1.2, 0.0, 0.0), duration=8.0)
+    swing = Swing(planar, displacement=(1.2, 0.0, 0.0), duration=8.0)
     run: dict[str, Any] = {"dt": 5e-3, "guards": only(joint_error=0.1)}
     tracking = simulate(planar, swing, Constant(np.zeros(3)), supervisor=supervisor, **run)
     assert [trip.guard for trip in supervisor.trips] == ["joint_error"] * 2

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from base_actuators import PLACES, PYRAMID, WAYS
+from base_actuators import PYRAMID, THRUSTER_DIRECTIONS, THRUSTER_POSITIONS
 
 import ffsms_pin as ffsms
 from ffsms_pin import opt
@@ -38,7 +38,7 @@ def robot(mode: str) -> ffsms.SpaceManipulator:
     if mode == "rotation-floating":
         wheels = ffsms.ReactionWheels(PYRAMID, 0.001364, torque=1.0, momentum=10.0)
         return ffsms.load("planar_3r").with_actuators(wheels=wheels)
-    thrusters = ffsms.Thrusters(PLACES, WAYS, 50.0, proportional=True)
+    thrusters = ffsms.Thrusters(THRUSTER_POSITIONS, THRUSTER_DIRECTIONS, 50.0, proportional=True)
     return ffsms.load("planar_3r").with_actuators(thrusters=thrusters)
 
 

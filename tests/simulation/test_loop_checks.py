@@ -10,8 +10,8 @@ from typing import Any, get_type_hints
 
 import numpy as np
 import pytest
-from base_actuators import PLACES, PYRAMID, WAYS
-from motions import Constant, Swing, happened
+from base_actuators import PYRAMID, THRUSTER_DIRECTIONS, THRUSTER_POSITIONS
+from motions import Constant, Swing, note_without_goal
 
 import ffsms_pin as ffsms
 from ffsms_pin import control
@@ -245,8 +245,8 @@ def test_noise_of_a_thousand_turns_ends_in_words_with_every_integrator(
 def test_lost_momentum_is_told(planar: ffsms.SpaceManipulator) -> None:
     swing, law = Swing(planar), PD(planar, K_p=5.0, K_d=2.0)
     steep = JointFriction(coulomb=1.0, transition=1e-4)
-    short = Swing(planar, way=(0.015, 0.02, -0.015), duration=0.08)
-    assert happened(simulate(planar, short, law)) == ""
+    short = Swing(planar, displacement=(0.015, 0.02, -0.015), duration=0.08)
+    assert note_without_goal(simulate(planar, short, law)) == ""
     run = simulate(planar, swing, law, dt=0.05)
     lost = float(np.linalg.norm(run.momentum[-1, :3] - run.momentum[0, :3]))
     assert "momentum changed without an external force" in run.note
@@ -256,12 +256,12 @@ def test_lost_momentum_is_told(planar: ffsms.SpaceManipulator) -> None:
         simulate(planar, short, law, conditions=Conditions(friction=steep, integrator=one))
         for one in ("rk4", "stiff")
     ]
-    assert [happened(run) for run in runs] == ["", ""]
+    assert [note_without_goal(run) for run in runs] == ["", ""]
     np.testing.assert_allclose(runs[0].q, runs[1].q, atol=1e-6)
     assert np.abs(runs[0].momentum).max() < 1e-13
     # Steps of 1 ms would not do for this friction; they are taken in some fifty parts.
     parts = simulate(planar, short, law, conditions=Conditions(friction=JointFriction(coulomb=1.0)))
-    assert happened(parts) == ""
+    assert note_without_goal(parts) == ""
     stiff = simulate(
         planar, short, law, conditions=Conditions(friction=JointFriction(coulomb=1.0), integrator="stiff")
     )
@@ -274,11 +274,11 @@ def test_what_changes_the_momentum_by_right_is_not_told(planar: ffsms.SpaceManip
         planar, swing, law, conditions=Conditions(disturbances=Wrench([0.1, 0.0, 0.0, 0.0, 0.0, 0.1]))
     )
     assert np.linalg.norm(pushed.momentum[-1] - pushed.momentum[0]) > 0.1
-    assert happened(pushed) == ""
+    assert note_without_goal(pushed) == ""
     flying = Capture(1.0, 2.0, 0.1 * np.eye(3), twist=[0.1, 0.0, 0.0, 0.0, 0.0, 0.5])
     caught = simulate(planar, swing, law, conditions=Conditions(events=flying))
     assert np.linalg.norm(caught.momentum[-1] - caught.momentum[0]) > 0.1
-    assert happened(caught) == "t = 1 s: captured 2 kg"
+    assert note_without_goal(caught) == "t = 1 s: captured 2 kg"
     assert "external force" in simulate(planar, swing, law, 0.05, conditions=Conditions(events=flying)).note
 
 
@@ -337,7 +337,7 @@ def test_every_mode_of_a_plan_with_every_base_law(
 ) -> None:
     wheels, thrusters = (
         ffsms.ReactionWheels(PYRAMID, 0.001, 0.1, 1.0),
-        ffsms.Thrusters(PLACES, WAYS, 5.0, proportional=True),
+        ffsms.Thrusters(THRUSTER_POSITIONS, THRUSTER_DIRECTIONS, 5.0, proportional=True),
     )
     sms = planar.with_actuators(wheels=wheels, thrusters=thrusters)
     laws: dict[str, Any] = {

@@ -165,7 +165,7 @@ def run_of_steps() -> simulation.Tracking:
 
 
 def _swing() -> Swing:
-    return Swing(_robot(), way=(0.001, 0.002, -0.001), duration=0.05)
+    return Swing(_robot(), displacement=(0.001, 0.002, -0.001), duration=0.05)
 
 
 def _loop(**options: Any) -> simulation.Tracking:

@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 import pytest
-from scripts import loaded
+from scripts import load_script
 
 import ffsms_pin as ffsms
 from ffsms_pin import opt
 
 PYRAMID = [[1, 0, 1], [-1, 0, 1], [0, 1, 1], [0, -1, 1]]
 
-modes = loaded("benchmarks/base_strategies.py")
+modes = load_script("benchmarks/base_strategies.py")
 
 
 def robot(**values: float) -> ffsms.SpaceManipulator:

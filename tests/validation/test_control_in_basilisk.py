@@ -8,11 +8,11 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from motions import Array, Swing
-from scripts import loaded
+from scripts import load_script
 
 import ffsms_pin as ffsms
 
-BASILISK = loaded("examples/basilisk_robot.py")
+BASILISK = load_script("examples/basilisk_robot.py")
 DT = 5e-3
 TURNED = pin.SE3(pin.Quaternion(np.array([0.6, -0.3, 0.5, -0.2])).normalized(), np.array([0.3, -1.0, 2.0]))
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 import pytest
-from engine_motions import basilisk_end, mujoco_end, our_end, push, rates_apart
-from engines import ROBOTS, Adam, Mujoco, apart, ours, random_state, robot
+from engine_motions import basilisk_end, mujoco_end, our_end, push, rate_difference
+from engines import ROBOTS, Adam, Mujoco, ours, random_state, relative_differences, robot
 
 from ffsms_pin.simulation import perturb
 from ffsms_pin.urdf import model_path
@@ -21,7 +21,7 @@ def test_mujoco_has_the_same_matrices(name: str) -> None:
     peer, rng = Mujoco(sms), np.random.default_rng(5)
     for _ in range(STATES):
         q, v = random_state(sms, rng)
-        differences = apart(ours(sms, q, v), peer.found(q, v))
+        differences = relative_differences(ours(sms, q, v), peer.matrices(q, v))
         assert max(differences.values()) < TOLERANCE, differences
 
 
@@ -31,7 +31,7 @@ def test_adam_has_the_same_matrices(name: str) -> None:
     peer, rng = Adam(sms, str(model_path(name))), np.random.default_rng(6)
     for _ in range(STATES):
         q, v = random_state(sms, rng)
-        differences = apart(ours(sms, q, v), peer.found(q, v))
+        differences = relative_differences(ours(sms, q, v), peer.matrices(q, v))
         assert max(differences.values()) < TOLERANCE, differences
 
 
@@ -42,7 +42,7 @@ def test_a_wrong_reference_point_is_detected() -> None:
     right = ours(sms, q, v)
     shifted = right.C_bm.copy()
     shifted[:3] += pin.skew(np.array([0.0, 0.1, 0.0])) @ shifted[3:]
-    assert apart(right, right._replace(C_bm=shifted))["C_bm"] > 1e-3
+    assert relative_differences(right, right._replace(C_bm=shifted))["C_bm"] > 1e-3
 
 
 @pytest.mark.slow
@@ -67,7 +67,7 @@ def test_ten_seconds_of_motion_in_basilisk(name: str) -> None:
     ours_at_end, theirs = our_end(sms, motion, 5e-3), basilisk_end(sms, motion, 5e-3)
     (q, v), (q_peer, v_peer) = ours_at_end, theirs
     assert np.abs(v[6:]).max() > 1e-3
-    assert rates_apart(ours_at_end, theirs) < 1e-9
+    assert rate_difference(ours_at_end, theirs) < 1e-9
     np.testing.assert_allclose(v_peer[:6], v[:6], rtol=0.0, atol=1e-11)
     np.testing.assert_allclose(q_peer, q, rtol=0.0, atol=1e-9)
 
@@ -77,4 +77,4 @@ def test_another_mass_is_detected_in_basilisk() -> None:
     sms = robot("planar_3r")
     motion = push(sms)
     heavier = basilisk_end(perturb(sms, arm_mass=1.0 + 1e-6), motion, 1e-2)
-    assert rates_apart(our_end(sms, motion, 1e-2), heavier) > 1e-7
+    assert rate_difference(our_end(sms, motion, 1e-2), heavier) > 1e-7

@@ -9,8 +9,8 @@ import coal
 import numpy as np
 import pinocchio as pin
 import pytest
-from browsing import SIDE, Eye, errors, places, until
-from exported import Opened
+from browsing import SIDE, SceneCamera, errors, places, wait_for_script
+from exported import ExportedPage
 from motions import Swing
 from selenium import webdriver
 from selenium.webdriver.common.by import By
@@ -52,7 +52,7 @@ def latched() -> capture.Flight:
 
 def test_a_flight_is_shown_with_client_obstacles_and_events(latched: capture.Flight) -> None:
     assert latched.outcome == "latched"
-    page = Opened(ffsms.view(latched, fps=2.0).html())
+    page = ExportedPage(ffsms.view(latched, fps=2.0).html())
     layers = {layer["name"]: layer["shown"] for layer in page.facts["layers"]}
     assert layers["client"]
     assert layers["obstacles"]
@@ -74,7 +74,7 @@ def test_a_flight_is_shown_with_client_obstacles_and_events(latched: capture.Fli
 
 
 def test_the_distance_is_to_the_moving_grasp_until_it_is_latched(latched: capture.Flight) -> None:
-    page = Opened(ffsms.view(latched, fps=10.0).html())
+    page = ExportedPage(ffsms.view(latched, fps=10.0).html())
     (distance,) = [one for one in page.facts["readings"] if one["label"] == "to grasp"]
     flown, times = latched.tracking, {name: time for time, name, _ in latched.states}
     for t, value in zip(page.facts["t"], distance["values"], strict=True):
@@ -104,7 +104,7 @@ def test_a_grasp_needs_a_client(planar: ffsms.SpaceManipulator, tracking: ffsms.
 def test_a_client_that_is_not_caught_has_the_marks_of_retreat_and_stop() -> None:
     flight = _flight(envelope=capture.Envelope(distance=1e-9))
     assert not flight.latched
-    page = Opened(ffsms.view(flight.plant, flight, fps=2.0).html())
+    page = ExportedPage(ffsms.view(flight.plant, flight, fps=2.0).html())
     names = [mark["name"] for mark in page.facts["marks"]]
     assert "stop" in names
     assert "latched" not in names
@@ -120,7 +120,7 @@ def test_the_stop_by_a_guard_is_marked(planar: ffsms.SpaceManipulator) -> None:
         planar, Swing(planar), PD(planar), dt=0.01, conditions=simulation.Conditions(guards=guards)
     )
     assert tracking.stopped
-    (mark,) = Opened(view(planar, tracking).html()).facts["marks"]
+    (mark,) = ExportedPage(view(planar, tracking).html()).facts["marks"]
     assert mark["name"] == "stop"
     assert mark["t"] == pytest.approx(tracking.stop_time, abs=0.02)
     assert mark["reason"] == tracking.stopped
@@ -140,7 +140,7 @@ def test_a_click_on_a_mark_goes_to_its_event(
     phases = [simulation.Phase(3.0, "closing", "go"), simulation.Phase(6.0, "braking", "given up")]
     view(planar, tracking, events=phases, fps=5.0, play=False).to_html(tmp_path / "marks.html")
     browser.get((tmp_path / "marks.html").as_uri())
-    until(browser, "return document.body.dataset.ready === 'yes'")
+    wait_for_script(browser, "return document.body.dataset.ready === 'yes'")
     hold, stop = browser.find_elements(By.CSS_SELECTOR, "#track .mark")
     assert hold.get_attribute("title") == "3.00 s: hold point (go)"
     assert stop.get_attribute("title") == "6.00 s: stop (given up)"
@@ -168,7 +168,7 @@ def test_keys_move_the_time_trails_grow_and_names_are_shown(
     made = view(planar, tracking, fps=5.0, play=False)
     made.to_html(tmp_path / "keys.html")
     browser.get((tmp_path / "keys.html").as_uri())
-    until(browser, "return document.body.dataset.ready === 'yes'")
+    wait_for_script(browser, "return document.body.dataset.ready === 'yes'")
     count = """return viewer.scene_tree.find(["ffsms", "tracked path", "<object>"])
         .object.geometry.drawRange.count"""
     assert key("End") == pytest.approx(12.0)
@@ -181,7 +181,7 @@ def test_keys_move_the_time_trails_grow_and_names_are_shown(
     assert browser.execute_script("return animator.playing")
     key(" ")
     assert not browser.execute_script("return animator.playing")
-    eye = Eye(browser, made, SIDE)
+    eye = SceneCamera(browser, made, SIDE)
     key("Home")
     base, links = places(planar, tracking.q[0])
     title = "viewer.render(); return titleAt(new MeshCat.THREE.Raycaster(), arguments[0], arguments[1])"

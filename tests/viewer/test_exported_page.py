@@ -11,15 +11,15 @@ import pytest
 from browsing import (
     ARM,
     SIDE,
-    Eye,
+    SceneCamera,
     check,
     configuration_at,
     errors,
     is_shade,
     places,
     requests,
-    soon,
-    until,
+    wait_for,
+    wait_for_script,
 )
 from numpy.typing import NDArray
 from selenium import webdriver
@@ -55,8 +55,8 @@ def test_the_exported_file_shows_the_motion(
     scene.to_html(path)
     requests(browser)
     browser.get(path.as_uri())
-    until(browser, "return document.body.dataset.ready === 'yes'")
-    eye = Eye(browser, scene, SIDE)
+    wait_for_script(browser, "return document.body.dataset.ready === 'yes'")
+    eye = SceneCamera(browser, scene, SIDE)
 
     slider = browser.find_element(By.ID, "slider")
     # Click near the end first, because a click on the knob, which starts near the beginning, has no effect.
@@ -72,7 +72,7 @@ def test_the_exported_file_shows_the_motion(
     browser.execute_script("document.getElementById('legend').open = true")
     browser.find_element(By.CSS_SELECTOR, "input[data-layer=robot]").click()
     link = places(planar, configuration_at(planar, plan, t))[1][1]
-    soon(lambda: not is_shade(eye.colour(eye.picture(), link), ARM), lambda: "the arm is still there")
+    wait_for(lambda: not is_shade(eye.colour(eye.picture(), link), ARM), lambda: "the arm is still there")
 
     assert errors(browser) == []
     asked = requests(browser)
@@ -88,7 +88,7 @@ def test_the_exported_file_plays_in_true_time(
         path = tmp_path / f"{speed}.html"
         view(planar, plan, fps=5.0, speed=speed).to_html(path)
         browser.get(path.as_uri())
-        until(browser, "return document.body.dataset.ready === 'yes' && animator.time > 0.1")
+        wait_for_script(browser, "return document.body.dataset.ready === 'yes' && animator.time > 0.1")
         (t0, clock0), (t1, clock1) = browser.execute_async_script(_ONE_SECOND)
         return float((t1 - t0) % plan.duration / (clock1 - clock0))  # the animation restarts at its end
 
@@ -111,7 +111,7 @@ def test_speed_view_and_background_can_be_chosen(
     made = view(planar, plan, fps=5.0, play=False)
     made.to_html(path)
     browser.get(path.as_uri())
-    until(browser, "return document.body.dataset.ready === 'yes'")
+    wait_for_script(browser, "return document.body.dataset.ready === 'yes'")
     shown = "return getComputedStyle(document.querySelector('.dg')).display"
     assert browser.execute_script(shown) == "none"  # Meshcat's own controls are hidden
 
@@ -120,7 +120,7 @@ def test_speed_view_and_background_can_be_chosen(
 
     for name, side in (("front", (1.0, 0.0, 0.0)), ("side", (0.0, -1.0, 0.0))):
         choose("camera", name)
-        Eye(browser, made, side)
+        SceneCamera(browser, made, side)
 
     shown = "return getComputedStyle(document.getElementById('time')).color"
     dark = browser.execute_script(shown)
@@ -165,7 +165,7 @@ def test_every_view_shows_robot_and_client_beside_the_controls(
         window = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": False}
         browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", window)
         browser.get(path.as_uri())
-        until(browser, "return document.body.dataset.ready === 'yes'")
+        wait_for_script(browser, "return document.body.dataset.ready === 'yes'")
         opened = browser.execute_script("return document.getElementById('legend').open")
         assert opened == (width > 900)  # an open legend covers nothing in a wide window
         corner = "return document.getElementById(arguments[0]).getBoundingClientRect()"
@@ -175,7 +175,7 @@ def test_every_view_shows_robot_and_client_beside_the_controls(
         left = legend["right"] if opened else 0.0
         for name in ("free", "front", "side", "top"):
             browser.execute_script("look(arguments[0])", name)
-            eye = Eye(browser, made, tuple(made._facts["cameras"][name]))
+            eye = SceneCamera(browser, made, tuple(made._facts["cameras"][name]))
             at = np.array([eye.position(point) for point in points])
             assert (at > [left, 0.0]).all()
             assert (at < [width, bar["top"]]).all()
@@ -196,7 +196,7 @@ def test_meshes_of_an_arm_are_drawn(
     path = tmp_path / "arm.html"
     view(sms, plan, fps=5.0).to_html(path)
     browser.get(path.as_uri())
-    until(browser, "return document.body.dataset.ready === 'yes'")
+    wait_for_script(browser, "return document.body.dataset.ready === 'yes'")
     count = """let count = 0;
         viewer.scene_tree.find(["ffsms", "robot"]).object.traverse((item) => {
             if (item.isMesh && item.geometry.attributes.position.count > 100) count += 1; });

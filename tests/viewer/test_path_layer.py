@@ -8,7 +8,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pinocchio as pin
 import pytest
-from exported import Opened
+from exported import ExportedPage
 
 import ffsms_pin as ffsms
 from ffsms_pin import opt
@@ -39,7 +39,7 @@ def test_path_is_drawn_where_it_is(planar: ffsms.SpaceManipulator, on: str) -> N
     """After the approach the end effector is on the drawn curve; the page has the distance from the path."""
     client = ffsms.Client(20.0, [1.0, 1.0, 1.0], twist=[0.01, 0.0, 0.0, 0.0, 0.0, 0.03])
     plan = planned(planar, client if on == "client" else on)
-    opened = Opened(view(planar, plan, fps=10.0).html())
+    opened = ExportedPage(view(planar, plan, fps=10.0).html())
     times, places = opened.track("path", "position")
     _, turns = opened.track("path", "quaternion")
     assert plan.problem is not None

@@ -10,7 +10,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 import umsgpack
-from exported import Opened
+from exported import ExportedPage
 
 import ffsms_pin as ffsms
 from ffsms_pin import opt
@@ -23,11 +23,11 @@ def scene(planar: ffsms.SpaceManipulator, plan: opt.Trajectory, tracking: ffsms.
 
 
 @pytest.fixture(scope="module")
-def opened(scene: View) -> Opened:
-    return Opened(scene.html())
+def opened(scene: View) -> ExportedPage:
+    return ExportedPage(scene.html())
 
 
-def test_the_page_loads_nothing_external(opened: Opened) -> None:
+def test_the_page_loads_nothing_external(opened: ExportedPage) -> None:
     assert not re.search(r"""(?:src|href)\s*=\s*["']?(?:https?:)?//""", opened.text)
     assert not re.search(r"@import|url\(\s*[\"']?https?:", opened.text)
     # Meshcat's script contains addresses (licences, XML name spaces), but fetches none of them.
@@ -36,7 +36,7 @@ def test_the_page_loads_nothing_external(opened: Opened) -> None:
 
 
 def test_the_arm_is_where_pinocchio_puts_it(
-    planar: ffsms.SpaceManipulator, tracking: ffsms.Tracking, opened: Opened
+    planar: ffsms.SpaceManipulator, tracking: ffsms.Tracking, opened: ExportedPage
 ) -> None:
     data = planar.model.createData()
     for shape in planar.geometry("visual").geometryObjects:
@@ -53,7 +53,7 @@ def test_the_arm_is_where_pinocchio_puts_it(
 
 
 def test_arrow_to_the_target_ends_at_it_or_points_there(
-    planar: ffsms.SpaceManipulator, plan: opt.Trajectory, opened: Opened
+    planar: ffsms.SpaceManipulator, plan: opt.Trajectory, opened: ExportedPage
 ) -> None:
     _, tips = opened.track("direction d", "position")
     _, turns = opened.track("direction d", "quaternion")
@@ -68,7 +68,7 @@ def test_arrow_to_the_target_ends_at_it_or_points_there(
 
 
 def test_cone_opens_at_the_ideal_angle(
-    planar: ffsms.SpaceManipulator, tracking: ffsms.Tracking, plan: opt.Trajectory, opened: Opened
+    planar: ffsms.SpaceManipulator, tracking: ffsms.Tracking, plan: opt.Trajectory, opened: ExportedPage
 ) -> None:
     times, scales = opened.track("cone of the cost", "scale")
     for k in range(0, len(times), 15):
@@ -81,7 +81,7 @@ def test_cone_opens_at_the_ideal_angle(
 
 
 def test_base_arrow_is_the_dominant_motion_with_the_sign_of_the_joint_rates(
-    planar: ffsms.SpaceManipulator, tracking: ffsms.Tracking, opened: Opened
+    planar: ffsms.SpaceManipulator, tracking: ffsms.Tracking, opened: ExportedPage
 ) -> None:
     times, turns = opened.track("base motion u1/translation", "quaternion")
     _, scales = opened.track("base motion u1/translation", "scale")
@@ -99,7 +99,7 @@ def test_base_arrow_is_the_dominant_motion_with_the_sign_of_the_joint_rates(
 
 
 def test_cone_takes_the_colour_of_the_assistance(
-    planar: ffsms.SpaceManipulator, tracking: ffsms.Tracking, plan: opt.Trajectory, opened: Opened
+    planar: ffsms.SpaceManipulator, tracking: ffsms.Tracking, plan: opt.Trajectory, opened: ExportedPage
 ) -> None:
     times, colours = opened.track("cone of the cost/<object>", "material.color")
     grey, blue = np.array([0xB5, 0xB0, 0xA8]) / 255.0, np.array([0x00, 0x72, 0xB2]) / 255.0
@@ -114,12 +114,12 @@ def test_cone_takes_the_colour_of_the_assistance(
 
 
 def test_layers_exist_and_are_shown_on_request(
-    planar: ffsms.SpaceManipulator, plan: opt.Trajectory, opened: Opened
+    planar: ffsms.SpaceManipulator, plan: opt.Trajectory, opened: ExportedPage
 ) -> None:
     # Layers of other scenes are tested in test_obstacle_layer.py and test_surroundings.py.
     around = {"obstacles", "path", "client", "client_path", "actuators", "contact", "events"}
     assert {layer["name"] for layer in opened.facts["layers"]} == set(LAYERS) - around
-    few = Opened(view(planar, plan, show=("robot", "limits"), fps=2.0).html())
+    few = ExportedPage(view(planar, plan, show=("robot", "limits"), fps=2.0).html())
     shown = {layer["name"] for layer in few.facts["layers"] if layer["shown"]}
     assert shown == {"robot", "limits"}
     assert "tracked_path" not in {layer["name"] for layer in few.facts["layers"]}
@@ -131,7 +131,7 @@ def test_layers_exist_and_are_shown_on_request(
 def test_a_scene_without_a_target_has_no_target_layers(
     planar: ffsms.SpaceManipulator, tracking: ffsms.Tracking
 ) -> None:
-    bare = Opened(view(planar, tracking, fps=2.0).html())
+    bare = ExportedPage(view(planar, tracking, fps=2.0).html())
     names = {layer["name"] for layer in bare.facts["layers"]}
     assert names.isdisjoint({"target", "direction", "cone", "planned_path"})
     assert {"robot", "base_motion", "tracked_path"} <= names
@@ -139,7 +139,7 @@ def test_a_scene_without_a_target_has_no_target_layers(
 
 
 def test_a_moving_target_moves(planar: ffsms.SpaceManipulator, tracking: ffsms.Tracking) -> None:
-    moving = Opened(view(planar, tracking, target=lambda t: [0.5, 0.1 * t, 0.0], fps=2.0).html())
+    moving = ExportedPage(view(planar, tracking, target=lambda t: [0.5, 0.1 * t, 0.0], fps=2.0).html())
     times, places = moving.track("target", "position")
     np.testing.assert_allclose(places[:, 1], 0.1 * times, atol=1e-6)
 
@@ -158,7 +158,7 @@ def test_a_robot_without_shapes_is_drawn(random_tree: Callable[..., Any]) -> Non
         method="minimum-effort",
         collision="off",
     )
-    opened = Opened(view(sms, plan, fps=2.0, show="all").html())
+    opened = ExportedPage(view(sms, plan, fps=2.0, show="all").html())
     drawn = [c["path"] for c in opened.of("set_object") if c["path"].startswith("/ffsms/robot/")]
     assert any("base_box" in path for path in drawn)
     assert sum("link_" in path for path in drawn) >= 3
@@ -169,7 +169,7 @@ def test_all_meshes_are_drawn_and_those_at_the_start_are_simplified() -> None:
     q0 = sms.configuration(np.full(sms.n, 0.4))
     tip = sms.at(q0).end_effector_pose.translation
     plan = opt.plan(sms, q0, tip + np.array([0.0, 0.02, 0.0]), duration=1.0, dt=0.1, method="minimum-effort")
-    objects = Opened(view(sms, plan, fps=2.0).html()).of("set_object")
+    objects = ExportedPage(view(sms, plan, fps=2.0).html()).of("set_object")
 
     def size(name: str) -> int:
         return sum(len(umsgpack.packb(c)) for c in objects if c["path"].startswith(f"/ffsms/{name}/"))

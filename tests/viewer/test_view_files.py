@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from exported import Opened
+from exported import ExportedPage
 
 import ffsms_pin as ffsms
 from ffsms_pin import opt
@@ -60,7 +60,7 @@ def test_the_command_writes_a_scene(
     out = tmp_path / "out.html"
     assert main(["view", str(tmp_path), "--html", str(out), "--show", "robot,limits"]) == 0
     assert str(out) in capsys.readouterr().out
-    opened = Opened(out.read_text("utf-8"))
+    opened = ExportedPage(out.read_text("utf-8"))
     assert {x["name"] for x in opened.facts["layers"] if x["shown"]} == {"robot", "limits"}
     assert "mine" in opened.text
 

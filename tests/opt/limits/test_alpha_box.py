@@ -8,7 +8,7 @@ from functools import partial
 import numpy as np
 import pytest
 from horizon_parts import COARSE, node_rates, spline_of
-from part_cases import finished, problem_of, size_of
+from part_cases import problem_of, rollout_of, size_of
 from slopes import by_differences, by_slopes, motions
 from step_parts import StepJoints, make_stepper
 
@@ -112,7 +112,7 @@ def test_derivatives_and_violation_of_the_box_over_a_motion(
     np.testing.assert_allclose(slopes, differences, rtol=0.0, atol=1e-5 * np.abs(differences).max())
     # A motion without residual violates nothing.
     for share in (0.0, 0.3, 0.6, 1.0):
-        motion = finished(problem, node_rates(problem, spline, share * p[0]))
+        motion = rollout_of(problem, node_rates(problem, spline, share * p[0]))
         if size_of(residuals_of(box, motion)) == 0.0:
             assert box.violation(motion).amount == 0.0
         if box.violation(motion).amount > 0.1:

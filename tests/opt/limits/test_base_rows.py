@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 import pytest
-from base_moves import LIMITS, finely, target_of, turned_start
+from base_moves import LIMITS, displaced_target, largest_base_motion, turned_start
 from step_parts import make_stepper, plan_stepwise
 
 import ffsms_pin as ffsms
@@ -24,13 +24,13 @@ def start(panda: ffsms.SpaceManipulator) -> FloatArray:
 def test_steps_keep_the_limit_and_break_it_without(
     name: str, panda: ffsms.SpaceManipulator, start: FloatArray
 ) -> None:
-    target = target_of(panda, start, [0.0, -0.4, -0.3])
+    target = displaced_target(panda, start, [0.0, -0.4, -0.3])
     free = plan_stepwise(make_stepper(panda, 0.02), start, target, 6.0)
     held = plan_stepwise(
         make_stepper(panda, 0.02, base=opt.BaseLimits(**{name: LIMITS[name]})), start, target, 6.0
     )
-    assert finely(panda, start, free.rates, 0.02)[name] > 1.2 * LIMITS[name]
-    assert 0.5 * LIMITS[name] < finely(panda, start, held.rates, 0.02)[name] <= LIMITS[name]
+    assert largest_base_motion(panda, start, free.rates, 0.02)[name] > 1.2 * LIMITS[name]
+    assert 0.5 * LIMITS[name] < largest_base_motion(panda, start, held.rates, 0.02)[name] <= LIMITS[name]
     assert held.note == ""
 
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 import pytest
-from base_moves import DEGREE, LIMITS, finely, target_of, turned_start
+from base_moves import DEGREE, LIMITS, displaced_target, largest_base_motion, turned_start
 from numpy.typing import NDArray
 
 import ffsms_pin as ffsms
@@ -27,7 +27,7 @@ def start(panda: ffsms.SpaceManipulator) -> Array:
 
 
 def _peaks(sms: ffsms.SpaceManipulator, plan: opt.Trajectory, substeps: int = 5) -> dict[str, float]:
-    return finely(sms, plan.q[0], plan.joint_rates, plan.dt, substeps)
+    return largest_base_motion(sms, plan.q[0], plan.joint_rates, plan.dt, substeps)
 
 
 @pytest.mark.parametrize("name", list(LIMITS))
@@ -78,7 +78,7 @@ def test_replanning_keeps_the_limit() -> None:
 def test_plans_keep_the_limit(name: str, panda: ffsms.SpaceManipulator, start: Array) -> None:
     limit = {**LIMITS, "attitude_rate": 0.02, "translation": 0.008}[name]
     limits = opt.BaseLimits(**{name: limit})
-    target = target_of(panda, start, [-0.2, 0.3, 0.1])
+    target = displaced_target(panda, start, [-0.2, 0.3, 0.1])
     free = opt.plan(panda, start, target, duration=6.0, dt=0.02)
     limited = opt.plan(panda, start, target, duration=6.0, dt=0.02, base_limits=limits)
     assert free.reached
@@ -94,7 +94,7 @@ def test_plans_keep_the_limit(name: str, panda: ffsms.SpaceManipulator, start: A
 def test_a_plan_keeps_two_limits(panda: ffsms.SpaceManipulator, start: Array) -> None:
     both = {name: LIMITS[name] for name in ("attitude", "attitude_rate")}
     limits = opt.BaseLimits(**both)
-    target = target_of(panda, start, [-0.2, 0.3, 0.1])
+    target = displaced_target(panda, start, [-0.2, 0.3, 0.1])
     plan = opt.plan(panda, start, target, duration=6.0, dt=0.02, base_limits=limits)
     assert plan.reached
     peaks = _peaks(panda, plan)

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from processes import waited
+from processes import wait_until
 
 import ffsms_pin as ffsms
 from ffsms_pin import opt
@@ -280,7 +280,7 @@ def test_a_script_that_ends_early_leaves_no_process(tmp_path: Path, sent: str) -
             return True
         return False
 
-    assert waited(group_ended, 5.0), "workers outlived their parent"
+    assert wait_until(group_ended, 5.0), "workers outlived their parent"
 
 
 @pytest.mark.slow

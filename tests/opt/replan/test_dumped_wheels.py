@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from base_actuators import PLACES, PYRAMID, WAYS
+from base_actuators import PYRAMID, THRUSTER_DIRECTIONS, THRUSTER_POSITIONS
 
 import ffsms_pin as ffsms
 from ffsms_pin import opt
@@ -40,7 +40,7 @@ class WithoutWheelMeasurement(Observer):
 @pytest.fixture(scope="module")
 def problem() -> opt.Problem:
     wheels = ffsms.ReactionWheels(PYRAMID, 0.001364, 0.1, MOMENTUM_LIMIT)
-    thrusters = ffsms.Thrusters(PLACES, WAYS, 0.5, proportional=True)
+    thrusters = ffsms.Thrusters(THRUSTER_POSITIONS, THRUSTER_DIRECTIONS, 0.5, proportional=True)
     sms = ffsms.load("planar_3r").with_actuators(wheels=wheels, thrusters=thrusters)
     q0 = sms.configuration(np.radians([1.0, 1.0, 1.0]))
     return opt.Problem(

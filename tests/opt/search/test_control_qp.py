@@ -6,7 +6,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from horizon_parts import TINY, moving_problem, node_rates, planar_problem, spline_of, told
+from horizon_parts import TINY, moving_problem, node_rates, planar_problem, spline_of, trajectory_of
 from scipy.optimize import minimize
 
 import ffsms_pin as ffsms
@@ -68,12 +68,12 @@ def test_control_points_within_the_rows_give_motions_within_the_limits(
     qp, violations = ControlQP(problem, spline), 0
     for _ in range(10):
         p = rng.uniform(-1.0, 1.0, (spline.size, 3))
-        violations += bool(told(problem, node_rates(problem, spline, p)).broken)
+        violations += bool(trajectory_of(problem, node_rates(problem, spline, p)).broken)
         x = qp.solve(
             np.eye(p.size), (-p).ravel(), np.zeros_like(p) if not moving else braking(problem, spline)
         )
         start = np.zeros_like(p) if not moving else braking(problem, spline)
-        plan = told(problem, node_rates(problem, spline, start + x))
+        plan = trajectory_of(problem, node_rates(problem, spline, start + x))
         assert not plan.broken, plan.note
         assert np.abs(plan.joint_rates[-1]).max() <= AT_REST + 1e-6
         assert np.abs(x).max() > 0.05

@@ -8,7 +8,7 @@ import weakref
 
 import numpy as np
 import pytest
-from horizon_parts import planar_problem, told
+from horizon_parts import planar_problem, trajectory_of
 
 import ffsms_pin as ffsms
 from ffsms_pin import opt
@@ -70,7 +70,7 @@ def test_the_first_sufficient_duration_is_reported(
     planar: ffsms.SpaceManipulator, enough: float, named: float
 ) -> None:
     problem = planar_problem(planar)
-    failed = told(problem, np.zeros((problem.steps + 1, 3)))
+    failed = trajectory_of(problem, np.zeros((problem.steps + 1, 3)))
     goals = JointGoals(problem.joints0[None] + [0.1, 0.0, 0.0], np.zeros(1))
     durations: list[float] = []
 
@@ -94,7 +94,7 @@ def test_without_a_straight_move_the_longest_duration_alone_is_searched(
     planar: ffsms.SpaceManipulator,
 ) -> None:
     problem = planar_problem(planar)
-    failed = told(problem, np.zeros((problem.steps + 1, 3)))
+    failed = trajectory_of(problem, np.zeros((problem.steps + 1, 3)))
     durations: list[float] = []
 
     def attempt(other: opt.Problem, joints: FloatArray) -> bool:
@@ -111,7 +111,7 @@ def test_the_duration_of_the_straight_move_is_reported_if_three_times_is_too_sho
     planar: ffsms.SpaceManipulator,
 ) -> None:
     problem = planar_problem(planar, duration=1.0)
-    failed = told(problem, np.zeros((problem.steps + 1, 3)))
+    failed = trajectory_of(problem, np.zeros((problem.steps + 1, 3)))
     goals = JointGoals(problem.joints0[None] + [0.0, -2.0, 0.0], np.zeros(1))
     least = float(straight_time(problem, goals.joints)[0])
     plan = explain(problem, failed, goals, [("rate", 1)], lambda other, joints: True)
@@ -127,7 +127,7 @@ def test_straight_moves_that_are_too_fast_give_a_longer_duration(
     planar: ffsms.SpaceManipulator, displacement: list[float], longer: bool
 ) -> None:
     problem = planar_problem(planar)
-    failed = told(problem, np.zeros((problem.steps + 1, 3)))
+    failed = trajectory_of(problem, np.zeros((problem.steps + 1, 3)))
     goals = JointGoals(problem.joints0[None] + displacement, np.zeros(1))
     plan = explain(problem, failed, goals, [], lambda other, joints: other.duration > 8.0)
     assert (plan.shortest_duration > 0.0) == longer
@@ -135,7 +135,7 @@ def test_straight_moves_that_are_too_fast_give_a_longer_duration(
 
 def test_a_moving_goal_has_no_other_deadline(planar: ffsms.SpaceManipulator) -> None:
     problem = planar_problem(planar, goal=lambda t: [0.7, 0.5 - 0.01 * t, 0.0])
-    failed = told(problem, np.zeros((problem.steps + 1, 3)))
+    failed = trajectory_of(problem, np.zeros((problem.steps + 1, 3)))
     goals = JointGoals(np.empty((0, 3)), np.empty(0))
 
     def attempt(other: opt.Problem, joints: FloatArray) -> bool:
@@ -150,7 +150,7 @@ def test_the_corrected_goal_is_displaced_by_the_position_error(planar: ffsms.Spa
     assert plan.reached
     assert corrected_goal(problem, problem.goal, plan) is None
     moved = planar_problem(planar, goal=[0.753, 0.498, 0.0])
-    missed = told(moved, plan.joint_rates)
+    missed = trajectory_of(moved, plan.joint_rates)
     goal = corrected_goal(moved, moved.goal, missed)
     assert goal is not None
     target = moved.goal.place(6.0).position
@@ -198,7 +198,7 @@ def test_the_corrected_goal_is_rotated_by_the_attitude_error(planar: ffsms.Space
     problem = planar_problem(planar, goal=here)
     rates = np.zeros((problem.steps + 1, 3))
     rates[1:-1] = [0.01, -0.02, 0.015]
-    plan = told(problem, rates)
+    plan = trajectory_of(problem, rates)
     goal = corrected_goal(problem, problem.goal, plan)
     assert goal is not None
     target = goal.place(6.0).rotation

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 import pytest
-from horizon_parts import moving_problem, node_rates, planar_problem, spline_of, told
+from horizon_parts import moving_problem, node_rates, planar_problem, spline_of, trajectory_of
 
 import ffsms_pin as ffsms
 from ffsms_pin import opt
@@ -118,7 +118,7 @@ def test_merit_and_errors_agree_with_the_finished_motion(
     spline = spline_of(problem, Grid(24, 8, 4))
     p = 0.05 * rng.normal(size=(1, spline.size, 3)) + 0.1
     candidates = linearise(model_of(problem, spline), p, Weights(1.0, 1.0))
-    plan = told(problem, node_rates(problem, spline, p[0]))
+    plan = trajectory_of(problem, node_rates(problem, spline, p[0]))
     motions = motions_of(problem, spline, p)
     cost = problem.cost_terms[0].cost(Variables(motions))
     assert cost[0] == pytest.approx(plan.shares["coupling"], rel=0.02)

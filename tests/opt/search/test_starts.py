@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 import pytest
-from horizon_parts import moving_problem, node_rates, planar_problem, spline_of, told
+from horizon_parts import moving_problem, node_rates, planar_problem, spline_of, trajectory_of
 
 import ffsms_pin as ffsms
 from ffsms_pin import opt
@@ -61,7 +61,7 @@ def test_straight_moves_end_at_the_joint_goals(planar: ffsms.SpaceManipulator, w
     spline = spline_of(problem)
     joints_only = planar_problem(planar, limits=[opt.JointLimits()])
     for p, goal in zip(straight_moves(problem, spline, goals.joints), goals.joints, strict=True):
-        plan = told(joints_only, node_rates(problem, spline, p))
+        plan = trajectory_of(joints_only, node_rates(problem, spline, p))
         assert not plan.broken
         move, requested = plan.joint_positions[-1] - problem.joints0, goal - problem.joints0
         shares = move / requested  # below 1 for joints without enough time
@@ -76,7 +76,7 @@ def test_straight_moves_begin_with_the_initial_rates(planar: ffsms.SpaceManipula
     for p, goal in zip(straight_moves(problem, spline, goals), goals, strict=True):
         rates = node_rates(problem, spline, p)
         np.testing.assert_allclose(rates[0], problem.joint_rates, rtol=0.0, atol=1e-15)
-        plan = told(problem, rates)
+        plan = trajectory_of(problem, rates)
         np.testing.assert_allclose(plan.joint_positions[-1], goal, atol=2e-3)
 
 
@@ -117,7 +117,7 @@ def test_rollouts_keep_the_limits_and_stop_at_their_budget(planar: ffsms.SpaceMa
     assert len(rollouts) == 2
     costs = []
     for rates in rollouts:
-        plan = told(problem, rates)
+        plan = trajectory_of(problem, rates)
         assert not plan.broken, plan.note
         costs.append(plan.cost_integral)
     budget = 0.5 * sum(costs) if abs(costs[0] - costs[1]) > 1e-6 else 2.0 * max(costs)
@@ -132,7 +132,7 @@ def test_a_rollout_in_space_arrives_at_rest_at_low_cost() -> None:
     target = sms.at(q0).end_effector_pose.translation + np.array([-0.1, 0.2, 0.1])
     limits = [opt.JointLimits(), opt.Clearance(0.01, collision="points")]
     problem = opt.Problem(sms, q0, target, 12.0, 0.02, limits=limits)
-    plan = told(problem, next(cheap_rollouts(problem, 1e-3, sides_of(problem))))
+    plan = trajectory_of(problem, next(cheap_rollouts(problem, 1e-3, sides_of(problem))))
     assert plan.reached, plan.note
     assert plan.cost_integral < 1e-3
     assert np.abs(plan.joint_rates[-1]).max() < 1e-3

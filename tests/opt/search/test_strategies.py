@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from horizon_parts import planar_problem, told
+from horizon_parts import planar_problem, trajectory_of
 
 import ffsms_pin as ffsms
 from ffsms_pin import opt
@@ -50,7 +50,7 @@ def test_excluded_strategies_are_not_run(planar: ffsms.SpaceManipulator) -> None
 
     def stay(search: Search) -> None:
         calls.append("stay")
-        search.keep_plan(told(problem, np.zeros((problem.steps + 1, 3))))
+        search.keep_plan(trajectory_of(problem, np.zeros((problem.steps + 1, 3))))
 
     def fail(search: Search) -> None:
         raise AssertionError

@@ -6,7 +6,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from hypothesis import given, strategies as st
-from step_parts import wanted_motion
+from step_parts import desired_motion
 
 import ffsms_pin as ffsms
 from ffsms_pin.checks import FloatArray
@@ -20,7 +20,7 @@ def test_the_direction_has_the_requested_angle_and_side(seed: int, cosine: float
     displacement, hint = rng.normal(size=3), rng.normal(size=3)
     towards = displacement / np.linalg.norm(displacement)
     step = StepState(sms, sms.configuration([0.4, 0.7, -0.5]), np.zeros(3), 0.01, 5.0)
-    motion = wanted_motion(step, step.pose.translation + displacement, cosine, hint)
+    motion = desired_motion(step, step.pose.translation + displacement, cosine, hint)
     across = hint - (hint @ towards) * towards
     np.testing.assert_allclose(motion.side, across / np.linalg.norm(across), atol=1e-12)
     assert np.linalg.norm(motion.direction) == pytest.approx(1.0)
@@ -32,7 +32,7 @@ def test_a_side_exists_without_a_usable_hint(planar: ffsms.SpaceManipulator) -> 
     towards = np.array([0.0, 0.0, 1.0])
     step = StepState(planar, planar.configuration([0.4, 0.7, -0.5]), np.zeros(3), 0.01, 5.0)
     for hint in (np.zeros(3), 5.0 * towards):
-        side = wanted_motion(step, step.pose.translation + towards, 0.6, hint).side
+        side = desired_motion(step, step.pose.translation + towards, 0.6, hint).side
         assert np.linalg.norm(side) == pytest.approx(1.0)
         assert abs(side @ towards) < 1e-12
 
@@ -54,16 +54,16 @@ def test_the_side_of_the_cone_is_the_requested_side(planar: ffsms.SpaceManipulat
     step = StepState(planar, q, np.array([0.1, -0.2, 0.1]), 0.01, 5.0)
     towards = target - step.pose.translation
     towards /= np.linalg.norm(towards)
-    default = wanted_motion(step, target, 0.6, np.zeros(3))
+    default = desired_motion(step, target, 0.6, np.zeros(3))
     for side in (default.side, -default.side):
-        motion = wanted_motion(step, target, 0.6, side)
+        motion = desired_motion(step, target, 0.6, side)
         np.testing.assert_allclose(motion.side, side, atol=1e-12)
         np.testing.assert_allclose(motion.towards, towards, atol=1e-12)
         assert motion.direction @ towards == pytest.approx(0.6)
         assert motion.direction @ side > 0.0
     # The default side is that of the end effector's velocity.
     assert default.side @ (step.J_star[:3] @ step.rates) > 0.0
-    arrived = wanted_motion(step, step.pose.translation.copy(), 0.6, default.side)
+    arrived = desired_motion(step, step.pose.translation.copy(), 0.6, default.side)
     assert arrived.speed == 0.0
     np.testing.assert_array_equal(arrived.direction, np.zeros(3))
     np.testing.assert_array_equal(arrived.side, default.side)
@@ -72,7 +72,7 @@ def test_the_side_of_the_cone_is_the_requested_side(planar: ffsms.SpaceManipulat
 def test_the_requested_speed_is_within_the_joint_accelerations(planar: ffsms.SpaceManipulator) -> None:
     q, target = planar.configuration([0.4, 0.7, -0.5]), np.array([0.45, 0.75, 0.0])
     step = StepState(planar, q, np.zeros(3), 0.01, 0.5)
-    motion = wanted_motion(step, target, 1.0, np.zeros(3))
+    motion = desired_motion(step, target, 1.0, np.zeros(3))
     largest = 0.01 * np.abs(motion.direction @ step.J_star[:3]) @ planar.limits.acceleration
     assert motion.speed == pytest.approx(largest)
 
@@ -84,7 +84,7 @@ def test_the_angular_velocity_points_to_the_target_attitude() -> None:
     rotation_vector = np.array([0.1, -0.2, 0.3])
 
     def target_spin(rotation: FloatArray) -> FloatArray:
-        spin = wanted_motion(step, step.tip, 1.0, np.zeros(3), rotation).angular_velocity
+        spin = desired_motion(step, step.tip, 1.0, np.zeros(3), rotation).angular_velocity
         assert spin is not None
         return spin
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from clearances_at import At, Points
-from plain_steps import by_daqp, plain_programme
+from plain_steps import by_daqp, plain_qp
 
 import ffsms_pin as ffsms
 from ffsms_pin.geometry.bodies import BodyStack
@@ -40,7 +40,7 @@ def test_steps_agree_with_the_full_qp(case: str) -> None:
         step = stepper.step(q, rates, target, time_left)
         assert step.solved
         value, gradient = clearances.gradients(q)
-        problem = plain_programme(sms, q, rates, target, time_left, (value, gradient))
+        problem = plain_qp(sms, q, rates, target, time_left, (value, gradient))
         x = by_daqp(problem)
         np.testing.assert_allclose(step.alpha, x[: sms.n], rtol=0.0, atol=1e-9)
         active += bool((problem.C @ x - problem.l)[-len(value) :].min() < 1e-9)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from plain_steps import as_solved, by_daqp
+from plain_steps import by_daqp, with_bound_rows
 from scipy.optimize import nnls
 from step_parts import make_stepper
 
@@ -43,7 +43,10 @@ def test_unrelated_problems_with_warm_starts_are_solved_to_full_precision() -> N
     rng, solver, start, identical = np.random.default_rng(5), StepSolver(), None, 0
     for _ in range(200):
         problem = random_problem(rng, 5, 8)
-        solution, cold = solver.solve(as_solved(problem), start), StepSolver().solve(as_solved(problem))
+        solution, cold = (
+            solver.solve(with_bound_rows(problem), start),
+            StepSolver().solve(with_bound_rows(problem)),
+        )
         assert solution.solved
         assert problem.violation(solution.x) < 1e-12
         assert optimality_gap(problem, solution.x) < 1e-10
@@ -63,7 +66,7 @@ def test_qps_of_steps_satisfy_their_optimality_conditions(name: str) -> None:
         rates = (0.2, 0.8)[k % 2] * sms.limits.velocity * rng.uniform(-1.0, 1.0, sms.n)
         stepper.reset()
         problem = stepper.build(q, rates, TARGET, (6.0, 0.5)[k % 3 == 0])
-        solution = StepSolver().solve(as_solved(problem))
+        solution = StepSolver().solve(with_bound_rows(problem))
         assert solution.solved
         assert problem.violation(solution.x) < 1e-9
         assert optimality_gap(problem, solution.x, 1e-7) < 1e-7
@@ -88,7 +91,7 @@ def test_a_qp_without_rows_is_solved() -> None:
         -unbounded,
         unbounded,
     )
-    solution = StepSolver().solve(as_solved(problem))
+    solution = StepSolver().solve(with_bound_rows(problem))
     assert solution.solved
     np.testing.assert_allclose(solution.x, [-1.0, 2.0, -0.5, 0.0], atol=1e-12)
 
@@ -97,7 +100,7 @@ def test_a_qp_without_rows_is_solved() -> None:
 def test_a_failure_is_reported_and_does_not_affect_later_solutions(kind: str) -> None:
     rng, solver = np.random.default_rng(1), StepSolver()
     good = random_problem(rng, 9, 30)
-    first = solver.solve(as_solved(good))
+    first = solver.solve(with_bound_rows(good))
     if kind == "contradiction":
         C = good.C.copy()
         C[1] = C[0]
@@ -105,18 +108,20 @@ def test_a_failure_is_reported_and_does_not_affect_later_solutions(kind: str) ->
     else:
         bad = good._replace(g=np.full(9, np.nan))
     for start in (None, (first.x, first.z), (first.x, first.z)):
-        assert not solver.solve(as_solved(bad), start).solved
-    np.testing.assert_array_equal(solver.solve(as_solved(good)).x, first.x)
+        assert not solver.solve(with_bound_rows(bad), start).solved
+    np.testing.assert_array_equal(solver.solve(with_bound_rows(good)).x, first.x)
     np.testing.assert_allclose(
-        solver.solve(as_solved(good), (first.x, first.z)).x, first.x, rtol=0.0, atol=1e-12
+        solver.solve(with_bound_rows(good), (first.x, first.z)).x, first.x, rtol=0.0, atol=1e-12
     )
 
 
 def test_a_useless_warm_start_does_not_change_the_solution() -> None:
     rng, solver = np.random.default_rng(2), StepSolver()
     problem = random_problem(rng, 5, 8)
-    expected = StepSolver().solve(as_solved(problem)).x
+    expected = StepSolver().solve(with_bound_rows(problem)).x
     wild = (1e9 * rng.normal(size=5), 1e12 * rng.normal(size=13))
-    np.testing.assert_allclose(solver.solve(as_solved(problem), wild).x, expected, rtol=0.0, atol=1e-9)
+    np.testing.assert_allclose(solver.solve(with_bound_rows(problem), wild).x, expected, rtol=0.0, atol=1e-9)
     other_size = (np.zeros(4), np.zeros(3))
-    np.testing.assert_allclose(solver.solve(as_solved(problem), other_size).x, expected, rtol=0.0, atol=1e-12)
+    np.testing.assert_allclose(
+        solver.solve(with_bound_rows(problem), other_size).x, expected, rtol=0.0, atol=1e-12
+    )

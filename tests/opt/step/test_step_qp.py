@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from clearances_at import Points
-from plain_steps import plain_programme
+from plain_steps import plain_qp
 from step_parts import StepJoints, StepRows, make_stepper
 
 import ffsms_pin as ffsms
@@ -30,7 +30,7 @@ def test_the_qp_of_a_step_agrees_with_the_plain_formulas(name: str) -> None:
         q = sms.configuration(middle + 0.9 * half * rng.uniform(-1.0, 1.0, sms.n))
         rates = (0.1, 0.9)[k % 2] * sms.limits.velocity * rng.uniform(-1.0, 1.0, sms.n)
         stepper.reset()
-        built, plain = stepper.build(q, rates, TARGET, 6.0), plain_programme(sms, q, rates, TARGET, 6.0)
+        built, plain = stepper.build(q, rates, TARGET, 6.0), plain_qp(sms, q, rates, TARGET, 6.0)
         with_extra_rows += len(plain.l) > 2 * sms.n + Points(sms).count
         for result, expected in zip(built, plain, strict=True):
             np.testing.assert_allclose(result, expected, rtol=0.0, atol=1e-12)

@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from clearances_at import At, Points
-from step_parts import TARGET, make_stepper, missed, path, plan_stepwise
+from step_parts import TARGET, distance_to, make_stepper, path, plan_stepwise
 
 import ffsms_pin as ffsms
 from ffsms_pin import opt
@@ -33,7 +33,7 @@ def test_rollouts_arrive_within_all_limits(name: str) -> None:
     result = plan_stepwise(stepper, q0, target, duration)
     assert result.note == ""
     q = path(sms, q0, result.rates, dt)
-    assert missed(sms, q[-1], target) < 1e-3
+    assert distance_to(sms, q[-1], target) < 1e-3
     joints = np.array([sms.layout.positions(row) for row in q])
     accelerations = np.diff(result.rates, axis=0) / dt
     assert (joints >= sms.limits.lower).all()
@@ -120,7 +120,7 @@ def test_steps_with_momentum_reach_the_target(name: str) -> None:
         stepper.reset(sides_of(opt.Problem(sms, q0, target))[0])
         result = plan_stepwise(stepper, q0, target, 8.0)
         # A stepper without the momentum misses by centimetres.
-        assert near <= missed(sms, path(sms, q0, result.rates, dt, momentum)[-1], target) < far
+        assert near <= distance_to(sms, path(sms, q0, result.rates, dt, momentum)[-1], target) < far
 
 
 def test_a_pose_is_reached_with_momentum() -> None:
@@ -134,7 +134,7 @@ def test_a_pose_is_reached_with_momentum() -> None:
     for rotation in (pose.rotation, None):
         result = plan_stepwise(make_stepper(sms, dt, momentum=momentum), q0, pose.translation, 8.0, rotation)
         q = path(sms, q0, result.rates, dt, momentum)[-1]
-        assert missed(sms, q, pose.translation) < 2e-3
+        assert distance_to(sms, q, pose.translation) < 2e-3
         angles.append(float(np.linalg.norm(pin.log3(pose.rotation.T @ sms.at(q).end_effector_pose.rotation))))
     assert angles[0] < 5e-3
     assert angles[1] > 0.05

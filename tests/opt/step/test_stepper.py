@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 import pytest
-from step_parts import TARGET, StepJoints, make_stepper, missed, path, plan_stepwise, random_state
+from step_parts import TARGET, StepJoints, distance_to, make_stepper, path, plan_stepwise, random_state
 
 import ffsms_pin as ffsms
 from ffsms_pin.errors import InvalidValue
@@ -56,7 +56,7 @@ def test_classical_references_move_straight(reference: str) -> None:
     places = np.array([sms.at(row).end_effector_pose.translation for row in q[::10]]) - start
     across = places - np.outer(places @ displacement, displacement) / (displacement @ displacement)
     assert np.abs(across).max() < 2e-3
-    assert missed(sms, q[-1], start + displacement) < 1e-3
+    assert distance_to(sms, q[-1], start + displacement) < 1e-3
 
 
 def test_least_disturbance_turns_the_base_less() -> None:
