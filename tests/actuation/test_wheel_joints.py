@@ -1,4 +1,4 @@
-"""Wheels that stand in a URDF: no joints of the arm, but part of the base's mass."""
+"""Wheels declared in a URDF: not joints of the arm, but part of the base's mass."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ Refused = Callable[..., FfsmsError]
 
 
 def wheel(name: str, parent: str = "base_link", **changes: str) -> str:
-    """A wheel of 1 kg, spin inertia 0.002 about its z axis, which its joint calls x after a turn."""
-    words = {
+    """Return the URDF of a wheel of 1 kg, spin inertia 0.002 about its z axis, which is x of its parent."""
+    attributes = {
         "inertia": 'ixx="0.0011" iyy="0.0011" izz="0.002" ixy="0" ixz="0" iyz="0"',
         "com": "0 0 0.01",
         "axis": "0 0 1",
@@ -27,17 +27,17 @@ def wheel(name: str, parent: str = "base_link", **changes: str) -> str:
         **changes,
     }
     return f"""
-    <link name="{name}"><inertial><origin xyz="{words["com"]}"/><mass value="1.0"/>
-      <inertia {words["inertia"]}/></inertial></link>
-    <joint name="spin_{name}" type="{words["type"]}"><parent link="{parent}"/><child link="{name}"/>
-      <origin xyz="0.1 0.05 0" rpy="0 1.5707963267948966 0"/><axis xyz="{words["axis"]}"/>
+    <link name="{name}"><inertial><origin xyz="{attributes["com"]}"/><mass value="1.0"/>
+      <inertia {attributes["inertia"]}/></inertial></link>
+    <joint name="spin_{name}" type="{attributes["type"]}"><parent link="{parent}"/><child link="{name}"/>
+      <origin xyz="0.1 0.05 0" rpy="0 1.5707963267948966 0"/><axis xyz="{attributes["axis"]}"/>
       <limit lower="-1" upper="1" velocity="600" effort="0.1"/>
       <dynamics damping="1e-5" friction="1e-4"/></joint>"""
 
 
 @pytest.fixture
 def write(tmp_path: Path) -> Callable[..., Path]:
-    def made(*wheels: str) -> Path:
+    def write_urdf(*wheels: str) -> Path:
         text = model_path("planar_3r").read_text(encoding="utf-8")
         root = ffsms.load("planar_3r").model.frames[2].name
         path = tmp_path / "wheeled.urdf"
@@ -45,7 +45,7 @@ def write(tmp_path: Path) -> Callable[..., Path]:
         path.write_text(text.replace("</robot>", added + "</robot>"), encoding="utf-8")
         return path
 
-    return made
+    return write_urdf
 
 
 def test_marked_joints_are_wheels_and_no_joints(
@@ -83,7 +83,7 @@ def test_marked_joints_are_wheels_and_no_joints(
 
 
 @pytest.mark.parametrize(
-    ("text", "words"),
+    ("text", "fragments"),
     [
         (wheel("one", type="prismatic"), ["'spin_one' is prismatic", "revolute or continuous"]),
         (wheel("one", com="0.001 0.02 0"), ["not balanced", "0.02 m off its axis"]),
@@ -92,41 +92,43 @@ def test_marked_joints_are_wheels_and_no_joints(
         (wheel("one") + wheel("two", parent="one"), ["carries another joint"]),
     ],
 )
-def test_joints_that_are_no_wheels(
-    write: Callable[..., Path], refused: Refused, text: str, words: list[str]
+def test_unsuitable_joints_are_refused_as_wheels(
+    write: Callable[..., Path], refused: Refused, text: str, fragments: list[str]
 ) -> None:
     path = write(text)
-    refused(lambda: ffsms.load(path, wheels=["spin_one"]), UnsupportedJoint, str(path), *words)
+    refused(lambda: ffsms.load(path, wheels=["spin_one"]), UnsupportedJoint, str(path), *fragments)
 
 
 @pytest.mark.parametrize("kind", ["revolute", "continuous"])
-def test_wheels_are_spelt_in_any_way(write: Callable[..., Path], kind: str) -> None:
-    """A revolute joint from 0 to 0 is the wheel that a continuous one is, and a limit of zero is none."""
+def test_revolute_and_continuous_joints_declare_the_same_wheel(write: Callable[..., Path], kind: str) -> None:
+    """A revolute joint from 0 to 0 is the same wheel as a continuous joint; limits of zero mean no limits."""
     text = wheel("one", type=kind).replace('lower="-1" upper="1"', 'lower="0" upper="0"')
     usual = ffsms.load(write(wheel("one")), wheels=["spin_one"])
-    spelt = ffsms.load(write(text), wheels=["spin_one"])
-    assert spelt.joint_names == usual.joint_names
-    assert spelt.wheels is not None
+    declared = ffsms.load(write(text), wheels=["spin_one"])
+    assert declared.joint_names == usual.joint_names
+    assert declared.wheels is not None
     assert usual.wheels is not None
     for name in ("axes", "inertia", "torque", "momentum", "friction", "coulomb"):
-        np.testing.assert_array_equal(getattr(spelt.wheels, name), getattr(usual.wheels, name))
+        np.testing.assert_array_equal(getattr(declared.wheels, name), getattr(usual.wheels, name))
     without = write(text.replace('velocity="600" effort="0.1"', 'velocity="0" effort="0"'))
-    with pytest.warns(FfsmsWarning, match="'spin_one'") as told:
-        spelt = ffsms.load(without, wheels=["spin_one"])
-    for limit, warning in zip(("rate limit", "torque limit"), told, strict=True):
+    with pytest.warns(FfsmsWarning, match="'spin_one'") as caught:
+        declared = ffsms.load(without, wheels=["spin_one"])
+    for limit, warning in zip(("rate limit", "torque limit"), caught, strict=True):
         assert limit in str(warning.message)
-    assert spelt.wheels is not None
-    assert np.isinf([*spelt.wheels.momentum, *spelt.wheels.torque]).all()
+    assert declared.wheels is not None
+    assert np.isinf([*declared.wheels.momentum, *declared.wheels.torque]).all()
 
 
-def test_a_wheel_that_is_not_named_is_hinted_at(write: Callable[..., Path], refused: Refused) -> None:
+def test_the_message_for_an_unnamed_wheel_names_the_argument(
+    write: Callable[..., Path], refused: Refused
+) -> None:
     path = write(wheel("one", type="revolute").replace('lower="-1" upper="1"', 'lower="0" upper="0"'))
     refused(lambda: ffsms.load(path), InvalidUrdf, "'spin_one'", "limits of 0", "wheels=['spin_one']")
 
 
 def test_a_repair_never_fixes_a_wheel_to_the_base(write: Callable[..., Path], tmp_path: Path) -> None:
-    none = wheel("one", type="revolute").replace('lower="-1" upper="1"', 'lower="0" upper="0"')
-    path = write(none.replace('velocity="600"', 'velocity="0"'))
+    text = wheel("one", type="revolute").replace('lower="-1" upper="1"', 'lower="0" upper="0"')
+    path = write(text.replace('velocity="600"', 'velocity="0"'))
     changes = repair(path, tmp_path / "repaired.urdf")
     assert {change.remedy for change in changes} == {
         "made continuous, because the joint turns a wheel",
@@ -134,19 +136,19 @@ def test_a_repair_never_fixes_a_wheel_to_the_base(write: Callable[..., Path], tm
     }
     sms = ffsms.load(tmp_path / "repaired.urdf", wheels=["spin_one"])
     assert sms.joint_names == ["joint_1", "joint_2", "joint_3"]
-    # A body that is not balanced is no wheel.
-    repair(write(none.replace('xyz="0 0 0.01"', 'xyz="0.05 0 0.01"')), tmp_path / "fixed.urdf")
+    # A body that is not balanced is fixed.
+    repair(write(text.replace('xyz="0 0 0.01"', 'xyz="0.05 0 0.01"')), tmp_path / "fixed.urdf")
     assert ffsms.load(tmp_path / "fixed.urdf").joint_names == ["joint_1", "joint_2", "joint_3"]
 
 
-def test_names_that_are_none(write: Callable[..., Path], refused: Refused) -> None:
+def test_invalid_names_of_wheels_are_refused(write: Callable[..., Path], refused: Refused) -> None:
     path = write(wheel("one"))
     refused(lambda: ffsms.load(path, wheels=["spin_two"]), InvalidValue, "wheels", "spin_one")
     refused(lambda: ffsms.load(path, wheels="spin_one"), InvalidValue, "wheels", "list of names")
     refused(lambda: ffsms.load("satellite_panda", wheels=["a"]), InvalidValue, "with_actuators")
 
 
-def test_mounted_with_wheels(refused: Refused) -> None:
+def test_mount_accepts_wheels_and_thrusters(refused: Refused) -> None:
     wheels = ffsms.ReactionWheels(np.eye(3), 0.02)
     thrusters = ffsms.Thrusters([0, 0, 0], [1, 0, 0], 1.0, proportional=True)
     sms = ffsms.mount("panda", wheels=wheels, thrusters=thrusters)

@@ -1,4 +1,4 @@
-"""Campaigns: one row for each run, the same table whatever ran it, each run again from its seed."""
+"""Campaigns: one row for each run, the same table from any executor, runs repeated from their seeds."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def folder(file: Path) -> Path:
-    """The campaign, run in this process."""
+    """The results folder of a campaign run in this process."""
     place = file.parent / "plain"
     campaign(Campaign.read(file, RUNS), place, jobs=1)
     return place
@@ -75,8 +75,8 @@ def test_the_csv_file_is_the_table(folder: Path) -> None:
             assert list(texts) == [str(value) for value in column.tolist()]
 
 
-def test_a_run_alone_is_its_row(folder: Path) -> None:
-    """By `run`, bit for bit."""
+def test_a_repeated_run_equals_its_row(folder: Path) -> None:
+    """Compare the row with `run`, bit for bit."""
     table, stored = read_table(folder), Campaign.open(folder)
     for row in (0, 5):
         chosen = stored.scenario(100 + row)
@@ -89,33 +89,33 @@ def test_a_run_alone_is_its_row(folder: Path) -> None:
         assert list(chosen.target["position"]) == [values[f"draw.target.position.{i}"] for i in range(3)]
         assert len(chosen.fault) == (values["draw.fault.1"] != "{}")
     seeds = {stored.scenario(seed).sensors["seed"] for seed in range(100, 100 + RUNS)}
-    assert len(seeds) == RUNS  # noise of its own
+    assert len(seeds) == RUNS  # each run has noise of its own
 
 
 @pytest.mark.slow
-def test_processes_change_nothing(folder: Path, file: Path, tmp_path: Path) -> None:
-    told: list[tuple[int, int]] = []
-    campaign(Campaign.read(file, RUNS), tmp_path, jobs=2, progress=lambda *done: told.append(done))
+def test_processes_give_the_same_table(folder: Path, file: Path, tmp_path: Path) -> None:
+    reports: list[tuple[int, int]] = []
+    campaign(Campaign.read(file, RUNS), tmp_path, jobs=2, progress=lambda *done: reports.append(done))
     assert (tmp_path / "runs.csv").read_bytes() == (folder / "runs.csv").read_bytes()
-    assert told == [(done, RUNS) for done in range(RUNS + 1)]
+    assert reports == [(done, RUNS) for done in range(RUNS + 1)]
 
 
 @pytest.mark.long
 @pytest.mark.slow
-def test_a_scheduler_that_stands_changes_nothing(folder: Path, file: Path, tmp_path: Path) -> None:
+def test_a_running_scheduler_gives_the_same_table(folder: Path, file: Path, tmp_path: Path) -> None:
     options: dict[str, Any] = {"n_workers": 2, "threads_per_worker": 1, "dashboard_address": "127.0.0.1:0"}
     with LocalCluster(processes=False, protocol="tcp", host="127.0.0.1", **options) as cluster:
         campaign(Campaign.read(file, RUNS), tmp_path, scheduler=cluster.scheduler_address)
     assert (tmp_path / "runs.csv").read_bytes() == (folder / "runs.csv").read_bytes()
 
 
-def test_a_scheduler_that_is_not_there(file: Path, tmp_path: Path, refused: Refused) -> None:
+def test_an_unreachable_scheduler_is_refused(file: Path, tmp_path: Path, refused: Refused) -> None:
     with dask.config.set({"distributed.comm.timeouts.connect": "0.5s"}):
-        where = "tcp://127.0.0.1:1"
-        refused(lambda: campaign(Campaign.read(file, 2), tmp_path, scheduler=where), ClusterError, where)
+        address = "tcp://127.0.0.1:1"
+        refused(lambda: campaign(Campaign.read(file, 2), tmp_path, scheduler=address), ClusterError, address)
 
 
-def test_without_dask_this_process_runs_them(
+def test_without_dask_the_calling_process_makes_the_runs(
     file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("ffsms_pin.errors.find_spec", lambda name: None)
@@ -131,24 +131,24 @@ def test_only_chunks_that_are_missing_or_damaged_are_run(folder: Path, file: Pat
     text = chunks[2].read_text()
     chunks[2].write_text(text.replace('"seeds": [102]', '"seeds": [103]'))
     whole = chunks[3].stat()
-    told: list[int] = []
-    campaign(Campaign.read(file, RUNS), tmp_path, jobs=1, progress=lambda done, _: told.append(done))
-    assert told[0] == 1
+    reports: list[int] = []
+    campaign(Campaign.read(file, RUNS), tmp_path, jobs=1, progress=lambda done, _: reports.append(done))
+    assert reports[0] == 1
     assert chunks[3].stat() == whole
     assert chunks[2].read_text() == text
     assert (tmp_path / "runs.csv").read_bytes() == (folder / "runs.csv").read_bytes()
 
 
-def test_more_runs_keep_those_that_are_there(
+def test_more_runs_reuse_those_already_made(
     file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     made: list[str] = []
 
-    def counted(chosen: Any, once: bool, files: str) -> dict[str, Any]:
+    def record(chosen: Any, once: bool, files: str) -> dict[str, Any]:
         made.append(files)
         return {"outcome": "arrived", "error": "", "final_error_m": 0.0}
 
-    monkeypatch.setattr("ffsms_pin.campaigns.runs.run_numbers", counted)
+    monkeypatch.setattr("ffsms_pin.campaigns.runs.run_numbers", record)
     for runs in (131, 300):
         campaign(Campaign.read(file, runs), tmp_path, jobs=1)
     assert read_table(tmp_path)["seed"].tolist() == list(range(100, 400))
@@ -160,24 +160,24 @@ def test_another_scenario_is_run_anew(file: Path, tmp_path: Path) -> None:
     before = read_table(tmp_path / "out")["final_error_m"]
     other = tmp_path / "small.toml"
     other.write_text(CAMPAIGN.replace("duration = 3.0", "duration = 2.5"))
-    told: list[int] = []
-    campaign(Campaign.read(other, 2), tmp_path / "out", jobs=1, progress=lambda done, _: told.append(done))
-    assert told == [0, 1, 2]
+    reports: list[int] = []
+    campaign(Campaign.read(other, 2), tmp_path / "out", jobs=1, progress=lambda done, _: reports.append(done))
+    assert reports == [0, 1, 2]
     assert (read_table(tmp_path / "out")["final_error_m"] != before).all()
 
 
-def test_a_scenario_that_was_given_another_name_goes_on(tmp_path: Path) -> None:
+def test_a_renamed_scenario_continues_its_campaign(tmp_path: Path) -> None:
     path, place = tmp_path / "small.toml", tmp_path / "runs"
     path.write_text(PASSED)
     campaign(Campaign.read(path, 2), place, jobs=1)
     path = path.rename(tmp_path / "renamed.toml")
-    told: list[int] = []
-    campaign(Campaign.read(path, 2), place, jobs=1, progress=lambda done, _: told.append(done))
-    assert told == [2]
+    reports: list[int] = []
+    campaign(Campaign.read(path, 2), place, jobs=1, progress=lambda done, _: reports.append(done))
+    assert reports == [2]
 
 
-def test_a_plan_that_is_shared_changes_nothing(tmp_path: Path) -> None:
-    """If nothing of the plan is drawn, the runs of a process share one."""
+def test_a_shared_plan_gives_the_same_results(tmp_path: Path) -> None:
+    """If nothing of the plan is drawn, the runs of a process share one plan."""
     path = tmp_path / "one-target.toml"
     path.write_text(re.sub(r"target.position = \{.*\n", "", CAMPAIGN))
     chosen = Campaign.read(path, 2)
@@ -194,7 +194,7 @@ def test_runs_that_fail_are_rows_with_their_error(tmp_path: Path) -> None:
     text = CAMPAIGN.replace("uniform = [0.8, 1.2]", "choice = [1.0, -1.0]")
     path.write_text(text + "[guards]\njoint_error = 0.2\n")
     with pytest.raises(InvalidScenario, match="arm_mass must be a finite number above zero"):
-        Campaign.read(path, RUNS, 1)  # the first run is looked at before any
+        Campaign.read(path, RUNS, 1)  # the first run is checked before any
     campaign(Campaign.read(path, RUNS, 2), tmp_path / "out", jobs=1)
     table = read_table(tmp_path / "out")
     failed = table["draw.plant.arm_mass"] < 0.0
@@ -212,7 +212,7 @@ def test_runs_that_fail_are_rows_with_their_error(tmp_path: Path) -> None:
     assert "all runs" in figure.axes[1].get_legend_handles_labels()[1]
 
 
-def test_the_report_by_hand(folder: Path) -> None:
+def test_the_report_agrees_with_the_table(folder: Path) -> None:
     table = read_table(folder)
     numbers = report(table)
     arrived = int((table["outcome"] == "arrived").sum())
@@ -226,7 +226,7 @@ def test_the_report_by_hand(folder: Path) -> None:
 
 
 def test_wilson_interval_solves_its_equation() -> None:
-    """Its ends are the rates that lie 1.96 of their own standard deviations from what was seen."""
+    """The ends of the interval lie 1.96 of their own standard deviations from the observed rate."""
     for successes, runs in ((7, 10), (999, 1000), (1, 30)):
         for end in wilson_interval(successes, runs):
             z = (successes / runs - end) / np.sqrt(end * (1.0 - end) / runs)
@@ -251,7 +251,7 @@ plant.base_mass = {{ uniform = [0.9, 1.1] }}
 
 @pytest.fixture(scope="module")
 def compared(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A small campaign that compares."""
+    """The results folder of a small campaign that compares a plan made once with re-planning."""
     place = tmp_path_factory.mktemp("compared")
     (place / "short.toml").write_text(COMPARED)
     campaign(Campaign.read(place / "short.toml", 3, 5, compare=True), place, jobs=1)
@@ -261,7 +261,7 @@ def compared(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.mark.long
 @pytest.mark.slow
 def test_both_methods_meet_the_drawn_plants(compared: Path, planar: ffsms.SpaceManipulator) -> None:
-    """By hand: the same plants, followed with the plan made once and re-planned."""
+    """Simulate the same plants with the plan made once and with re-planning."""
     stored, tables = Campaign.open(compared), by_method(read_table(compared))
     plan = run_alone(stored.scenario(5)).trajectory
     problem = opt.StepPlanner(planar, dt=0.05).track([0.75, 0.5, 0.0], 4.0).problem
@@ -283,7 +283,7 @@ def test_both_methods_meet_the_drawn_plants(compared: Path, planar: ffsms.SpaceM
 
 @pytest.mark.long
 @pytest.mark.slow
-def test_the_methods_side_by_side(compared: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_report_compares_the_methods(compared: Path, capsys: pytest.CaptureFixture[str]) -> None:
     table = read_table(compared)
     numbers = report(table)
     assert list(numbers) == ["planned once", "re-planned"]
@@ -303,7 +303,7 @@ def test_the_methods_side_by_side(compared: Path, capsys: pytest.CaptureFixture[
     assert "runs: 3 of 3" in captured.err
 
 
-def test_the_model_itself_leaves_no_error_but_the_plan(tmp_path: Path) -> None:
+def test_the_exact_plant_has_only_the_error_of_the_plan(tmp_path: Path) -> None:
     path = tmp_path / "exact.toml"
     path.write_text(COMPARED.partition("[campaign.draw]")[0])
     chosen = Campaign.read(path, 1, compare=True)
@@ -311,7 +311,7 @@ def test_the_model_itself_leaves_no_error_but_the_plan(tmp_path: Path) -> None:
     assert numbers["final_error_m"] == pytest.approx(numbers["plan_final_error_m"], abs=1e-5)
 
 
-def test_runs_that_are_stopped_count_as_such(tmp_path: Path) -> None:
+def test_stopped_runs_count_as_stopped(tmp_path: Path) -> None:
     path = tmp_path / "strict.toml"
     path.write_text(COMPARED + "[guards]\njoint_error = 1e-9\n")
     campaign(Campaign.read(path, 2, compare=True), tmp_path / "out", jobs=1)
@@ -325,11 +325,13 @@ def test_runs_that_are_stopped_count_as_such(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_the_commands(file: Path, folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_commands_continue_and_repeat_a_campaign(
+    file: Path, folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     out = tmp_path / "out"
     command = ["campaign", str(file), "--out", str(out), "--jobs", "1"]
     assert main([*command, "--runs", "2"]) == 0
-    assert main(["campaign", str(out), "--runs", str(RUNS), "--jobs", "1"]) == 0  # more of them
+    assert main(["campaign", str(out), "--runs", str(RUNS), "--jobs", "1"]) == 0  # more runs
     captured = capsys.readouterr()
     for word in (f"{RUNS} runs", "arrived", "95 % interval", "median", "seed 1", "--replay"):
         assert word in captured.out
@@ -349,7 +351,7 @@ def test_the_commands(file: Path, folder: Path, tmp_path: Path, capsys: pytest.C
 
 
 @pytest.mark.parametrize(
-    ("arguments", "words"),
+    ("arguments", "fragments"),
     [
         (["--runs", "0"], ["runs", "at least 1"]),
         (["--runs", "2", "--seed", "-1"], ["seed"]),
@@ -358,18 +360,18 @@ def test_the_commands(file: Path, folder: Path, tmp_path: Path, capsys: pytest.C
         ([], ["--runs", "needs the number of its runs"]),
     ],
 )
-def test_arguments_of_the_command_that_cannot_be_used(
-    file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], arguments: list[str], words: list[str]
+def test_invalid_arguments_of_the_command_are_refused(
+    file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], arguments: list[str], fragments: list[str]
 ) -> None:
     assert main(["campaign", str(file), "--out", str(tmp_path / "out"), *arguments]) == 2
     error = capsys.readouterr().err
     assert error.count("\n") == 1
-    for word in words:
-        assert word in error
+    for fragment in fragments:
+        assert fragment in error
     assert not (tmp_path / "out" / "chunks").exists()
 
 
-def test_what_a_folder_has_set_is_not_set_again(
+def test_settings_of_a_folder_cannot_be_set_again(
     folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     for option in (["--seed", "3"], ["--compare"], ["--out", str(tmp_path / "out")]):
@@ -377,7 +379,7 @@ def test_what_a_folder_has_set_is_not_set_again(
         assert f"error: {option[0]} is already set by the campaign in" in capsys.readouterr().err
 
 
-def test_draws_that_do_not_fit_the_scenario(tmp_path: Path, refused: Refused) -> None:
+def test_draws_that_do_not_fit_the_scenario_are_refused(tmp_path: Path, refused: Refused) -> None:
     def read(draw: str) -> Callable[[], Campaign]:
         path = tmp_path / "wrong.toml"
         path.write_text(CAMPAIGN + draw + "\n")
@@ -391,13 +393,15 @@ def test_draws_that_do_not_fit_the_scenario(tmp_path: Path, refused: Refused) ->
     refused(read("[campaign.drawn]"), InvalidScenario, "unknown key 'drawn' in [campaign]")
 
 
-def test_a_single_run_does_not_mind(file: Path) -> None:
+def test_a_single_run_ignores_the_draws(file: Path) -> None:
     plain = scenario(file)
     assert plain.campaign["seed"] == 100
     assert "arm_mass" not in plain.plant
 
 
-def test_folders_without_a_campaign(tmp_path: Path, folder: Path, file: Path, refused: Refused) -> None:
+def test_folders_without_a_campaign_are_refused(
+    tmp_path: Path, folder: Path, file: Path, refused: Refused
+) -> None:
     refused(lambda: Campaign.open(tmp_path), ResultError, "no campaign.json")
     (tmp_path / "campaign.json").write_text('{"rows": 1}')
     refused(lambda: read_table(tmp_path), ResultError, "is no results folder of a campaign")
@@ -421,7 +425,7 @@ CAUGHT += "[campaign.draw]\nclient.joints = { uniform = [[0.41, 0.71, -0.49], [0
 @pytest.mark.parametrize(
     "text", [PASSED, pytest.param(CAUGHT, marks=pytest.mark.long)], ids=["waypoint", "client"]
 )
-def test_a_row_does_not_depend_on_those_before_and_is_the_run_alone(tmp_path: Path, text: str) -> None:
+def test_a_row_does_not_depend_on_earlier_rows(tmp_path: Path, text: str) -> None:
     path = tmp_path / "small.toml"
     path.write_text(text)
     chosen = Campaign.read(path, 4)
@@ -439,17 +443,17 @@ def test_a_row_does_not_depend_on_those_before_and_is_the_run_alone(tmp_path: Pa
 def test_a_client_that_is_not_caught_is_missed(tmp_path: Path) -> None:
     path = tmp_path / "small.toml"
     strict = CAUGHT.replace("spin = 0.2", "spin = 1e-6").replace("[client.sensor]\n", "")
-    path.write_text(strict)  # it comes near enough, but turns against it
+    path.write_text(strict)  # the end effector is near enough, but turns relative to the client
     numbers = run_numbers(Campaign.read(path, 1).scenario(1))
     assert numbers["outcome"] == "missed"
     assert numbers["final_error_m"] < 0.02
 
 
-def test_each_run_sees_the_client_with_noise_of_its_own(tmp_path: Path) -> None:
+def test_each_run_measures_the_client_with_noise_of_its_own(tmp_path: Path) -> None:
     path = tmp_path / "small.toml"
     path.write_text(CAUGHT)
-    found = Campaign.read(path, 3)
-    seeds = {dict(found.scenario(seed).client or {})["sensor"]["seed"] for seed in (1, 2, 3)}
+    read = Campaign.read(path, 3)
+    seeds = {dict(read.scenario(seed).client or {})["sensor"]["seed"] for seed in (1, 2, 3)}
     assert len(seeds) == 3
 
 

@@ -1,4 +1,4 @@
-"""What a seed draws from the distributions of a scenario file."""
+"""Values that a seed draws from the distributions of a scenario file."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ SEEDS = range(4000)
 
 
 def columns(table: dict[str, Any]) -> dict[str, Any]:
-    """What each seed draws, by column."""
+    """Return the values drawn by all seeds, by column."""
     rows = [drawn_columns(dict(flat_draws(table)), seed) for seed in SEEDS]
     return {name: np.array([row[name] for row in rows]) for name in rows[0]}
 
@@ -32,7 +32,7 @@ def test_distributions_have_their_moments() -> None:
     assert values.std() == pytest.approx(0.1, rel=0.05)
 
 
-def test_choices_are_as_likely() -> None:
+def test_choices_are_equally_likely() -> None:
     values = columns({"law": {"choice": ["pd", "impedance", "pd"]}})["draw.law"]
     assert (values == "impedance").mean() == pytest.approx(1 / 3, abs=0.03)
 
@@ -63,7 +63,7 @@ def test_a_draw_does_not_depend_on_the_others() -> None:
     assert len(set(alone["draw.b"])) == len(SEEDS)
 
 
-def test_a_drawn_value_takes_the_place_of_the_files() -> None:
+def test_a_drawn_value_replaces_that_of_the_file() -> None:
     content = {"start": {"joints_deg": [1.0]}, "fault": [{"time": 1.0}, {"time": 2.0}], "sensors": {}}
     draws = {
         "start.joints": {"uniform": [[0.5], [0.5]]},
@@ -98,7 +98,7 @@ def test_a_drawn_value_takes_the_place_of_the_files() -> None:
         {"a": {"choice": []}},
     ],
 )
-def test_distributions_that_cannot_be_used(table: dict[str, Any], refused: Callable[..., FfsmsError]) -> None:
+def test_invalid_distributions_are_refused(table: dict[str, Any], refused: Callable[..., FfsmsError]) -> None:
     draws = dict(flat_draws(table))
     key = next(iter(draws))
     refused(

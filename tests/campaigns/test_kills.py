@@ -47,12 +47,12 @@ def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def table(file: Path) -> bytes:
-    """What the campaign comes to in one process that nobody kills."""
+    """The table of the campaign from one process that is not killed."""
     return campaign(Campaign.read(file, RUNS), file.parent / "whole", jobs=1).read_bytes()
 
 
 def chunks_in(folder: Path) -> dict[str, int]:
-    """When each chunk was written, by the name of its file."""
+    """Return the time at which each chunk was written, by file name."""
     return {path.name: path.stat().st_mtime_ns for path in folder.glob("chunks/*.json")}
 
 
@@ -65,17 +65,17 @@ def chunks_in(folder: Path) -> dict[str, int]:
         pytest.param("SIGKILL", -9, marks=pytest.mark.long),
     ],
 )
-def test_a_parent_that_ends_leaves_no_process_and_goes_on_later(
+def test_a_killed_parent_leaves_no_process_and_a_campaign_that_continues(
     file: Path, table: bytes, tmp_path: Path, sent: str, status: int
 ) -> None:
     out = tmp_path / "out"
-    words = ["campaign", str(file), "--runs", str(RUNS), "--jobs", "2", "--out", str(out)]
+    arguments = ["campaign", str(file), "--runs", str(RUNS), "--jobs", "2", "--out", str(out)]
     with (tmp_path / "err").open("w") as errors:
         process = subprocess.Popen(
-            [sys.executable, "-m", "ffsms_pin", *words],
+            [sys.executable, "-m", "ffsms_pin", *arguments],
             stderr=errors,
             start_new_session=True,
-            # What runs in the background of a shell ignores Ctrl-C.
+            # Background processes of a shell ignore SIGINT.
             preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
         )
     family = [psutil.Process(process.pid)]
@@ -84,22 +84,22 @@ def test_a_parent_that_ends_leaves_no_process_and_goes_on_later(
         family += family[0].children(recursive=True)
         assert len(family) >= 3
         if sent == "SIGINT":
-            os.killpg(process.pid, signal.SIGINT)  # as a terminal does: to all of them
+            os.killpg(process.pid, signal.SIGINT)  # to the whole group, as a terminal does
         else:
             process.send_signal(getattr(signal, sent))
         assert process.wait(timeout=WITHIN) == status
         assert wait_until(lambda: not running(family), WITHIN)
     finally:
-        for one in running(family):
-            one.kill()
+        for member in running(family):
+            member.kill()
     if status > 0:
         last = (tmp_path / "err").read_text().splitlines()[-1]
         assert last.endswith("finished chunks of runs are kept: run the same command again to continue")
     before = chunks_in(out)
     assert 4 <= len(before) < RUNS
-    told: list[int] = []
-    campaign(Campaign.read(file, RUNS), out, jobs=1, progress=lambda done, _: told.append(done))
-    assert told == list(range(len(before), RUNS + 1))
+    reports: list[int] = []
+    campaign(Campaign.read(file, RUNS), out, jobs=1, progress=lambda done, _: reports.append(done))
+    assert reports == list(range(len(before), RUNS + 1))
     assert chunks_in(out).items() >= before.items()
     assert (out / "runs.csv").read_bytes() == table
 
@@ -113,7 +113,7 @@ def test_a_worker_that_is_killed_loses_nothing(file: Path, table: bytes, tmp_pat
         """Kill a worker once there are chunks."""
         wait_until(lambda: len(chunks_in(tmp_path)) >= 4, 120.0)
         workers = psutil.Process().children()
-        workers = [one for one in workers if "spawn_main" in " ".join(one.cmdline())]
+        workers = [worker for worker in workers if "spawn_main" in " ".join(worker.cmdline())]
         workers[0].kill()
         killed.append(workers[0].pid)
 
@@ -128,7 +128,7 @@ def test_a_worker_that_is_killed_loses_nothing(file: Path, table: bytes, tmp_pat
 
 @pytest.mark.long
 @pytest.mark.slow
-def test_a_run_that_kills_its_workers_is_written_down_and_the_others_go_on(tmp_path: Path) -> None:
+def test_a_run_that_kills_its_workers_is_recorded_and_the_others_continue(tmp_path: Path) -> None:
     (tmp_path / "deadly_limit.py").write_text(DEADLY)
     path = tmp_path / "deadly.toml"
     part = '[[limit]]\nuse = "deadly_limit:Deadly"\nshots = 0.0\n'
@@ -137,11 +137,11 @@ def test_a_run_that_kills_its_workers_is_written_down_and_the_others_go_on(tmp_p
     deadly = {seed for seed in chosen.seeds if drawn_columns(chosen.draws, seed)["draw.limit.1.shots"]}
     assert deadly == {107}
     campaign(chosen, tmp_path / "out", jobs=2)
-    found = read_table(tmp_path / "out")
-    assert found["seed"].tolist() == list(chosen.seeds)
-    assert set(found["seed"][found["outcome"] == "killed"]) == deadly
-    assert set(found["outcome"]) <= {"arrived", "missed", "killed"}
-    assert all("died" in error for error in found["error"][found["outcome"] == "killed"])
+    rows = read_table(tmp_path / "out")
+    assert rows["seed"].tolist() == list(chosen.seeds)
+    assert set(rows["seed"][rows["outcome"] == "killed"]) == deadly
+    assert set(rows["outcome"]) <= {"arrived", "missed", "killed"}
+    assert all("died" in error for error in rows["error"][rows["outcome"] == "killed"])
     written, before = chunks_in(tmp_path / "out"), (tmp_path / "out" / "runs.csv").read_bytes()
     campaign(chosen, tmp_path / "out", jobs=2)  # nothing is missing
     assert chunks_in(tmp_path / "out") == written

@@ -49,7 +49,7 @@ def test_a_client_from_a_file_has_its_masses_and_shapes(tmp_path: Path) -> None:
     np.testing.assert_allclose(client.pose(10.0).translation, [1.0, 0.0, 0.1], atol=1e-15)
 
 
-def test_a_robot_is_no_client(tmp_path: Path) -> None:
+def test_a_file_with_moving_joints_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "robot.urdf"
     path.write_text(BODY.format(kind="revolute"))
     with pytest.raises(InvalidUrdf, match="one rigid body: make its joints fixed \\(bolt\\)"):
@@ -74,7 +74,7 @@ def test_a_robot_is_no_client(tmp_path: Path) -> None:
         ({"shapes": coal.Box(1, 1, 1)}, "shapes must be a sequence"),
     ],
 )
-def test_what_no_body_has_is_refused(change: dict[str, object], match: str) -> None:
+def test_invalid_arguments_are_refused(change: dict[str, object], match: str) -> None:
     values: dict[str, object] = {"mass": 10.0, "inertia": [1.0, 1.0, 1.0]}
     with pytest.raises(InvalidValue, match=match):
         ffsms.Client(**{**values, **change})  # type: ignore[arg-type]
@@ -92,7 +92,7 @@ def test_a_client_is_frozen_and_keeps_its_own_copies() -> None:
         client.mass = 5.0  # type: ignore[misc]
 
 
-def test_a_client_goes_to_another_process() -> None:
+def test_a_client_can_be_pickled() -> None:
     place = pin.SE3(np.eye(3), np.array([0.0, 0.0, 0.3]))
     shapes = [coal.Box(1.0, 1.0, 0.5), (coal.Cylinder(0.2, 0.1), place)]
     client = ffsms.Client(10.0, [1.0, 2.0, 2.5], None, [0.0, 0.0, 0.0, 0.1, 0.2, 0.3], shapes)
@@ -102,13 +102,13 @@ def test_a_client_goes_to_another_process() -> None:
     np.testing.assert_array_equal(again.shapes[1].placement.translation, place.translation)
 
 
-def test_poses_that_are_kept_are_no_caller_s() -> None:
+def test_cached_poses_are_not_shared_with_callers() -> None:
     client = ffsms.Client(80.0, [6.0, 9.0, 11.0], None, [0.0, 0.0, 0.01, 0.02, 0.03, 0.0])
     times = np.linspace(0.0, 10.0, 50)
     first = client.poses(times)
     again = client.poses(times.copy())
-    for one in again:
-        one[:] = np.nan  # what is returned is the caller's
+    for array in again:
+        array[:] = np.nan  # returned arrays belong to the caller
     for k in range(100):  # what is kept does not grow
         client.poses(times + k)
     np.testing.assert_array_equal(client.poses(times)[1], first[1])

@@ -1,4 +1,4 @@
-"""The capture of a client: momentum kept, the rate that it dictates, the motion after it beside MuJoCo."""
+"""The capture of a client: momentum, final rates, and the motion afterwards compared with MuJoCo."""
 
 from typing import Any
 
@@ -18,7 +18,7 @@ RATES = [0.02, -0.03, 0.01, 0.04, -0.02, 0.03, 0.05]
 
 
 def _scene(momentum: bool = True) -> tuple[ffsms.SpaceManipulator, np.ndarray, np.ndarray, ffsms.Client]:
-    """A moving servicer, and a tumbling client that is not at rest against its end effector."""
+    """Return a moving servicer, and a tumbling client that moves relative to its end effector."""
     sms = ffsms.load("satellite_panda")
     q = sms.configuration(JOINTS, pin.SE3(pin.exp3(np.array([0.2, -0.4, 0.3])), np.array([0.5, 0.1, -0.2])))
     v = sms.velocity(q, RATES, [1.0, -2.0, 0.5, 0.3, 0.2, -0.6] if momentum else None)
@@ -29,7 +29,7 @@ def _scene(momentum: bool = True) -> tuple[ffsms.SpaceManipulator, np.ndarray, n
 
 
 def _about_origin(sms: ffsms.SpaceManipulator, q: np.ndarray, v: np.ndarray) -> np.ndarray:
-    """Momentum about the inertial origin, link by link."""
+    """Return the momentum about the inertial origin, link by link."""
     data, total = sms.model.createData(), np.zeros(6)
     pin.forwardKinematics(sms.model, data, q, v)
     for pose, motion, inertia in zip(data.oMi, data.v, sms.model.inertias, strict=True):
@@ -46,8 +46,8 @@ def test_the_total_momentum_is_kept() -> None:
     sms, q, v, client = _scene()
     after = after_capture(sms, q, v, client)
     before = _about_origin(sms, q, v) + _client_about_origin(client)
-    found = _about_origin(after.robot, after.q, after.v)
-    np.testing.assert_allclose(found, before, rtol=0.0, atol=1e-12 * np.abs(before).max())
+    total = _about_origin(after.robot, after.q, after.v)
+    np.testing.assert_allclose(total, before, rtol=0.0, atol=1e-12 * np.abs(before).max())
     assert after.energy_lost > 0.0
     com = pin.centerOfMass(after.robot.model, after.robot.model.createData(), q)
     angular = before[3:] - np.cross(com, before[:3])
@@ -58,9 +58,9 @@ def test_the_total_momentum_is_kept() -> None:
 
 def test_the_event_of_a_simulation_is_the_same_capture() -> None:
     sms, q, v, client = _scene()
-    in_hand = sms.at(q).end_effector_pose.inverse() * client.start_pose
-    tensor = in_hand.rotation @ client.inertia @ in_hand.rotation.T
-    event = Capture(0.0, client.mass, tensor, in_hand.translation, client.start_twist)
+    in_gripper = sms.at(q).end_effector_pose.inverse() * client.start_pose
+    tensor = in_gripper.rotation @ client.inertia @ in_gripper.rotation.T
+    event = Capture(0.0, client.mass, tensor, in_gripper.translation, client.start_twist)
     plant, other = event.apply(sms, q, v, [])
     after = after_capture(sms, q, v, client)
     np.testing.assert_allclose(other, after.v, atol=1e-13)
@@ -69,7 +69,7 @@ def test_the_event_of_a_simulation_is_the_same_capture() -> None:
     )
 
 
-def test_a_grasp_without_relative_velocity_is_not_felt() -> None:
+def test_a_grasp_without_relative_velocity_does_not_change_the_motion() -> None:
     sms, q, v, client = _scene()
     state = sms.at(q, v)
     lever = client.start_pose.translation - state.end_effector_pose.translation
@@ -81,24 +81,24 @@ def test_a_grasp_without_relative_velocity_is_not_felt() -> None:
 
 
 def test_a_joint_that_is_near_its_limit_stops_before_it() -> None:
-    """The others take their time; where its acceleration does not suffice it is said."""
+    """The other joints brake longer; a note says if the acceleration does not suffice."""
     sms = ffsms.load("satellite_panda")
     joints, rates = np.array([0.0, -0.6, 0.0, -2.2, 0.0, 2.9, 0.8]), np.full(sms.n, 0.05)
-    for left, words in ((0.004, ""), (1e-5, "'panda_joint5' comes to rest")):
-        joints[4] = sms.limits.upper[4] - left
+    for gap, fragment in ((0.004, ""), (1e-5, "'panda_joint5' comes to rest")):
+        joints[4] = sms.limits.upper[4] - gap
         q = sms.configuration(joints)
         state = sms.at(q, sms.velocity(q, rates))
         client = ffsms.Client(80.0, [6.0, 9.0, 11.0], state.end_effector_pose, state.end_effector_twist)
         braking = brake(after_capture(sms, q, sms.velocity(q, rates), client), share=10.0)
-        assert words in braking.note
-        assert (words == "") == (braking.note == "")
+        assert fragment in braking.note
+        assert (fragment == "") == (braking.note == "")
         moved = np.abs(sms.joint_positions(braking.q[-1]) - joints)
         stopped = np.argmax(braking.joint_rates == 0.0, axis=0)
         assert moved[4] < 0.006 < np.delete(moved, 4).max()
         assert stopped[4] < np.delete(stopped, 4).min()
 
 
-def test_joints_at_rest_leave_the_rate_that_was_said() -> None:
+def test_joints_at_rest_leave_the_predicted_rate() -> None:
     sms, q, v, client = _scene()
     after = after_capture(sms, q, v, client)
     braking = brake(after)
@@ -111,7 +111,7 @@ def test_joints_at_rest_leave_the_rate_that_was_said() -> None:
     still = after.robot.velocity(end, np.zeros(sms.n), after.momentum)
     spin = pin.XYZQUATToSE3(end[:7]).rotation @ still[3:6]
     np.testing.assert_allclose(after.rest_rate(end), spin, atol=1e-12)
-    # And 20 s later, from a dynamics that knows nothing of the free body in closed form.
+    # The rate 20 s later follows from an integration, without the closed form of a free body.
     state: Any = end.copy(), still.copy()
     data = after.robot.model.createData()
 
@@ -125,29 +125,29 @@ def test_joints_at_rest_leave_the_rate_that_was_said() -> None:
 
 
 def _held(after: AfterCapture, q: np.ndarray, v: np.ndarray) -> np.ndarray:
-    """Joint torques that keep the joints at rest."""
+    """Return joint torques that keep the joints at rest."""
     return after.robot.at(q, v).C_q
 
 
-def test_the_momentum_that_leaves_both_at_rest() -> None:
+def test_the_rest_momentum_leaves_both_bodies_at_rest() -> None:
     sms, q, _, client = _scene()
     com = pin.centerOfMass(sms.model, sms.model.createData(), q)
-    wanted = rest_momentum(client, com)
-    after = after_capture(sms, q, sms.velocity(q, RATES, wanted), client)
+    momentum = rest_momentum(client, com)
+    after = after_capture(sms, q, sms.velocity(q, RATES, momentum), client)
     size = np.abs(client.momentum).max()
     np.testing.assert_allclose(after.momentum, np.zeros(6), atol=1e-12 * size)
     # The same momentum serves at any time: the servicer's centre of mass and the client have moved on.
     later = sms.configuration(JOINTS)
-    later[:3] += com + 30.0 * wanted[:3] / pin.computeTotalMass(sms.model)
-    then = after_capture(sms, later, sms.velocity(later, RATES, wanted), client, 30.0)
-    np.testing.assert_allclose(then.momentum, np.zeros(6), atol=1e-12 * size)
-    # Without it they turn on.
+    later[:3] += com + 30.0 * momentum[:3] / pin.computeTotalMass(sms.model)
+    captured_later = after_capture(sms, later, sms.velocity(later, RATES, momentum), client, 30.0)
+    np.testing.assert_allclose(captured_later.momentum, np.zeros(6), atol=1e-12 * size)
+    # Without this momentum both bodies keep turning.
     idle = after_capture(sms, q, sms.velocity(q, RATES), client)
     assert np.linalg.norm(idle.rest_rate()) > 0.01
 
 
-def test_the_motion_after_it_beside_mujoco() -> None:
-    """One MuJoCo model with the client's inertia on the last body, which is exact; 10 s under torques."""
+def test_the_motion_after_a_capture_agrees_with_mujoco() -> None:
+    """MuJoCo's model has the client's inertia on the last body, which is exact; 10 s under torques."""
     sms, q, v, client = _scene()
     after = after_capture(sms, q, v, client)
     tau = 0.02 * np.array([1.0, -1.0, 1.0, 0.5, -0.5, 0.3, 0.2])
@@ -169,7 +169,7 @@ def test_the_motion_after_it_beside_mujoco() -> None:
     assert np.abs(v_peer - state[1]).max() <= 1e-6 * np.abs(v_peer).max()
 
 
-def test_joints_that_do_not_give_way_are_indices() -> None:
+def test_locked_joints_are_indices_of_velocities() -> None:
     sms, q, v, client = _scene()
     held = after_capture(sms, q, v, client, locked=[7, 9])
     assert held.v[[7, 9]].tolist() == [0.0, 0.0]

@@ -1,4 +1,4 @@
-"""A client's motion beside an independent integration of Euler's equations, and what it must conserve."""
+"""A client's motion compared with an independent integration of Euler's equations; conserved quantities."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ TILT = pin.rpy.rpyToMatrix(-0.4, 0.8, 0.6)
 
 
 def integrated(inertia: FloatArray, attitude: FloatArray, spin: FloatArray) -> FloatArray:
-    """Attitudes (C, K, 3, 3) of C bodies at TIMES by DOP853: Euler's equations and the quaternion's rate."""
+    """Return attitudes (C, K, 3, 3) of C bodies at TIMES, integrated from Euler's equations by DOP853."""
     inverse = np.linalg.inv(inertia)
 
     def slope(t: float, y: FloatArray) -> FloatArray:
@@ -63,7 +63,7 @@ MOMENTS = {
 
 
 def test_attitudes_are_those_of_an_independent_integration() -> None:
-    # In turned attitudes only where rounding does not start a fall from the intermediate axis.
+    # Attitudes are turned only if rounding does not start a departure from the intermediate axis.
     names, bodies, attitudes, spins = [], [], [], []
     for body, moments in MOMENTS.items():
         for motion, direction in SPINS.items():
@@ -72,7 +72,7 @@ def test_attitudes_are_those_of_an_independent_integration() -> None:
             bodies.append(np.diag(moments))
             attitudes.append(R)
             spins.append(5.0 * DEG / max(float(np.linalg.norm(direction)), 1.0) * R @ np.array(direction))
-            if body == "tri-axial" and not motion.startswith("about"):  # axes other than the body's
+            if body == "tri-axial" and not motion.startswith("about"):  # axes that are not principal
                 turned = TILT @ np.diag(moments) @ TILT.T
                 names.append(f"tilted, {motion}")
                 bodies.append(0.5 * (turned + turned.T))
@@ -108,8 +108,8 @@ def test_momentum_energy_and_the_twist_as_the_rate_of_the_pose() -> None:
     np.testing.assert_allclose(client.pose(0.0).homogeneous, POSE.homogeneous, atol=1e-15)
 
 
-def test_a_motion_can_be_taken_up_at_any_time() -> None:
-    # From the state at 400 s on, the motion is the same: as exact as it says, the separatrix's side included.
+def test_a_motion_continues_from_its_state_at_any_time() -> None:
+    # The motion from the state at 400 s is the same, also on which side of the separatrix it is.
     for spin in ([0.01, 0.08, 0.002], [0.002, -0.08, 0.01]):
         client = ffsms.Client(100.0, [60.0, 85.0, 120.0], POSE, [0.0, 0.0, 0.0, *spin])
         later = ffsms.Client(100.0, [60.0, 85.0, 120.0], client.pose(400.0), client.twist(400.0))
