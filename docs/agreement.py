@@ -84,7 +84,7 @@ def page() -> str:
             worst = dict.fromkeys(PaperMatrices._fields, 0.0)
             for _ in range(STATES):
                 q, v = random_state(sms, rng)
-                for key, value in relative_differences(ours(sms, q, v), engine.found(q, v)).items():
+                for key, value in relative_differences(ours(sms, q, v), engine.matrices(q, v)).items():
                     worst[key] = max(worst[key], value)
             lines.append(f"| {name} | {title} | " + " | ".join(f"{x:.0e}" for x in worst.values()) + " |")
     return HEAD + "\n".join(lines) + "\n" + MOTIONS + "\n".join(_motions()) + "\n" + _published_run() + "\n"
