@@ -1,4 +1,4 @@
-"""Every table of scenario files together with every other one: runs end in a result, or are refused."""
+"""Every pair of tables of scenario files: runs end in a result, or the file is refused."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from ffsms_pin.opt import Trajectory
 from ffsms_pin.scenarios import closed_loop, run, scenario, summary
 from ffsms_pin.simulation import Reference
 
-# Most of them fly the same plans.
+# Most of these tests use the same plans.
 pytestmark = pytest.mark.usefixtures("kept_plans")
 
 BASE = """
@@ -90,7 +90,7 @@ TABLES = {
 }
 IN_PLAN = ("mode", "base limits", "momentum")
 LAWS = ("admittance", "impedance")
-# One needs the other: a pair alone would only ask for what is missing.
+# Tables that a table needs; a file without them is refused.
 NEEDED = {
     "admittance": ["wrist"],
     "contact": ["client"],
@@ -104,7 +104,7 @@ NEEDED = {
 }
 
 
-# What cannot be together, and the word of the line that says so.
+# Pairs of tables that exclude each other, and a part of the message.
 REFUSED = {
     frozenset({"capture", "client"}): "[[capture]]",
     frozenset({"nozzle", "ring"}): "keep one",
@@ -133,7 +133,7 @@ def _text(names: set[str]) -> str:
         rest = rest.replace("[attitude]\n[attitude.dump]", "[attitude.dump]")
     if "client" in names:
         faults = "outliers = 0.1\ndropouts = 0.1\nhidden = [[0.2, 0.4]]\n"
-        # An arm that moves in a plane does not reach what noise has moved out of it: a long search in vain.
+        # Small noise, because a planar arm would search in vain for a plan to a client outside its plane.
         noise = "position_noise = 1e-5\nattitude_noise = 1e-5\noutlier_size = 1000.0\n"
         sensor = f"[client.sensor]\nseed = 1\n{noise}{faults}[client.belief]\nmass_deviation = 0.1\n"
         rest = rest.replace("{sensor}", sensor)
@@ -144,28 +144,28 @@ def _text(names: set[str]) -> str:
     return BASE.replace("{plan}", plan).replace("{law}", law) + rest
 
 
-def _ends_well(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, names: set[str]) -> str:
-    """Run a scenario; what it was refused for before any work, or empty."""
+def _refusal(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, names: set[str]) -> str:
+    """Run a scenario; return the message if the scenario is refused before planning, else an empty text."""
     path = tmp_path / "short.toml"
     path.write_text(_text(names), encoding="utf-8")
     planned: list[bool] = []
     real = closed_loop.ClosedLoop.reference
 
-    def counted(self: closed_loop.ClosedLoop, plan: Trajectory) -> Reference:
+    def recorded(self: closed_loop.ClosedLoop, plan: Trajectory) -> Reference:
         planned.append(True)
         return real(self, plan)
 
-    monkeypatch.setattr(closed_loop.ClosedLoop, "reference", counted)
+    monkeypatch.setattr(closed_loop.ClosedLoop, "reference", recorded)
     try:
         outcome = run(scenario(path))
     except InvalidScenario as error:
-        words = str(error)
+        message = str(error)
     else:
-        words = ""
-    if words:
-        assert not planned, f"{sorted(names)}: told after the planning: {words}"
-        assert "\n" not in words
-        return words
+        message = ""
+    if message:
+        assert not planned, f"{sorted(names)}: refused after the planning: {message}"
+        assert "\n" not in message
+        return message
     numbers = summary(outcome)
     assert np.isfinite(outcome.tracking.q).all()
     assert (numbers.get("capture") is not None) == bool(names & {"client", "contact", "nozzle", "ring"})
@@ -175,24 +175,28 @@ def _ends_well(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, names: set[str])
 def _groups(size: int = 20) -> list[tuple[str, ...]]:
     """Return groups of tables in which every pair that can be together is in one group at least."""
     every = [frozenset(pair) for pair in itertools.combinations(sorted(TABLES), 2)]
-    apart = {pair for pair in every if any(two <= _with_needed(pair) for two in (frozenset(LAWS), *REFUSED))}
-    left = dict.fromkeys(pair for pair in every if pair not in apart)
-    # A robot whose estimator begins again with a latched client.
-    found: list[tuple[str, ...]] = [("client", "replanning", "sensors")]
-    while left:
-        group = set(next(iter(left)))
+    excluded = {
+        pair for pair in every if any(two <= _with_needed(pair) for two in (frozenset(LAWS), *REFUSED))
+    }
+    remaining = dict.fromkeys(pair for pair in every if pair not in excluded)
+    # The estimator of this robot restarts with a latched client.
+    groups: list[tuple[str, ...]] = [("client", "replanning", "sensors")]
+    while remaining:
+        group = set(next(iter(remaining)))
         while len(group) < size:
-            fits = [one for one in TABLES if not any(frozenset({one, other}) in apart for other in group)]
+            fits = [
+                table for table in TABLES if not any(frozenset({table, other}) in excluded for other in group)
+            ]
             gain = {
-                one: sum(frozenset({one, other}) in left for other in group)
-                for one in fits
-                if one not in group
+                table: sum(frozenset({table, other}) in remaining for other in group)
+                for table in fits
+                if table not in group
             }
-            group.add(max(gain, key=lambda one: gain[one]))
+            group.add(max(gain, key=lambda table: gain[table]))
         for pair in itertools.combinations(group, 2):
-            left.pop(frozenset(pair), None)
-        found.append(tuple(sorted(group)))
-    return found
+            remaining.pop(frozenset(pair), None)
+        groups.append(tuple(sorted(group)))
+    return groups
 
 
 @pytest.mark.slow
@@ -201,26 +205,26 @@ def _groups(size: int = 20) -> list[tuple[str, ...]]:
 def test_every_table_with_every_other(
     group: tuple[str, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    assert _ends_well(tmp_path, monkeypatch, set(group)) == ""
+    assert _refusal(tmp_path, monkeypatch, set(group)) == ""
 
 
 # The order of a frozenset differs from process to process, and tests need one name in all of them.
 @pytest.mark.parametrize(
-    ("pair", "word"), REFUSED.items(), ids=lambda x: x if isinstance(x, str) else " + ".join(sorted(x))
+    ("pair", "fragment"), REFUSED.items(), ids=lambda x: x if isinstance(x, str) else " + ".join(sorted(x))
 )
-def test_tables_that_cannot_be_together(
-    pair: frozenset[str], word: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+def test_tables_that_exclude_each_other_are_refused(
+    pair: frozenset[str], fragment: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    assert word in _ends_well(tmp_path, monkeypatch, set(pair))
+    assert fragment in _refusal(tmp_path, monkeypatch, set(pair))
 
 
 def _each_once() -> list[tuple[str, ...]]:
     """Return groups of tables in which every table is at least once."""
-    found: list[tuple[str, ...]] = []
+    groups: list[tuple[str, ...]] = []
     for group in _groups():
-        if not set(group) <= {name for one in found for name in one}:
-            found.append(group)
-    return found
+        if not set(group) <= {name for chosen in groups for name in chosen}:
+            groups.append(group)
+    return groups
 
 
 @pytest.mark.slow
@@ -246,36 +250,34 @@ def test_a_fault_after_the_end_of_a_capture_does_not_happen(tmp_path: Path) -> N
     assert "locked" not in outcome.capture.tracking.note
 
 
-def test_a_law_is_told_of_the_contact_in_a_capture(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    told: list[tuple[float, FloatArray]] = []
-    monkeypatch.setattr(Admittance, "observe_wrench", lambda _, t, wrench: told.append((t, wrench)))
-    path = tmp_path / "told.toml"
+def test_a_law_observes_the_contact_in_a_capture(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    received: list[tuple[float, FloatArray]] = []
+    monkeypatch.setattr(Admittance, "observe_wrench", lambda _, t, wrench: received.append((t, wrench)))
+    path = tmp_path / "observed.toml"
     text = _text({"client", "contact", "admittance"}).replace("force_noise = 0.01\nlatency = 0.02", "")
     path.write_text(text, encoding="utf-8")
     outcome = run(scenario(path))
     assert outcome.capture is not None
-    flown = outcome.capture.whole
-    felt = np.linalg.norm(flown.contact_wrench[:, :3], axis=1)
-    assert felt.max() > 0.0
-    assert [t for t, _ in told] == flown.t[: len(told)].tolist()
-    # Its size, for the axes are others; what closes does so after the wrist was asked. The inertia of a
-    # client that is latched is known to the law: what carries it is nothing to give way to.
-    seen = np.array([np.linalg.norm(wrench[:3]) for _, wrench in told])
-    felt, latched = felt[: len(seen)], outcome.capture.latched_at
-    before = (felt > 0.0) & (flown.t[: len(seen)] < latched - 1e-9)
-    both = before & (seen > 0.0)
+    tracking = outcome.capture.whole
+    forces = np.linalg.norm(tracking.contact_wrench[:, :3], axis=1)
+    assert forces.max() > 0.0
+    assert [t for t, _ in received] == tracking.t[: len(received)].tolist()
+    # Sizes are compared, because the axes differ. The gripper closes after the wrist is measured in its step.
+    # After the latch the law has the client's inertia, so the wrench that carries the client is removed.
+    observed = np.array([np.linalg.norm(wrench[:3]) for _, wrench in received])
+    forces, latched = forces[: len(observed)], outcome.capture.latched_at
+    before = (forces > 0.0) & (tracking.t[: len(observed)] < latched - 1e-9)
+    both = before & (observed > 0.0)
     assert both.sum() >= before.sum() - 1 > 1
-    np.testing.assert_allclose(seen[both], felt[both], rtol=1e-9)
-    after = flown.t[: len(seen)] > latched + 1e-9
-    assert felt[after].any()
-    assert not seen[after].any()
+    np.testing.assert_allclose(observed[both], forces[both], rtol=1e-9)
+    after = tracking.t[: len(observed)] > latched + 1e-9
+    assert forces[after].any()
+    assert not observed[after].any()
 
 
 def test_an_estimator_outlives_a_capture(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """It begins anew with the joined robot, in the middle of a run."""
+    """The estimator restarts with the joined robot in the middle of a run."""
     assert (
-        _ends_well(
-            tmp_path, monkeypatch, {"client", "contact", "sensors", "replanning", "wheels", "attitude"}
-        )
+        _refusal(tmp_path, monkeypatch, {"client", "contact", "sensors", "replanning", "wheels", "attitude"})
         == ""
     )

@@ -55,5 +55,5 @@ def test_a_scenario_with_the_base_held_is_run(tmp_path: Path) -> None:
     assert outcome.trajectory.reached
     assert outcome.tracking.position_error[-1] < 1e-3
     assert np.abs(outcome.tracking.q[:, 3:6]).max() < 1e-5
-    most = np.abs(outcome.trajectory.wheel_momentum).max()
-    assert np.abs(outcome.tracking.wheel_momentum).max() == pytest.approx(most, rel=0.01)
+    largest = np.abs(outcome.trajectory.wheel_momentum).max()
+    assert np.abs(outcome.tracking.wheel_momentum).max() == pytest.approx(largest, rel=0.01)

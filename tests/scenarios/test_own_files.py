@@ -1,4 +1,4 @@
-"""The file that guards save: below the results folder, tried before the run, kept if a flight is stopped."""
+"""The file that guards save: inside the results folder, checked before the run, kept after a stop."""
 
 from __future__ import annotations
 
@@ -19,25 +19,25 @@ QUICK = f"{IN_DEGREES.lstrip()}[plan]\nduration = 3.0\ndt = 0.05\n[control]\ndt 
 
 
 def guarded(name: str) -> str:
-    """A run that its guards stop at once."""
+    """Return a scenario whose guards stop the run at once."""
     return f"{QUICK}[plant]\narm_mass = 3.0\n[guards]\njoint_error = 1e-6\npath = '{name}'\n"
 
 
 @pytest.fixture
 def no_plan(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Planning is not to begin."""
+    """A failure of the test if planning begins."""
     monkeypatch.setattr(closed_loop, "planned", lambda *_: pytest.fail("planning has begun"))
 
 
 @pytest.mark.usefixtures("no_plan")
-@pytest.mark.parametrize("way", ["../x.npz", "{tmp}/x.npz", "link/x.npz", "link.npz"])
-def test_a_file_elsewhere_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str], way: str) -> None:
+@pytest.mark.parametrize("name", ["../x.npz", "{tmp}/x.npz", "link/x.npz", "link.npz"])
+def test_a_file_elsewhere_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str], name: str) -> None:
     out = tmp_path / "out"
     out.mkdir()
     (out / "link").symlink_to(tmp_path)
     (out / "link.npz").symlink_to(tmp_path / "x.npz")
     path = tmp_path / "s.toml"
-    path.write_text(guarded(way.format(tmp=tmp_path)))
+    path.write_text(guarded(name.format(tmp=tmp_path)))
     before = sorted(tmp_path.rglob("*"))
     assert main(["run", str(path), "--out", str(out)]) == 2
     error = capsys.readouterr().err
@@ -49,7 +49,7 @@ def test_a_file_elsewhere_is_refused(tmp_path: Path, capsys: pytest.CaptureFixtu
     assert sorted(tmp_path.rglob("*")) == before
 
 
-def test_without_a_folder_the_scenarios_own_counts(tmp_path: Path) -> None:
+def test_without_a_results_folder_that_of_the_scenario_counts(tmp_path: Path) -> None:
     (tmp_path / "here").mkdir()
     path = tmp_path / "here" / "s.toml"
     path.write_text(guarded("../x.npz"))
@@ -59,7 +59,7 @@ def test_without_a_folder_the_scenarios_own_counts(tmp_path: Path) -> None:
     np.testing.assert_array_equal(Tracking.load(tmp_path / "x.npz").q, tracking.q)
 
 
-def test_a_file_elsewhere_may_be_allowed(tmp_path: Path) -> None:
+def test_a_file_elsewhere_can_be_allowed(tmp_path: Path) -> None:
     path, out = tmp_path / "s.toml", tmp_path / "some" / "out"
     path.write_text(guarded("../far.npz"))
     assert main(["run", str(path), "--out", str(out), "--no-figures", "--allow-outside"]) == 1
@@ -67,7 +67,9 @@ def test_a_file_elsewhere_may_be_allowed(tmp_path: Path) -> None:
     assert "off its reference" in Tracking.load(tmp_path / "some" / "far.npz").stopped
 
 
-def test_a_stopped_flight_is_a_result(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_stopped_flight_is_saved_with_its_results(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     path, out = tmp_path / "s.toml", tmp_path / "out"
     path.write_text(guarded("stopped.npz"))
     assert main(["run", str(path), "--out", str(out), "--no-figures"]) == 1
@@ -80,12 +82,12 @@ def test_a_stopped_flight_is_a_result(tmp_path: Path, capsys: pytest.CaptureFixt
 
 
 @pytest.mark.usefixtures("no_plan")
-def test_what_cannot_be_written_is_found_out_before_planning(
+def test_a_file_that_cannot_be_written_is_refused_before_planning(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     path, out = tmp_path / "s.toml", tmp_path / "out"
-    for name, words in (("none/x.npz", "cannot be written"), (".", "is a folder")):
+    for name, fragment in (("none/x.npz", "cannot be written"), (".", "is a folder")):
         path.write_text(guarded(name))
         assert main(["run", str(path), "--out", str(out)]) == 2
-        assert words in capsys.readouterr().err
-        assert os.listdir(tmp_path) == ["s.toml"]  # the folder that was made for it has gone
+        assert fragment in capsys.readouterr().err
+        assert os.listdir(tmp_path) == ["s.toml"]  # the folder made for the results is removed

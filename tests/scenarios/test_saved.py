@@ -1,4 +1,4 @@
-"""A scenario that is kept beside its results is the same scenario."""
+"""Scenarios saved beside their results load unchanged."""
 
 from __future__ import annotations
 
@@ -27,18 +27,18 @@ position = [0.8, 0.5, 0.0]
 """
 
 
-def test_what_was_said_comes_back(tmp_path: Path) -> None:
+def test_saved_scenarios_load_unchanged(tmp_path: Path) -> None:
     own = scenario(write(tmp_path, QUICK + MORE))
-    for one in (own, *(scenario(name) for name in scenario_names())):
-        save_scenario(one, tmp_path / "scenario.json")
+    for original in (own, *(scenario(name) for name in scenario_names())):
+        save_scenario(original, tmp_path / "scenario.json")
         again = load_scenario(tmp_path / "scenario.json")
         for field in fields(Scenario):
             if field.name != "source":
-                assert getattr(again, field.name) == getattr(one, field.name), field.name
-        assert again.source == one.source.absolute()
+                assert getattr(again, field.name) == getattr(original, field.name), field.name
+        assert again.source == original.source.absolute()
 
 
-def test_what_is_no_scenario_is_told(tmp_path: Path) -> None:
+def test_invalid_saved_scenarios_are_refused(tmp_path: Path) -> None:
     path = tmp_path / "scenario.json"
     for text in ("", "[1]", '{"name": "a", "file": "b", "tables": []}'):
         path.write_text(text)

@@ -36,7 +36,7 @@ least_on_time = 0.01
 COORDINATED = '[attitude]\nlaw = "coordinated"\nbandwidth = 2.0\n'
 
 
-# Along both axes of the plane, and round the third.
+# Thrusters along both axes of the plane, and about the third.
 STATION = """
 [thrusters]
 places = [[0.2, 0.2, 0], [-0.2, -0.2, 0], [0.2, -0.2, 0], [-0.2, 0.2, 0], [0.2, 0, 0], [-0.2, 0, 0]]
@@ -48,29 +48,29 @@ law = "station-keeping"
 """
 
 
-def ran(tmp_path: Path, content: str, mode: str = "rotation-floating") -> Outcome:
+def run_in_mode(tmp_path: Path, content: str, mode: str = "rotation-floating") -> Outcome:
     return run(scenario(in_mode(tmp_path, mode, content)))
 
 
-def turn(outcome: Outcome) -> float:
-    """How far the base turned at most [deg]."""
+def largest_rotation(outcome: Outcome) -> float:
+    """Return the largest rotation of the base from its start [deg]."""
     start = pin.Quaternion(outcome.tracking.q[0, 3:7])
     rows = outcome.tracking.q[:, 3:7]
     return float(np.degrees(max(start.angularDistance(pin.Quaternion(row)) for row in rows)))
 
 
 def test_the_base_is_held(tmp_path: Path) -> None:
-    free = ran(tmp_path, WHEELS, "floating")
-    assert turn(free) > 1.0
+    free = run_in_mode(tmp_path, WHEELS, "floating")
+    assert largest_rotation(free) > 1.0
     assert free.tracking.wheel_momentum.shape[1] == 0
-    held = ran(tmp_path, WHEELS + COORDINATED + "[simulation]\nwheel_momentum = [0.1, 0.2, -0.3]\n")
-    assert turn(held) < 0.1
+    held = run_in_mode(tmp_path, WHEELS + COORDINATED + "[simulation]\nwheel_momentum = [0.1, 0.2, -0.3]\n")
+    assert largest_rotation(held) < 0.1
     assert isinstance(held.controller, Coordinated)
     np.testing.assert_allclose(held.tracking.wheel_momentum[0], [0.1, 0.2, -0.3])
-    by_quaternion = ran(tmp_path, WHEELS + "[attitude]\n")
-    assert turn(by_quaternion) < 0.1
-    by_thrusters = ran(tmp_path, THRUSTERS + "[attitude]\n", "rotation-flying")
-    assert turn(by_thrusters) < 0.5 * turn(free)
+    by_quaternion = run_in_mode(tmp_path, WHEELS + "[attitude]\n")
+    assert largest_rotation(by_quaternion) < 0.1
+    by_thrusters = run_in_mode(tmp_path, THRUSTERS + "[attitude]\n", "rotation-flying")
+    assert largest_rotation(by_thrusters) < 0.5 * largest_rotation(free)
     assert by_thrusters.tracking.propellant[-1] > 0.0
 
 
@@ -78,23 +78,23 @@ def test_a_floating_plan_under_a_law_that_holds_the_base_is_warned_about(tmp_pat
     with pytest.warns(
         FfsmsWarning, match="leaves the base free, but QuaternionFeedback holds .*'rotation-flo"
     ):
-        missed = ran(tmp_path, WHEELS + "[attitude]\n", "floating")
+        missed = run_in_mode(tmp_path, WHEELS + "[attitude]\n", "floating")
     assert missed.tracking.position_error[-1] > 0.01
 
 
-def test_every_key_arrives(tmp_path: Path) -> None:
+def test_every_key_is_used(tmp_path: Path) -> None:
     path = tmp_path / "mine.toml"
     law = "[attitude]\nbandwidth = 2.0\ndamping = 0.7\nfeedforward = 'plan'\nattitude_deg = [0, 0, 90]\n"
     path.write_text(QUICK + WHEELS + THRUSTERS + law + "[attitude.dump]\nabove = 0.5\n", encoding="utf-8")
-    made = scenario(path)
-    sms = made.load()
+    read = scenario(path)
+    sms = read.load()
     assert sms.wheels is not None
     assert sms.thrusters is not None
     assert sms.wheels.names == ("x", "y", "z")
     np.testing.assert_array_equal(sms.wheels.torque, [0.1, 0.1, 2.0])
     np.testing.assert_array_equal(sms.thrusters.force, np.full(4, 2.0))
     assert sms.thrusters.period == pytest.approx(0.1)
-    options = loop_options(made, sms, made.start_configuration(sms))
+    options = loop_options(read, sms, read.start_configuration(sms))
     base = options["base_controller"]
     assert isinstance(base, QuaternionFeedback)
     assert (base.hold.bandwidth, base.hold.damping, base.feedforward) == (2.0, 0.7, "plan")
@@ -104,7 +104,7 @@ def test_every_key_arrives(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("content", "words"),
+    ("content", "fragments"),
     [
         ("[attitude]\n", ["[attitude] needs [wheels] or [thrusters]"]),
         (WHEELS + "[attitude]\n[attitude.dump]\n", ["[attitude.dump] needs", "[thrusters]"]),
@@ -120,12 +120,12 @@ def test_every_key_arrives(tmp_path: Path) -> None:
         (WHEELS + "[attitude]\nbandwith = 1\n", ["'bandwith' in [attitude]", "did you mean 'bandwidth'"]),
     ],
 )
-def test_what_does_not_fit_is_named(tmp_path: Path, content: str, words: list[str]) -> None:
+def test_inconsistent_tables_are_refused_by_name(tmp_path: Path, content: str, fragments: list[str]) -> None:
     with pytest.raises(FfsmsError) as caught:
-        ran(tmp_path, content)
+        run_in_mode(tmp_path, content)
     assert type(caught.value) is InvalidScenario
-    for word in ["mine.toml", *words]:
-        assert word in str(caught.value)
+    for fragment in ["mine.toml", *fragments]:
+        assert fragment in str(caught.value)
 
 
 def in_mode(tmp_path: Path, mode: str, content: str) -> Path:
@@ -135,12 +135,12 @@ def in_mode(tmp_path: Path, mode: str, content: str) -> Path:
 
 
 @pytest.mark.parametrize(("mode", "holds"), [("flying", "both"), ("translation-flying", "place")])
-def test_the_place_is_held(tmp_path: Path, mode: str, holds: str) -> None:
-    found = run(scenario(in_mode(tmp_path, mode, f'{STATION}holds = "{holds}"\n')))
-    shifted = found.sms.base_com
-    places = [row[:3] + pin.Quaternion(row[3:7]).toRotationMatrix() @ shifted for row in found.tracking.q]
+def test_the_position_of_the_base_is_held(tmp_path: Path, mode: str, holds: str) -> None:
+    outcome = run(scenario(in_mode(tmp_path, mode, f'{STATION}holds = "{holds}"\n')))
+    shifted = outcome.sms.base_com
+    places = [row[:3] + pin.Quaternion(row[3:7]).toRotationMatrix() @ shifted for row in outcome.tracking.q]
     assert np.linalg.norm(np.array(places) - places[0], axis=1).max() < 1e-3
-    assert (turn(found) > 0.5) is (holds == "place")
+    assert (largest_rotation(outcome) > 0.5) is (holds == "place")
     other = {"both": "place", "place": "both"}[holds]
     with pytest.raises(InvalidScenario, match=f'holds = "{holds}"'):
         scenario(in_mode(tmp_path, mode, f'{STATION}holds = "{other}"\n'))
@@ -155,14 +155,14 @@ def test_coordinated_control_needs_its_law_of_the_joints(tmp_path: Path) -> None
         scenario(path)
 
 
-def test_the_summary_tells_what_wheels_did(tmp_path: Path) -> None:
-    told = summary(ran(tmp_path, WHEELS + THRUSTERS + COORDINATED))
+def test_the_summary_reports_wheels_and_thrusters(tmp_path: Path) -> None:
+    numbers = summary(run_in_mode(tmp_path, WHEELS + THRUSTERS + COORDINATED))
     console = Console(width=200, file=io.StringIO())
-    console.print(summary_table(told))
+    console.print(summary_table(numbers))
     assert isinstance(console.file, io.StringIO)
     shown = console.file.getvalue()
-    for word in ("x: largest momentum, torque", "propellant", "attitude", "coordinated"):
-        assert word in shown
-    assert [wheel["name"] for wheel in told["tracking"]["wheels"]] == ["x", "y", "z"]
-    assert told["tracking"]["wheels"][2]["torque_max_Nm"] > 0.01
-    assert "law coordinated" in told["conditions"]["attitude"]
+    for label in ("x: largest momentum, torque", "propellant", "attitude", "coordinated"):
+        assert label in shown
+    assert [wheel["name"] for wheel in numbers["tracking"]["wheels"]] == ["x", "y", "z"]
+    assert numbers["tracking"]["wheels"][2]["torque_max_Nm"] > 0.01
+    assert "law coordinated" in numbers["conditions"]["attitude"]

@@ -22,7 +22,7 @@ from ffsms_pin.simulation.client_motion import client_motion
 
 JOINTS = "joints = [0.1, -0.4, 0.1, -2.0, 0.0, 3.1, 0.9]"
 
-# Most of them fly the same plan.
+# Most of these tests use the same plan.
 pytestmark = pytest.mark.usefixtures("kept_plans")
 
 
@@ -33,8 +33,8 @@ def _written(folder: Path, text: str) -> scenarios.Scenario:
 
 
 def _problem(folder: Path, text: str) -> Problem:
-    made = _written(folder, text)
-    return made.problem(made.load())
+    read = _written(folder, text)
+    return read.problem(read.load())
 
 
 @pytest.fixture(scope="module")
@@ -42,20 +42,26 @@ def outcome(tmp_path_factory: pytest.TempPathFactory) -> Any:
     return scenarios.run(_written(tmp_path_factory.mktemp("short"), SHORT))
 
 
-def test_the_client_is_caught_and_the_rate_is_as_said(outcome: Any) -> None:
+def test_the_client_is_caught_and_the_rate_is_as_predicted(outcome: Any) -> None:
     numbers = scenarios.summary(outcome)["capture"]
     assert scenarios.summary(outcome)["tracking"]["note"] == "t = 6 s: latched; t = 10 s: ended"
     assert outcome.trajectory.reached
     assert numbers["contact_velocity_m_per_s"] < 5e-3
     assert numbers["momentum_change_relative"] < 1e-9  # rounding: it differs from processor to processor
-    assert [one["name"] for one in numbers["phases"]] == ["approach", "closing", "contact", "braking", "rest"]
+    assert [phase["name"] for phase in numbers["phases"]] == [
+        "approach",
+        "closing",
+        "contact",
+        "braking",
+        "rest",
+    ]
     assert numbers["final_joint_rate_max_deg_per_s"] < 1e-3
     assert numbers["caught"]
     assert numbers["predicted_error_deg_per_s"] < 5e-3
     assert numbers["expected_error_deg_per_s"] < 5e-3
     assert 0.0 < numbers["flown_torque_share"] < 1.0
     assert np.linalg.norm(numbers["final_base_rate_deg_per_s"]) > 0.1
-    # The recording's own momentum, of both, stays what it was at the capture.
+    # The recorded momentum of both bodies is constant after the capture.
     drift = np.abs(outcome.capture.tracking.momentum - outcome.capture.after.momentum).max()
     assert drift < 1e-8
 
@@ -70,7 +76,7 @@ def test_the_client_moves_freely_and_then_with_the_arm(outcome: Any, tmp_path: P
     free = outcome.capture.client
     for t in (0.0, 2.5, 5.9):
         np.testing.assert_allclose(motion.pose(t).homogeneous, free.pose(t).homogeneous, atol=1e-6)
-    # It goes on from where it was, and then its place in the hand does not change; no longer a free body.
+    # The motion is continuous at the latch; afterwards the pose in the gripper is constant.
     step = motion.pose(6.0).translation - motion.pose(5.996).translation
     assert np.linalg.norm(step) < 1e-3
     rows = np.flatnonzero(whole.t >= 6.0)[[0, 300, -1]]
@@ -78,8 +84,8 @@ def test_the_client_moves_freely_and_then_with_the_arm(outcome: Any, tmp_path: P
         outcome.plant.at(whole.q[row]).end_effector_pose.actInv(motion.pose(float(whole.t[row])))
         for row in rows
     ]
-    for one in in_hand[1:]:
-        np.testing.assert_allclose(one.homogeneous, in_hand[0].homogeneous, atol=1e-9)
+    for pose in in_hand[1:]:
+        np.testing.assert_allclose(pose.homogeneous, in_hand[0].homogeneous, atol=1e-9)
     late = float(whole.t[-1])
     assert np.linalg.norm(motion.pose(late).translation - free.pose(late).translation) > 1e-3
 
@@ -89,7 +95,7 @@ def test_the_client_moves_freely_and_then_with_the_arm(outcome: Any, tmp_path: P
     np.testing.assert_array_equal(again.pose(3.0).homogeneous, motion.pose(3.0).homogeneous)
 
 
-def test_the_scene_holds_the_client(outcome: Any) -> None:
+def test_the_scene_shows_the_client(outcome: Any) -> None:
     viewer = pytest.importorskip("ffsms_pin.viewer")
     scene = viewer.view_capture(outcome, fps=2.0)
     assert scene.layers["client"]
@@ -119,13 +125,13 @@ def test_a_results_folder_shows_the_client(outcome: Any, tmp_path: Path) -> None
 
 
 def test_a_plan_in_collision_is_not_flown(tmp_path: Path) -> None:
-    """Stretched out for a client that is out of reach, the arm would go through itself."""
+    """The plan to a client out of reach stretches the arm and collides with the robot itself."""
     text = SHORT.replace(JOINTS, "position = [3.0, 0.5, 0.0]").replace("after = 4.0", "after = 0.5")
     outcome = scenarios.run(_written(tmp_path, text))
     capture = outcome.capture
     assert outcome.trajectory.broken["clearance"] > 0.01
     assert capture is not None
-    assert [one.name for one in capture.phases] == ["approach", "braking", "rest"]
+    assert [phase.name for phase in capture.phases] == ["approach", "braking", "rest"]
     assert capture.phases[1].reason.startswith("not flown: in the plan ")
     assert "overlap by" in capture.phases[1].reason
     assert "out of the workspace" in capture.phases[1].reason
@@ -139,9 +145,9 @@ def test_a_plan_in_collision_is_not_flown(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("kind", "old", "new", "word"),
+    ("kind", "old", "new", "fragment"),
     [
-        # Out of reach, with a plan that comes near; and under a law that is too weak to follow the plan.
+        # A client out of reach; a law that is too weak to follow the plan.
         ("rigid", f"{JOINTS}\n", "position = [3.0, 0.5, 0.0]\n", "missed by 1"),
         (
             "compliant",
@@ -152,7 +158,7 @@ def test_a_plan_in_collision_is_not_flown(tmp_path: Path) -> None:
     ],
 )
 def test_outside_the_envelope_nothing_is_caught(
-    tmp_path: Path, kind: str, old: str, new: str, word: str
+    tmp_path: Path, kind: str, old: str, new: str, fragment: str
 ) -> None:
     assert old in SHORT
     text = SHORT.replace("[contact]\nafter = 4.0", f'[contact]\nkind = "{kind}"\nafter = 0.5')
@@ -160,12 +166,14 @@ def test_outside_the_envelope_nothing_is_caught(
     missed = scenarios.run(_written(tmp_path, text.replace(old, new)))
     capture = missed.capture
     assert capture is not None
-    assert word in capture.missed
+    assert fragment in capture.missed
     assert ("0.05 m at most" if kind == "rigid" else "0.05 rad/s at most") in capture.missed
-    if word == "missed by 1":  # far from it there is nothing to go back from; the plan's own reason is told
-        assert [one.name for one in capture.phases] == ["approach", "braking", "rest"]
+    if (
+        fragment == "missed by 1"
+    ):  # far from the client no retreat is needed, and the reason is that of the plan
+        assert [phase.name for phase in capture.phases] == ["approach", "braking", "rest"]
         assert "workspace" in capture.missed
-    # No one touched the client, and the arm comes to rest alone with the momentum that it had.
+    # Nothing touched the client, and the arm comes to rest with its own momentum.
     assert capture.after is None
     assert not capture.whole.contact_wrench.any()
     assert capture.momentum_error < 1e-6  # at 140 deg/s, with steps of 4 ms
@@ -187,13 +195,13 @@ def test_a_miss_is_an_outcome_with_status_one(tmp_path: Path, capsys: pytest.Cap
     assert main(["run", str(path), "--out", str(tmp_path / "out"), "--no-figures"]) == 1
     printed = capsys.readouterr().out
     assert "not caught" in printed
-    assert printed.count("s: approach") == 2  # phases are listed once, here of two attempts
-    assert len(printed.splitlines()) < 45  # and all is on one screen
+    assert printed.count("s: approach") == 2  # each phase of two attempts is listed once
+    assert len(printed.splitlines()) < 45  # the output fits on one screen
     assert (tmp_path / "out" / "capture.npz").exists()
 
 
-def test_what_was_latched_is_what_the_simulation_latched(tmp_path: Path) -> None:
-    """A locked joint does not give way at the impact: what that costs is in the recording's energies, too."""
+def test_a_locked_joint_stays_at_rest_when_the_client_is_latched(tmp_path: Path) -> None:
+    """A joint that is locked stays at rest in the impact, in the record and in the recorded energies."""
     fault = "[[fault]]\ntime = 5.9\njoint = 1\n[wrist]\nforce_limit = 50.0\n"
     fault += "[contact.envelope]\nspeed = 1.0\nspin = 1.0\n"
     outcome = scenarios.run(_written(tmp_path, SHORT.replace("after = 4.0", "after = 1.0") + fault))
@@ -205,15 +213,15 @@ def test_what_was_latched_is_what_the_simulation_latched(tmp_path: Path) -> None
     assert capture.after.v[7] == 0.0
     jump = capture.whole.kinetic_energy[row - 1] - capture.whole.kinetic_energy[row]
     assert capture.after.energy_lost == pytest.approx(jump, rel=0.2)
-    # What carries the client is in the wrist's load.
-    felt = np.linalg.norm(capture.whole.contact_wrench[row:, :3], axis=1).max()
-    assert scenarios.summary(outcome)["tracking"]["wrist"]["force_max_N"] == pytest.approx(felt)
-    assert felt > 0.1
+    # The load of the wrist includes the wrench that carries the client.
+    largest = np.linalg.norm(capture.whole.contact_wrench[row:, :3], axis=1).max()
+    assert scenarios.summary(outcome)["tracking"]["wrist"]["force_max_N"] == pytest.approx(largest)
+    assert largest > 0.1
 
 
-def test_a_wrong_belief_is_planned_and_braked_with(tmp_path: Path) -> None:
-    """The first plan aims at the first measurement; the joined model has the believed mass, the plant not."""
-    # One measurement says too little for the default envelope: it would be no go.
+def test_a_wrong_belief_is_used_for_planning_and_braking(tmp_path: Path) -> None:
+    """The plan aims at the first measurement; the model for braking has the believed mass."""
+    # A single measurement is too uncertain for the default envelope.
     wide = "[contact.envelope]\ndistance = 0.2\nturn = 0.5\n[contact.go]\ndistance = 0.2\n"
     belief = "[client.sensor]\nseed = 3\n[client.belief]\nmass = 70.0\nmass_deviation = 0.1\n"
     chosen = _written(
@@ -224,15 +232,15 @@ def test_a_wrong_belief_is_planned_and_braked_with(tmp_path: Path) -> None:
     assert isinstance(goal, Meet)
     assert isinstance(goal.client, ClientEstimate)
     assert (goal.client.mass, true.mass) == (70.0, 80.0)
-    apart = goal.client.pose(6.0).translation - true.pose(6.0).translation
+    difference = goal.client.pose(6.0).translation - true.pose(6.0).translation
     outcome = scenarios.run(chosen)
     assert outcome.capture is not None
-    # It arrives where it was planned to, beside where the grasp is.
+    # The arm arrives at the planned grasp, beside the true grasp.
     (closing,) = outcome.capture.closings
-    assert closing.miss[0] > 0.5 * np.linalg.norm(apart) > 3e-3
+    assert closing.miss[0] > 0.5 * np.linalg.norm(difference) > 3e-3
     assert outcome.tracking.position_error[-1] == pytest.approx(closing.miss[0], rel=1e-6)
     assert outcome.capture.after is not None
-    bare, joined = (pin.computeTotalMass(one.model) for one in (sms, outcome.capture.after.robot))
+    bare, joined = (pin.computeTotalMass(robot.model) for robot in (sms, outcome.capture.after.robot))
     assert joined - bare == pytest.approx(80.0)
     braking = outcome.capture.braking
     assert braking is not None
@@ -240,7 +248,7 @@ def test_a_wrong_belief_is_planned_and_braked_with(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "word"),
+    ("old", "new", "message"),
     [
         ("[contact]", "[contact.envelope]\nspeed = 0.0\n[contact]", r"\[contact.envelope\] speed"),
         ("[meet]\ngrasp = [0.0, 0.0, -0.4]\nstandoff = 0.05\n", "", r"\[meet\]"),
@@ -271,9 +279,9 @@ def test_a_wrong_belief_is_planned_and_braked_with(tmp_path: Path) -> None:
         ("inertia = [6.0, 9.0, 11.0]", "inertia = [1.0, 1.0, 11.0]", r"\[client\]"),
     ],
 )
-def test_what_does_not_fit_is_said(tmp_path: Path, old: str, new: str, word: str) -> None:
+def test_inconsistent_tables_are_refused_by_name(tmp_path: Path, old: str, new: str, message: str) -> None:
     assert old in SHORT
-    with pytest.raises(InvalidScenario, match=word):
+    with pytest.raises(InvalidScenario, match=message):
         _problem(tmp_path, SHORT.replace(old, new))
 
 
@@ -293,7 +301,7 @@ def test_the_packaged_scenario_meets_an_estimate() -> None:
 
 @pytest.mark.slow
 def test_the_packaged_capture_meets_its_client(tmp_path: Path) -> None:
-    """Seen noisily and late, through the corridor, by planning again: what `ffsms-pin run capture` shows."""
+    """The motion of `ffsms-pin run capture`: noisy and late measurements, a corridor, and re-planning."""
     text = packaged_path("capture").read_text("utf-8").replace("after = 10.0", "after = 0.5")
     outcome = scenarios.run(_written(tmp_path, text))
     assert outcome.note == ""
@@ -304,8 +312,10 @@ def test_the_packaged_capture_meets_its_client(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_after_a_miss_it_goes_back_and_tries_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The first attempt is pushed aside; the second one, planned from there, catches the client."""
+def test_after_a_miss_the_arm_retreats_and_tries_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A push spoils the first attempt; the second one, planned from the retreat, catches the client."""
     push = "".join(
         f"[[disturbance]]\nwrench = [0, {force}, 0, 0, 0, 0]\nstart = {start}\nend = {start + 0.6}\n"
         for start, force in ((4.6, 60.0), (5.2, -60.0))
@@ -313,7 +323,7 @@ def test_after_a_miss_it_goes_back_and_tries_again(tmp_path: Path, monkeypatch: 
     text = SHORT.replace("[contact]\nafter = 4.0", "[contact]\nafter = 0.5") + push
     capture = scenarios.run(_written(tmp_path, text)).capture
     assert capture is not None
-    names = [one.name for one in capture.phases]
+    names = [phase.name for phase in capture.phases]
     assert names[:4] == ["approach", "closing", "retreat", "approach"]
     assert names[-1] == "rest"
     assert "mm beside its corridor, 50 mm at most" in capture.phases[2].reason
@@ -321,14 +331,16 @@ def test_after_a_miss_it_goes_back_and_tries_again(tmp_path: Path, monkeypatch: 
     assert capture.caught
     (closing,) = capture.closings
     assert closing.miss[0] < 5e-3
-    assert capture.momentum_error < 1e-5  # what the push added is in the ledger
-    once = scenarios.run(_written(tmp_path, text.replace("after = 0.5", "after = 0.5\nattempts = 1"))).capture
-    assert once is not None
-    assert not once.caught
-    assert "given up after 1 attempt" in once.missed
+    assert capture.momentum_error < 1e-5  # the momentum balance includes the push
+    single = scenarios.run(
+        _written(tmp_path, text.replace("after = 0.5", "after = 0.5\nattempts = 1"))
+    ).capture
+    assert single is not None
+    assert not single.caught
+    assert "given up after 1 attempt" in single.missed
 
 
-def test_wheels_hold_before_during_and_after(tmp_path: Path) -> None:
+def test_wheels_hold_the_attitude_before_during_and_after_a_capture(tmp_path: Path) -> None:
     axes = "[[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]"
     wheels = f"[wheels]\naxes = {axes}\ninertia = 0.05\nmomentum = 30.0\ntorque = 1.0\n[attitude]\n"
     text = SHORT.replace("dt = 0.02", 'dt = 0.02\nmode = "rotation-floating"')
@@ -338,20 +350,20 @@ def test_wheels_hold_before_during_and_after(tmp_path: Path) -> None:
     assert capture.caught
     assert capture.momentum_error < 1e-9
     assert np.abs(capture.whole.wheel_momentum).max() > 0.1
-    assert np.degrees(np.linalg.norm(capture.found_rate)) < 0.01  # the stack is detumbled by the same law
-    # What the wheels take, and what the grip bears, were said before.
+    assert np.degrees(np.linalg.norm(capture.found_rate)) < 0.01  # the same law detumbles the joined bodies
+    # The momentum of the wheels and the load of the grip were predicted.
     numbers = capture.numbers()
-    found = np.array(numbers["final_wheel_momentum_Nms"])
+    final = np.array(numbers["final_wheel_momentum_Nms"])
     for name in ("predicted", "expected"):
-        assert np.abs(found - numbers[f"{name}_wheel_momentum_Nms"]).max() < 5e-3 * np.linalg.norm(found)
+        assert np.abs(final - numbers[f"{name}_wheel_momentum_Nms"]).max() < 5e-3 * np.linalg.norm(final)
         assert f"{name}_base_rate_deg_per_s" not in numbers
     assert numbers["expected_contact_force_N"] == pytest.approx(numbers["contact_force_max_N"], rel=0.2)
 
 
 @pytest.mark.long
 @pytest.mark.slow
-def test_wheels_that_are_slow_have_not_taken_all_of_it_yet(tmp_path: Path) -> None:
-    """What was said of them is judged by the momentum that there is, not by how far they are."""
+def test_slow_wheels_take_the_momentum_later(tmp_path: Path) -> None:
+    """The prediction is compared with the total momentum, not with that of the wheels so far."""
     axes = "[[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]"
     wheels = f"[wheels]\naxes = {axes}\ninertia = 0.05\nmomentum = 30.0\ntorque = 0.05\n[attitude]\n"
     text = SHORT.replace("dt = 0.02", 'dt = 0.02\nmode = "rotation-floating"')
@@ -359,28 +371,28 @@ def test_wheels_that_are_slow_have_not_taken_all_of_it_yet(tmp_path: Path) -> No
     capture = scenarios.run(_written(tmp_path, text)).capture
     assert capture is not None
     numbers = capture.numbers()
-    total, found = (np.array(numbers[f"{name}_wheel_momentum_Nms"]) for name in ("total", "final"))
+    total, final = (np.array(numbers[f"{name}_wheel_momentum_Nms"]) for name in ("total", "final"))
     np.testing.assert_allclose(total, capture.whole.momentum[-1, 3:], atol=1e-9)
-    assert np.linalg.norm(found - total) > 0.2 * np.linalg.norm(total)
+    assert np.linalg.norm(final - total) > 0.2 * np.linalg.norm(total)
     assert numbers["expected_error_Nms"] < 5e-3 * np.linalg.norm(total)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("opening", [0.04, pytest.param(0.005, marks=pytest.mark.long)])
-def test_a_gripper_goes_round_a_ring(tmp_path: Path, opening: float) -> None:
-    """With 17 mm on either side no pad touches the rim; pads as near as it is thick push it aside."""
+def test_an_open_gripper_encloses_a_ring(tmp_path: Path, opening: float) -> None:
+    """With a play of 17 mm on either side no pad touches the rim; pads closer than its thickness push it."""
     ring = f"[contact.ring]\nopening = {opening}\nstiffness = 1e5\n"
     text = SHORT.replace("[contact]\nafter = 4.0", '[contact]\nkind = "compliant"\nafter = 0.5')
     capture = scenarios.run(_written(tmp_path, text + ring)).capture
     assert capture is not None
     before = capture.whole.t < capture.contact_at - 1e-9
-    felt = np.linalg.norm(capture.whole.contact_wrench[before, :3], axis=1).max()
+    largest = np.linalg.norm(capture.whole.contact_wrench[before, :3], axis=1).max()
     if opening > 0.01:
         assert capture.caught, capture.missed
-        assert felt < 10.0
+        assert largest < 10.0
         assert capture.momentum_error < 1e-6
     else:
-        assert felt > 1.0
+        assert largest > 1.0
     assert len(capture.client.shapes) == 1 + 36  # its body and the ring's pieces
     with pytest.raises(InvalidScenario, match="keep one"):
         _written(tmp_path, text + ring + "[contact.nozzle]\n")
@@ -388,7 +400,7 @@ def test_a_gripper_goes_round_a_ring(tmp_path: Path, opening: float) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("more", "words"),
+    ("more", "fragment"),
     [
         pytest.param(
             "[contact.envelope]\nforce = 0.5\ndistance = 1.0\nturn = 1.0\n",
@@ -398,27 +410,27 @@ def test_a_gripper_goes_round_a_ring(tmp_path: Path, opening: float) -> None:
         ("torque_share = 1e-3\n", "of a joint's torque limit"),
     ],
 )
-def test_a_load_or_a_braking_that_is_too_much_is_no_go(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, more: str, words: str
+def test_an_excessive_load_or_braking_torque_is_no_go(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, more: str, fragment: str
 ) -> None:
-    """Said at the hold point, before the gripper closes; without the check it is caught."""
-    monkeypatch.setattr("ffsms_pin.capture.braking._LONGEST", 4.0)  # [s] of brakings that are tried
+    """The hold point is not left, before the gripper closes; without the check the client is caught."""
+    monkeypatch.setattr("ffsms_pin.capture.braking._LONGEST", 4.0)  # [s], the longest braking
     sensor = "[client.sensor]\nposition_noise = 1e-4\nvelocity_noise = 2e-4\nrate_noise = 2e-4\n[meet]"
     text = SHORT.replace("[meet]", sensor).replace(
         "[contact]\nafter = 4.0", '[contact]\nkind = "compliant"\nattempts = 1\nafter = 0.5'
     )
-    kept = scenarios.run(_written(tmp_path, text + more)).capture
-    assert kept is not None
-    assert not kept.caught
-    assert words in kept.missed
+    checked = scenarios.run(_written(tmp_path, text + more)).capture
+    assert checked is not None
+    assert not checked.caught
+    assert fragment in checked.missed
     monkeypatch.setattr("ffsms_pin.capture.state_machine.go_no_go", lambda *_: "")
-    unguarded = "[guards]\non = false\n"  # which would stop it at the contact
-    tried = scenarios.run(_written(tmp_path, text + more + unguarded)).capture
-    assert tried is not None
-    assert tried.caught
+    unguarded = "[guards]\non = false\n"  # guards would stop the flight at the contact
+    unchecked = scenarios.run(_written(tmp_path, text + more + unguarded)).capture
+    assert unchecked is not None
+    assert unchecked.caught
 
 
-def test_the_wrists_load_stands_beside_its_limits(
+def test_the_load_of_the_wrist_is_reported_beside_its_limits(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     from ffsms_pin.cli import main
@@ -433,8 +445,8 @@ def test_the_wrists_load_stands_beside_its_limits(
     assert share > 100.0
 
 
-def _dark(folder: Path, hidden: str, more: str = "") -> scenarios.Scenario:
-    """The packaged capture with a camera that is hidden for a while, in coarser steps."""
+def _with_dark_camera(folder: Path, hidden: str, more: str = "") -> scenarios.Scenario:
+    """Return the packaged capture with a camera that is hidden for a while, in coarser steps."""
     text = packaged_path("capture").read_text("utf-8").replace("after = 10.0", "after = 1.0")
     text = text.replace("period = 0.1 ", f"hidden = [{hidden}]\nseed = 1\nperiod = 0.1 ")
     text = text.replace('kind = "re-planning"\ndt = 0.02 ', 'kind = "re-planning"\nperiod = 0.5\ndt = 0.05 ')
@@ -443,13 +455,13 @@ def _dark(folder: Path, hidden: str, more: str = "") -> scenarios.Scenario:
 
 
 @pytest.mark.slow
-def test_an_arm_that_closes_stops_when_the_camera_is_dark(tmp_path: Path) -> None:
-    """It goes back without a touch, within all limits, and rests where both keep clear for ten minutes."""
-    outcome = scenarios.run(_dark(tmp_path, "[9.0, 11.8]"))
+def test_a_closing_arm_aborts_when_the_camera_is_dark(tmp_path: Path) -> None:
+    """The arm retreats without contact, within all limits, to a rest that is clear for ten minutes."""
+    outcome = scenarios.run(_with_dark_camera(tmp_path, "[9.0, 11.8]"))
     capture = outcome.capture
     assert capture is not None
     assert not capture.caught
-    names = [one.name for one in capture.phases]
+    names = [phase.name for phase in capture.phases]
     assert (names[:3], names[-2:]) == (["approach", "closing", "retreat"], ["braking", "rest"])
     # The last picture was made at 8.9 s; 2 s beyond the latency of 0.2 s are allowed.
     abort = capture.phases[2]
@@ -465,23 +477,23 @@ def test_an_arm_that_closes_stops_when_the_camera_is_dark(tmp_path: Path) -> Non
     numbers = scenarios.summary(outcome)["capture"]
     assert numbers["clear_afterwards"]
     assert numbers["keep_clear_s"] == 600.0
-    # The bodies' free motions from the end of the recording keep clear indeed.
+    # The bodies' free motions from the end of the recording are clear.
     assert capture.departure is not None
     end, client = float(whole.t[-1]), capture.client
     rest = AfterCapture(
         outcome.sms, whole.q[-1], whole.v[-1], outcome.sms.at(whole.q[-1], whole.v[-1]).momentum, 0.0
     )
-    shapes = [one for one in outcome.scenario.obstacles(client) if one.moves]
-    closeness = ClientDistances(outcome.sms, shapes, 0.01, "auto")
-    assert closest_approach(closeness, rest, client, end, 600.0).distance > 0.0
+    shapes = [obstacle for obstacle in outcome.scenario.obstacles(client) if obstacle.moves]
+    distances = ClientDistances(outcome.sms, shapes, 0.01, "auto")
+    assert closest_approach(distances, rest, client, end, 600.0).distance > 0.0
 
 
 @pytest.mark.long
 @pytest.mark.slow
 def test_a_dark_camera_is_no_go(tmp_path: Path) -> None:
-    capture = scenarios.run(_dark(tmp_path, "[6.0, 11.8]")).capture
+    capture = scenarios.run(_with_dark_camera(tmp_path, "[6.0, 11.8]")).capture
     assert capture is not None
-    assert "closing" not in [one.name for one in capture.phases]
+    assert "closing" not in [phase.name for phase in capture.phases]
     assert capture.phases[1].reason.startswith("no go: the client was last measured ")
     assert not capture.whole.contact_wrench.any()
     assert "array" not in capture.missed
@@ -489,7 +501,7 @@ def test_a_dark_camera_is_no_go(tmp_path: Path) -> None:
 
 @pytest.mark.long
 @pytest.mark.slow
-def test_how_old_what_is_known_may_be_is_an_option(tmp_path: Path) -> None:
-    capture = scenarios.run(_dark(tmp_path, "[8.0, 10.2]", "[contact.go]\nage = 3.0\n")).capture
+def test_the_largest_age_of_measurements_is_an_option(tmp_path: Path) -> None:
+    capture = scenarios.run(_with_dark_camera(tmp_path, "[8.0, 10.2]", "[contact.go]\nage = 3.0\n")).capture
     assert capture is not None
     assert capture.caught, capture.missed

@@ -1,4 +1,4 @@
-"""Keys of real conditions in a scenario file: all there, all documented, and the wrong ones named."""
+"""Keys of real conditions in a scenario file: complete, documented, and named if they are invalid."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from ffsms_pin.scenarios.tables import ScenarioFile
 
 
 def _models(*path: str) -> list[type[Keys]]:
-    """The models of a table, or of a table inside it: one for each choice."""
+    """Return the models of a table, or of a table inside it: one model for each choice."""
     models: list[type[Keys]] = [ScenarioFile]
     for name in path:
         models = models_in(models[0].model_fields[name].annotation)
@@ -31,12 +31,12 @@ def _models(*path: str) -> list[type[Keys]]:
 
 
 def _keys(*path: str) -> set[str]:
-    """The keys of a table, tables inside it left out."""
+    """Return the keys of a table without the tables inside it."""
     fields = {name: field for model in _models(*path) for name, field in model.model_fields.items()}
     return {name for name, field in fields.items() if not models_in(field.annotation)}
 
 
-def test_every_keyword_of_simulate_can_be_said() -> None:
+def test_every_keyword_of_simulate_is_a_key() -> None:
     """The keys of the tables are the fields of the objects that `simulate` takes."""
     kinds: dict[str, tuple[type[Any], set[str]]] = {
         "friction": (sim.JointFriction, set()),
@@ -59,27 +59,27 @@ def test_every_keyword_of_simulate_can_be_said() -> None:
     assert _keys("plant", "random") == random | {"seed"}
     options = set(signature(opt.plan).parameters) - {"sms", "q0", "target", "progress", "options"}
     options |= set(PlanOptions.__annotations__)
-    options -= {"obstacles", "wheel_momentum"}  # said in tables of their own
+    options -= {"obstacles", "wheel_momentum"}  # keys of other tables
     options -= {"also", "via"}  # for Python only
     assert _keys("plan") | {"base_limits", "joint_rates"} == options | {"reach"}
     assert "joint_rates" in _keys("start")
     # The coast is the time that [contact] leaves before braking.
     assert _keys("meet") == {field.name for field in fields(opt.Meet)} - {"client", "coast"} | {"grasp_rpy"}
-    said = {"reference", "controller", "plant", "friction", "actuator", "sensors", "wrist", "estimator"}
-    said |= {"guards"}  # tables
-    said |= {"disturbances", "events", "dt", "base_controller"}
-    said |= {"client", "loads", "supervisor"}  # [client] and [contact]
+    keys = {"reference", "controller", "plant", "friction", "actuator", "sensors", "wrist", "estimator"}
+    keys |= {"guards"}  # tables
+    keys |= {"disturbances", "events", "dt", "base_controller"}
+    keys |= {"client", "loads", "supervisor"}  # [client] and [contact]
     laws = (QuaternionFeedback, StationKeeping)
-    law = {name for one in laws for name in signature(one).parameters} - {"sms"}
-    assert {name for one in _models("attitude") for name in one.model_fields} == law | {"law"}
+    law = {name for kind in laws for name in signature(kind).parameters} - {"sms"}
+    assert {name for model in _models("attitude") for name in model.model_fields} == law | {"law"}
     assert _keys("attitude", "dump") == set(signature(MomentumDump).parameters)
-    said |= _keys("simulation")
+    keys |= _keys("simulation")
     arguments = set(signature(sim.simulate).parameters) | {field.name for field in fields(sim.Conditions)}
-    assert arguments - {"sms", "progress", "conditions", "fields"} == said
+    assert arguments - {"sms", "progress", "conditions", "fields"} == keys
 
 
 @pytest.mark.parametrize(
-    ("content", "words"),
+    ("content", "fragments"),
     [
         ("[control]\nlaw = 'lqr'\n", ["[control] law", "must be one of", '"computed-torque"', "'lqr'"]),
         ("[control]\nlaw = 'pd'\nK_s = 1.0\n", ['[control] K_s is no option of law = "pd", which takes K_p']),
@@ -136,8 +136,8 @@ def test_every_keyword_of_simulate_can_be_said() -> None:
         ("gaurds = {}\n", ["unknown table [gaurds]", "did you mean 'guards'?"]),
     ],
 )
-def test_a_condition_that_cannot_be_used_is_named_before_anything_is_planned(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, content: str, words: list[str]
+def test_an_invalid_condition_is_named_before_planning(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, content: str, fragments: list[str]
 ) -> None:
     monkeypatch.setattr(closed_loop, "plan_problem", lambda *_, **__: pytest.fail("planned"))
     path = tmp_path / "mine.toml"
@@ -156,11 +156,11 @@ def test_a_condition_that_cannot_be_used_is_named_before_anything_is_planned(
     assert "\n" not in message
     if "absent.urdf" not in message:
         assert type(caught.value) is InvalidScenario
-    for word in [str(tmp_path), *words]:
-        assert word in message
+    for fragment in [str(tmp_path), *fragments]:
+        assert fragment in message
 
 
-def test_the_page_has_the_models_keys() -> None:
+def test_the_page_lists_the_keys_of_the_models() -> None:
     """docs/scenario-keys.md has the tables that docs/key_tables.py makes."""
     docs = Path(__file__).parents[2] / "docs"
     page = (docs / "scenario-keys.md").read_text(encoding="utf-8")
@@ -169,6 +169,6 @@ def test_the_page_has_the_models_keys() -> None:
     titles = set(re.findall(r"^## \[+([\w.]+)\]+$", page, re.M))
     for name, field in ScenarioFile.model_fields.items():
         assert name in titles
-        for inner, one in models_in(field.annotation)[0].model_fields.items():
-            if models_in(one.annotation):
+        for inner, key in models_in(field.annotation)[0].model_fields.items():
+            if models_in(key.annotation):
                 assert f"{name}.{inner}" in titles

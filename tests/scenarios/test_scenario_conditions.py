@@ -1,4 +1,4 @@
-"""The closed loop of a scenario file under real conditions: the file says what `simulate` is told."""
+"""The closed loop of a scenario file under real conditions equals `simulate` with the same arguments."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def plain(tmp_path_factory: pytest.TempPathFactory) -> Outcome:
     return run_text(tmp_path_factory.mktemp("plain"), QUICK)
 
 
-def test_a_file_with_every_condition_is_simulate_with_every_keyword(
+def test_a_file_with_every_condition_equals_simulate_with_every_keyword(
     tmp_path: Path, planar: ffsms.SpaceManipulator
 ) -> None:
     outcome = run_text(
@@ -94,15 +94,19 @@ def test_a_file_with_every_condition_is_simulate_with_every_keyword(
     np.testing.assert_array_equal(outcome.tracking.tau, by_hand.tau)
     assert outcome.tracking.note == by_hand.note
     assert "captured 0.5 kg" in by_hand.note
-    words = summary(outcome)["conditions"]
-    assert set(words) >= {*CONDITIONS, "estimator", "control", "reference", "guards"} - {"disturbance"}
-    assert "disturbance 2" in words
+    conditions = summary(outcome)["conditions"]
+    assert set(conditions) >= {*CONDITIONS, "estimator", "control", "reference", "guards"} - {"disturbance"}
+    assert "disturbance 2" in conditions
 
 
 @pytest.mark.parametrize("name", CONDITIONS)
-def test_no_condition_goes_unheard(tmp_path: Path, plain: Outcome, name: str) -> None:
+def test_every_condition_changes_the_motion_and_not_the_plan(
+    tmp_path: Path, plain: Outcome, name: str
+) -> None:
     outcome = run_text(tmp_path, text(name))
-    np.testing.assert_array_equal(outcome.trajectory.q, plain.trajectory.q)  # the plan knows nothing of it
+    np.testing.assert_array_equal(
+        outcome.trajectory.q, plain.trajectory.q
+    )  # the plan does not use the condition
     assert np.abs(outcome.tracking.q[-1] - plain.tracking.q[-1]).max() > 1e-7
 
 
@@ -115,16 +119,16 @@ def test_a_law_by_name_with_its_gains(tmp_path: Path, law: str, planar: ffsms.Sp
         tmp_path, QUICK.replace('law = "computed-torque"\n', f'law = "{law}"\n{lines}') + "[wrist]\n"
     )
     assert type(outcome.controller) is control.LAWS[law]
-    wanted = control.LAWS[law](planar, **values)
+    expected = control.LAWS[law](planar, **values)
     for gain in values:
-        np.testing.assert_array_equal(getattr(outcome.controller, gain), getattr(wanted, gain))
+        np.testing.assert_array_equal(getattr(outcome.controller, gain), getattr(expected, gain))
     by_hand = sim.simulate(
-        planar, outcome.trajectory, wanted, dt=0.01, conditions=sim.Conditions(wrist=sim.WristSensor())
+        planar, outcome.trajectory, expected, dt=0.01, conditions=sim.Conditions(wrist=sim.WristSensor())
     )
     np.testing.assert_array_equal(outcome.tracking.tau, by_hand.tau)
 
 
-def test_loads_of_wrist_and_joints_are_told_beside_their_limits(tmp_path: Path) -> None:
+def test_loads_of_wrist_and_joints_are_reported_beside_their_limits(tmp_path: Path) -> None:
     push = '[[disturbance]]\non = "end-effector"\nwrench = [0.03, 0.04, 0, 0, 0, 0.02]\nend = 1.0\n'
     law = 'law = "admittance"\nstiffness = 20.0\nturn_stiffness = 1.0'
     text = (
@@ -133,7 +137,10 @@ def test_loads_of_wrist_and_joints_are_told_beside_their_limits(tmp_path: Path) 
     )
     outcome = run_text(tmp_path, text + push)
     numbers = summary(outcome)["tracking"]
-    true = {"force_max_N": pytest.approx(0.05), "moment_max_Nm": pytest.approx(0.02)}  # not what is shown
+    true = {
+        "force_max_N": pytest.approx(0.05),
+        "moment_max_Nm": pytest.approx(0.02),
+    }  # without the bias of the sensor
     assert numbers["wrist"] == {**true, "force_limit_N": 0.5, "moment_limit_Nm": None}
     share = np.abs(outcome.tracking.tau / outcome.controller.torque_limit).max()
     assert numbers["torque_max_relative"] == pytest.approx(share)
@@ -147,10 +154,10 @@ def test_random_plants_are_those_of_their_seed(tmp_path: Path, planar: ffsms.Spa
     )
     start = sim.perturb(planar, base_mass=1.1)
     (drawn,) = sim.random_plants(start, np.random.default_rng(3), 1, arm_mass=0.5)
-    wanted = [float(body.mass) for body in drawn.model.inertias]
-    assert [float(body.mass) for body in outcome.plant.model.inertias] == wanted
+    expected = [float(body.mass) for body in drawn.model.inertias]
+    assert [float(body.mass) for body in outcome.plant.model.inertias] == expected
     other = run_text(tmp_path, QUICK + "[plant]\nbase_mass = 1.1\n[plant.random]\nseed = 4\narm_mass = 0.5\n")
-    assert [float(body.mass) for body in other.plant.model.inertias] != wanted
+    assert [float(body.mass) for body in other.plant.model.inertias] != expected
 
 
 def test_a_plant_from_another_file(tmp_path: Path, planar: ffsms.SpaceManipulator) -> None:
@@ -220,12 +227,12 @@ def test_guards_stop_the_flight_and_save_beside_the_file(tmp_path: Path) -> None
 
 @pytest.mark.long
 @pytest.mark.slow
-def test_integration_steps_can_be_finer(tmp_path: Path, planar: ffsms.SpaceManipulator) -> None:
-    """A friction that is steep for the control step: four parts come nearer to the motion by sixteen."""
-    rough = QUICK + "[friction]\nviscous = 0.3\n"
+def test_substeps_refine_the_integration(tmp_path: Path, planar: ffsms.SpaceManipulator) -> None:
+    """With friction that is steep for the control step, four substeps come closer to sixteen than one."""
+    content = QUICK + "[friction]\nviscous = 0.3\n"
     runs = [
-        run_text(tmp_path, rough + f"[simulation]\nintegrator = 'variational'\nsubsteps = {k}\n").tracking
+        run_text(tmp_path, content + f"[simulation]\nintegrator = 'variational'\nsubsteps = {k}\n").tracking
         for k in (1, 4, 16)
     ]
-    coarse, finer = (np.abs(one.q - runs[2].q).max() for one in runs[:2])
+    coarse, finer = (np.abs(tracking.q - runs[2].q).max() for tracking in runs[:2])
     assert 0.0 < finer < 0.2 * coarse

@@ -1,4 +1,4 @@
-"""What scenario files are refused for: one line that names file, table, key and what to write."""
+"""Refusals of scenario files: one line that names file, table, key and a remedy."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ KEYS = [
 
 @settings(max_examples=20, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(key=st.sampled_from(KEYS), data=st.data())
-def test_a_misspelt_key_is_named_with_what_was_meant(
+def test_a_misspelt_key_is_named_with_a_suggestion(
     tmp_path: Path, key: tuple[str, str], data: st.DataObject
 ) -> None:
     table, word = key
@@ -49,7 +49,7 @@ def test_a_misspelt_key_is_named_with_what_was_meant(
 
 
 def _with(text: str, table: str, line: str) -> str:
-    """The text with one more line in a table."""
+    """Return the text with one more line in a table."""
     header = f"[{table}]\n"
     if header in text:
         return text.replace(header, f"{header}{line}\n")
@@ -62,7 +62,7 @@ def test_a_misspelt_table_is_named(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("line", "instead", "words"),
+    ("line", "instead", "fragments"),
     [
         ("duration = 3.0", "duration = -2.5", ["[plan] duration", "above zero, at most 1e+09 [s]", "-2.5"]),
         ("duration = 3.0", "duration = nan", ["[plan] duration", "finite", "nan"]),
@@ -84,7 +84,7 @@ def test_a_misspelt_table_is_named(tmp_path: Path) -> None:
     ],
 )
 def test_a_wrong_value_is_named_with_file_and_key(
-    tmp_path: Path, line: str, instead: str, words: list[str]
+    tmp_path: Path, line: str, instead: str, fragments: list[str]
 ) -> None:
     assert line in QUICK
     path = write(tmp_path, QUICK.replace(line, instead))
@@ -92,12 +92,12 @@ def test_a_wrong_value_is_named_with_file_and_key(
         scenario(path)
     message = str(caught.value)
     assert "\n" not in message
-    for word in [str(path), *words]:
-        assert word in message
+    for fragment in [str(path), *fragments]:
+        assert fragment in message
 
 
 @pytest.mark.parametrize(
-    ("line", "instead", "words"),
+    ("line", "instead", "fragments"),
     [
         ("joints_deg = [23.0, 40.0, -29.0]", "joints = [0.4, 0.7]", ["[start] joints", "3 joints", "got 2"]),
         (
@@ -116,7 +116,7 @@ def test_a_wrong_value_is_named_with_file_and_key(
     ],
 )
 def test_a_value_that_does_not_fit_the_robot_is_named(
-    tmp_path: Path, line: str, instead: str, words: list[str]
+    tmp_path: Path, line: str, instead: str, fragments: list[str]
 ) -> None:
     assert line in QUICK
     path = write(tmp_path, QUICK.replace(line, instead))
@@ -124,12 +124,12 @@ def test_a_value_that_does_not_fit_the_robot_is_named(
         run(scenario(path))
     message = str(caught.value)
     assert "\n" not in message
-    for word in [str(path), *words]:
-        assert word in message
+    for fragment in [str(path), *fragments]:
+        assert fragment in message
 
 
 @pytest.mark.parametrize(
-    ("content", "word"),
+    ("content", "fragment"),
     [
         (b"[robot\nmodel", "line 1"),
         (b"\xff\xfe\x00", "UTF-8"),
@@ -137,15 +137,15 @@ def test_a_value_that_does_not_fit_the_robot_is_named(
         (b"[" * 5000, "TOML"),
     ],
 )
-def test_a_file_that_is_not_toml(tmp_path: Path, content: bytes, word: str) -> None:
+def test_a_file_that_is_not_toml_is_refused(tmp_path: Path, content: bytes, fragment: str) -> None:
     path = tmp_path / "bad.toml"
     path.write_bytes(content)
     with pytest.raises(InvalidScenario, match="is not a TOML file") as caught:
         scenario(path)
-    assert word in str(caught.value)
+    assert fragment in str(caught.value)
 
 
-def test_a_missing_file_says_which_scenarios_there_are(tmp_path: Path) -> None:
+def test_the_message_of_a_missing_file_lists_the_scenarios(tmp_path: Path) -> None:
     with pytest.raises(InvalidScenario, match=r"case-3: there is no such file.*case-1, case-2"):
         scenario("case-3")
     with pytest.raises(InvalidScenario, match="cannot be read"):

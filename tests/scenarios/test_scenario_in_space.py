@@ -46,7 +46,9 @@ def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.slow
-def test_run(file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_run_in_space_saves_its_results(
+    file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     out = tmp_path / "run"
     assert main(["run", str(file), "--out", str(out)]) == 0
     tracking = Tracking.load(out / "tracking.npz")
@@ -63,7 +65,7 @@ def test_run(file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> 
 
 @pytest.mark.long
 @pytest.mark.slow
-def test_campaign(file: Path, tmp_path: Path) -> None:
+def test_a_campaign_in_space_saves_its_report(file: Path, tmp_path: Path) -> None:
     out = tmp_path / "campaign"
     command = ["campaign", str(file), "--runs", "2", "--compare", "--jobs", "1", "--out", str(out)]
     assert main(command) == 0

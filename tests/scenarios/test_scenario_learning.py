@@ -24,7 +24,7 @@ LEARN = '[reference]\nkind = "re-planning"\ndt = 0.02\n[learn]\nunknown = ["base
 LONGER = QUICK.replace("duration = 2.0", "duration = 4.0")
 
 
-def test_the_summary_has_what_was_believed_learnt_and_true(tmp_path: Path) -> None:
+def test_the_summary_has_believed_identified_and_true_bodies(tmp_path: Path) -> None:
     outcome = run_text(tmp_path, LONGER + LEARN + "[plant]\nbase_mass = 1.1\nbase_inertia = 0.9\n")
     numbers: Any = summary(outcome)["learnt"]
     base = {key: numbers["bodies"]["base"][key] for key in ("believed", "learnt", "true")}
@@ -33,9 +33,9 @@ def test_the_summary_has_what_was_believed_learnt_and_true(tmp_path: Path) -> No
     assert masses["believed"] == pytest.approx(31.015)
     assert masses["true"] == pytest.approx(1.1 * 31.015)
     assert masses["learnt"] == pytest.approx(masses["true"], rel=0.01)
-    turning = {key: values["inertia_kg_m2"][2][2] for key, values in base.items()}
-    assert turning["learnt"] == pytest.approx(turning["true"], rel=0.01)
-    assert turning["true"] == pytest.approx(0.9 * turning["believed"], rel=1e-6)
+    inertias = {key: values["inertia_kg_m2"][2][2] for key, values in base.items()}
+    assert inertias["learnt"] == pytest.approx(inertias["true"], rel=0.01)
+    assert inertias["true"] == pytest.approx(0.9 * inertias["believed"], rel=1e-6)
     assert numbers["uncertainty_left"] < 0.1
     assert summary(outcome)["conditions"]["learn"].startswith("unknown")
     text = io.StringIO()
@@ -46,11 +46,11 @@ def test_the_summary_has_what_was_believed_learnt_and_true(tmp_path: Path) -> No
 def test_known_masses_and_bodies_are_those_of_python(tmp_path: Path) -> None:
     """A known mass is not estimated; a whole body is the prior in place of the model's."""
 
-    def of_file(keys: str) -> Identifier:
+    def from_file(keys: str) -> Identifier:
         file = tmp_path / "known.toml"
         file.write_text(QUICK + LEARN + keys, encoding="utf-8")
-        made = scenario(file)
-        identifier = learner(made, made.load())
+        read = scenario(file)
+        identifier = learner(read, read.load())
         assert identifier is not None
         return identifier
 
@@ -61,13 +61,13 @@ def test_known_masses_and_bodies_are_those_of_python(tmp_path: Path) -> None:
         "[learn.known.base]\nmass = 30.0\ncom = [0.1, 0.0, 0.0]\ninertia = [1.0, 1.0, 1.5]\n",
     )
     for known, keys in zip(bodies, tables, strict=True):
-        (expected,), (body,) = Identifier(sms, ["base"], known=known).bodies, of_file(keys).bodies
+        (expected,), (body,) = Identifier(sms, ["base"], known=known).bodies, from_file(keys).bodies
         for name in ("believed", "deviation", "free"):
             np.testing.assert_array_equal(getattr(expected, name), getattr(body, name))
 
 
 @pytest.mark.parametrize(
-    ("keys", "words"),
+    ("keys", "message"),
     [
         ("known = {base = -3.0}", "known must be a finite number above zero, .*got -3"),
         ("known = 3.0", "table of masses or bodies by link"),
@@ -77,16 +77,16 @@ def test_known_masses_and_bodies_are_those_of_python(tmp_path: Path) -> None:
         ("[learn.known.base]\nmass = 3.0\ninertia = [1.0, 1.0, 5.0]", "triangle inequality"),
     ],
 )
-def test_known_values_that_cannot_be_used_are_refused(tmp_path: Path, keys: str, words: str) -> None:
-    with pytest.raises(InvalidScenario, match=words):
+def test_invalid_known_values_are_refused(tmp_path: Path, keys: str, message: str) -> None:
+    with pytest.raises(InvalidScenario, match=message):
         run_text(tmp_path, QUICK + LEARN + keys + "\n")
 
 
-def test_without_it_the_summary_has_nothing(tmp_path: Path) -> None:
+def test_without_the_table_the_summary_has_no_identified_bodies(tmp_path: Path) -> None:
     assert "learnt" not in summary(run_text(tmp_path, QUICK))
 
 
-def test_what_does_not_fit_is_refused(tmp_path: Path) -> None:
+def test_inconsistent_tables_are_refused(tmp_path: Path) -> None:
     with pytest.raises(InvalidScenario, match=r"\[learn\] needs \[reference\] kind"):
         run_text(tmp_path, QUICK + '[learn]\nunknown = ["base"]\n')
     with pytest.raises(InvalidScenario, match="link_9"):

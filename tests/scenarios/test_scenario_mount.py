@@ -1,4 +1,4 @@
-"""An arm put on a satellite by a scenario file."""
+"""An arm mounted on a satellite by a scenario file."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def _mass(sms: ffsms.SpaceManipulator) -> float:
     return float(pin.computeTotalMass(sms.model))
 
 
-def test_the_robot_is_what_mount_makes(tmp_path: Path) -> None:
+def test_the_robot_equals_that_of_mount(tmp_path: Path) -> None:
     sms = scenario(write(tmp_path, FILE)).load()
     base = ffsms.SatelliteBase(mass=400.0, size=(1.5, 1.0, 1.2))
     turn = np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]])
@@ -64,7 +64,7 @@ def test_an_empty_table_is_the_default_satellite(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "words"),
+    ("old", "new", "fragments"),
     [
         ("mass = 400.0", "mass = 0", ["[robot.mount] mass", "above zero"]),
         ("mass = 400.0", "mas = 4", ["unknown key 'mas' in [robot.mount]", "did you mean 'mass'"]),
@@ -74,8 +74,8 @@ def test_an_empty_table_is_the_default_satellite(tmp_path: Path) -> None:
         ("velocity = 0.4", 'end_effector = "tool9"', ["tool9"]),
     ],
 )
-def test_what_cannot_be_mounted_is_told(tmp_path: Path, old: str, new: str, words: list[str]) -> None:
+def test_invalid_mounts_are_refused(tmp_path: Path, old: str, new: str, fragments: list[str]) -> None:
     with pytest.raises(FfsmsError) as caught:
         scenario(write(tmp_path, FILE.replace(old, new))).load()
-    for word in words:
-        assert word in str(caught.value)
+    for fragment in fragments:
+        assert fragment in str(caught.value)

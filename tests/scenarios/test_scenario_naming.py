@@ -1,4 +1,4 @@
-"""What the library refuses while it builds from a file is told with the table and the key of the file."""
+"""Errors of the library name the table and the key of the scenario file that they come from."""
 
 from __future__ import annotations
 
@@ -28,18 +28,18 @@ TURNED = "[client.sensor]\n[reference]\nkind = 're-planning'\n[meet]\n"
 
 
 def build(path: Path) -> None:
-    """All that a run builds before it plans."""
-    found = scenario(path)
-    sms = found.load()
-    with found.named():
-        q0 = found.start_configuration(sms)
-        controller(found, sms)
-        found.problem(sms, q0)
-        prepared(found, sms, q0)
+    """Build everything that a run builds before it plans."""
+    read = scenario(path)
+    sms = read.load()
+    with read.named():
+        q0 = read.start_configuration(sms)
+        controller(read, sms)
+        read.problem(sms, q0)
+        prepared(read, sms, q0)
 
 
 @pytest.mark.parametrize(
-    ("text", "words"),
+    ("text", "message"),
     [
         (MOUNT + "inertia = [1, 1, 9]\n", "[robot.mount] inertia violates the triangle inequality"),
         (
@@ -71,14 +71,14 @@ def build(path: Path) -> None:
         (QUICK.replace("dt = 0.05", "locked = ['elbow']"), "[plan] locked must be one of the joints"),
     ],
 )
-def test_table_and_key_are_named(tmp_path: Path, text: str, words: str) -> None:
+def test_table_and_key_are_named(tmp_path: Path, text: str, message: str) -> None:
     path = write(tmp_path, text)
     with pytest.raises(FfsmsError) as caught:
         build(path)
-    assert str(caught.value).startswith(f"scenario {path}: {words}")
+    assert str(caught.value).startswith(f"scenario {path}: {message}")
 
 
-def test_a_value_that_the_library_takes_from_elsewhere_is_not_put_on_a_key(tmp_path: Path) -> None:
+def test_an_error_about_a_default_names_no_key(tmp_path: Path) -> None:
     with pytest.raises(InvalidScenario, match=r"toml: duration must be at least one step of 99 s"):
         build(write(tmp_path, QUICK.replace("duration = 3.0\ndt = 0.05", "dt = 99.0")))
 

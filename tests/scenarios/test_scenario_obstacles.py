@@ -27,7 +27,7 @@ CUBE = """v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4
 DENTED = CUBE.replace("v 0 0 0", "v 0.3 0.3 0.3") + "v -1 -1 -1\nf 1 2 5\nf 1 5 3\nf 2 3 5\n"
 
 
-def test_every_shape(tmp_path: Path) -> None:
+def test_every_shape_is_an_obstacle(tmp_path: Path) -> None:
     (tmp_path / "corner.obj").write_text(CUBE, encoding="utf-8")
     path = tmp_path / "around.toml"
     path.write_text(
@@ -72,7 +72,7 @@ clearance = 0.012
     (clearance,) = (limit for limit in problem.limits if isinstance(limit, opt.Clearance))
     assert clearance.clearance == 0.012
     ball, box, cylinder, capsule, mesh = clearance.obstacles
-    assert [one.name for one in clearance.obstacles][:2] == ["antenna", "box 2"]
+    assert [obstacle.name for obstacle in clearance.obstacles][:2] == ["antenna", "box 2"]
     assert ball.margin == 0.004
     assert box.on_base
     np.testing.assert_allclose(box.pose.rotation[:, 0], [0.0, 1.0, 0.0], atol=1e-12)
@@ -85,7 +85,7 @@ clearance = 0.012
 
 
 @pytest.mark.parametrize(
-    ("table", "words"),
+    ("table", "message"),
     [
         ('shape = "box"', 'size is missing: shape = "box" needs it'),
         ("radius = 0.1", "shape is missing; it has no default"),
@@ -96,16 +96,16 @@ clearance = 0.012
         ('shape = "sphere"\nradius = 0.1\nposition = [0.45, 0.75, 0.0]', None),
     ],
 )
-def test_what_cannot_be_used(tmp_path: Path, table: str, words: str | None) -> None:
+def test_invalid_obstacles_are_refused(tmp_path: Path, table: str, message: str | None) -> None:
     (tmp_path / "dented.obj").write_text(DENTED, encoding="utf-8")
     path = tmp_path / "wrong.toml"
     path.write_text(f"{BASE}\n[[obstacle]]\n{table}\n", encoding="utf-8")
-    if words is None:  # the target is inside
+    if message is None:  # the target is inside
         read = scenario(path)
         with pytest.raises(ValueError, match="mm inside 'sphere 1'"):
             opt.solve(read.problem(read.load()))
         return
-    with pytest.raises(InvalidScenario, match=words):
+    with pytest.raises(InvalidScenario, match=message):
         _problem(path)
 
 

@@ -57,13 +57,13 @@ answer = 42
 """
 
 
-class _Looked(Exception):
-    """The search was about to begin."""
+class _SearchBegins(Exception):
+    """A sign that the search was about to begin."""
 
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Iterator[Path]:
-    """A folder with modules of a user's own, which are forgotten afterwards."""
+    """A folder with custom modules, which are unloaded afterwards."""
     (tmp_path / "my_parts.py").write_text(MODULE)
     (tmp_path / "broken_parts.py").write_text("import no_such_package")
     yield tmp_path
@@ -71,13 +71,13 @@ def folder(tmp_path: Path) -> Iterator[Path]:
         sys.modules.pop(name, None)
 
 
-def made(path: Path, **options: Any) -> opt.Problem:
+def read_problem(path: Path, **options: Any) -> opt.Problem:
     chosen = scenario(path, **options)
     return chosen.problem(chosen.load())
 
 
-def test_parts_by_short_names_stand_in_for_the_defaults(tmp_path: Path) -> None:
-    plain = made(write(tmp_path, QUICK))
+def test_parts_by_short_names_replace_the_defaults(tmp_path: Path) -> None:
+    plain = read_problem(write(tmp_path, QUICK))
     assert [term.name for term in plain.terms] == ["coupling", "smooth", "effort"]
     assert [limit.name for limit in plain.limits] == ["joints", "torques", "clearance"]
     more = (
@@ -85,7 +85,7 @@ def test_parts_by_short_names_stand_in_for_the_defaults(tmp_path: Path) -> None:
         '[[limit]]\nuse = "base"\nattitude_deg = 10.0\n[[limit]]\nuse = "alpha-box"\n'
         '[[limit]]\nuse = "clearance"\nclearance = 0.02\ncollision = "shapes"\n'
     )
-    problem = made(write(tmp_path, QUICK + more))
+    problem = read_problem(write(tmp_path, QUICK + more))
     assert problem.terms == (opt.Smooth(), opt.Effort(), opt.Coupling(5.0), opt.BaseTurn(0.2))
     assert problem.kappa == 5.0
     joints, torques, base, box, clearance = problem.limits
@@ -99,7 +99,7 @@ def test_parts_by_short_names_stand_in_for_the_defaults(tmp_path: Path) -> None:
 
 
 def test_every_packaged_part_has_a_table() -> None:
-    """What a scenario file may name, and what is made of it, are the same lists."""
+    """The names that a scenario file may use are those of the packaged classes."""
     for kind, parts in PACKAGED.items():
         (first, *_) = models_in(ScenarioFile.model_fields[kind].annotation)
         assert first.choices.keys() == {*parts, OWN}
@@ -110,7 +110,7 @@ def test_terms_of_a_base_that_is_held(tmp_path: Path) -> None:
         '[[term]]\nuse = "wheel-momentum"\nweight = 2.0\n[[term]]\nuse = "wheel-energy"\nrounding = 0.01\n'
         '[[term]]\nuse = "propellant"\nweight = 0.3\n[[limit]]\nuse = "wheels"\n'
     )
-    problem = made(write(tmp_path, QUICK + more))
+    problem = read_problem(write(tmp_path, QUICK + more))
     expected = (opt.WheelMomentum(2.0), opt.WheelEnergy(rounding=0.01), opt.Propellant(0.3))
     assert problem.terms[-3:] == expected
     assert isinstance(problem.limits[-1], opt.WheelLimits)
@@ -119,7 +119,7 @@ def test_terms_of_a_base_that_is_held(tmp_path: Path) -> None:
 def test_plan_keys_describe_the_same_parts(tmp_path: Path) -> None:
     keys = 'dt = 0.05\neffort = 1e-3\nbase = 0.2\ntime_limit = 9.0\nlocked = ["joint_2"]'
     path = write(tmp_path, QUICK.replace("dt = 0.05", keys, 1))
-    problem = made(path)
+    problem = read_problem(path)
     assert problem.terms == (opt.Coupling(), opt.Smooth(), opt.Effort(1e-3), opt.BaseTurn(0.2))
     assert problem.locked == ("joint_2",)
     case = scenario(path)
@@ -130,19 +130,19 @@ def test_plan_keys_describe_the_same_parts(tmp_path: Path) -> None:
 
 
 def test_the_time_limit_reaches_the_search(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    seen: list[float | None] = []
+    limits: list[float | None] = []
 
-    def look(problem: Any, method: str, options: opt.SearchOptions, progress: Any) -> None:
-        seen.append(options.time_limit)
-        raise _Looked
+    def record(problem: Any, method: str, options: opt.SearchOptions, progress: Any) -> None:
+        limits.append(options.time_limit)
+        raise _SearchBegins
 
-    monkeypatch.setattr("ffsms_pin.scenarios.closed_loop.plan_problem", look)
+    monkeypatch.setattr("ffsms_pin.scenarios.closed_loop.plan_problem", record)
     for text in (QUICK, QUICK.replace("dt = 0.05", "dt = 0.05\ntime_limit = 0.5", 1)):
         case = scenario(write(tmp_path, text))
         sms = case.load()
-        with pytest.raises(_Looked):
+        with pytest.raises(_SearchBegins):
             planned(case, sms, case.start_configuration(sms), None)
-    assert seen == [None, 0.5]
+    assert limits == [None, 0.5]
 
 
 def test_joint_rates_at_the_start_are_the_plans_and_the_plants(tmp_path: Path) -> None:
@@ -158,7 +158,7 @@ def test_joint_rates_at_the_start_are_the_plans_and_the_plants(tmp_path: Path) -
     assert replanning(again, again.load()).sample(0.0)[1] == pytest.approx(rates)
 
 
-def test_own_parts_are_planned_with(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_custom_parts_are_used_in_planning(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.syspath_prepend(folder / "elsewhere")
     before = list(sys.path)
     more = (
@@ -166,7 +166,7 @@ def test_own_parts_are_planned_with(folder: Path, monkeypatch: pytest.MonkeyPatc
         '[[limit]]\nuse = "my_parts:Nothing"\n'
     )
     path = write(folder, QUICK + more)
-    problem = made(path, allow_import=True)
+    problem = read_problem(path, allow_import=True)
     quiet = problem.terms[-1]
     assert (quiet.joint, quiet.weight, quiet.places) == (0, 10.0, ((1, 2), (3,)))  # type: ignore[attr-defined]
     assert problem.limits[-1].name == "nothing"
@@ -180,7 +180,7 @@ def test_own_parts_are_planned_with(folder: Path, monkeypatch: pytest.MonkeyPatc
     assert described["term"].startswith("use my_parts:Quiet, joint 0")
 
 
-def test_an_own_limit_is_judged_in_the_flight(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_custom_limit_is_checked_in_the_flight(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """A limit that only the flight violates: exit 1, with the reason."""
     slow = (
         "class Slow(opt.Limit):\n"
@@ -216,7 +216,7 @@ def test_nothing_is_imported_unless_allowed(folder: Path, capsys: pytest.Capture
 
 
 @pytest.mark.parametrize(
-    ("text", "words"),
+    ("text", "fragments"),
     [
         (
             '[[term]]\nuse = "efort"\n',
@@ -243,11 +243,11 @@ def test_nothing_is_imported_unless_allowed(folder: Path, capsys: pytest.Capture
         ('[[term]]\nuse = "my_parts:Nameless"\n', ["has no `name`"]),
     ],
 )
-def test_a_part_that_cannot_be_used_is_one_line(
-    folder: Path, refused: Callable[..., FfsmsError], text: str, words: list[str]
+def test_an_invalid_part_is_refused_in_one_line(
+    folder: Path, refused: Callable[..., FfsmsError], text: str, fragments: list[str]
 ) -> None:
     path = write(folder, QUICK + text)
-    refused(lambda: made(path, allow_import=True), InvalidScenario, str(path), *words)
+    refused(lambda: read_problem(path, allow_import=True), InvalidScenario, str(path), *fragments)
 
 
 @pytest.mark.parametrize(
@@ -258,33 +258,33 @@ def test_a_part_that_cannot_be_used_is_one_line(
         ("base_limits = {attitude = 0.1}", '[[limit]]\nuse = "base"\n'),
     ],
 )
-def test_what_is_said_twice_is_refused(
+def test_a_value_set_twice_is_refused(
     tmp_path: Path, refused: Callable[..., FfsmsError], key: str, part: str
 ) -> None:
     path = write(tmp_path, QUICK.replace("dt = 0.05", f"dt = 0.05\n{key}", 1) + part)
     refused(lambda: scenario(path), InvalidScenario, str(path), key.split()[0], "set the same; keep one")
 
 
-def test_a_module_of_the_same_name_elsewhere_is_not_taken_for_it(
-    folder: Path, refused: Callable[..., FfsmsError]
-) -> None:
+def test_another_module_of_the_same_name_is_refused(folder: Path, refused: Callable[..., FfsmsError]) -> None:
     text = QUICK + '[[term]]\nuse = "my_parts:Quiet"\njoint = 0\n'
-    made(write(folder, text), allow_import=True)
+    read_problem(write(folder, text), allow_import=True)
     other = folder / "other"
     other.mkdir()
     (other / "my_parts.py").write_text(MODULE.replace("joint: int", "joint: float"))
     path = write(other, text)
-    refused(lambda: made(path, allow_import=True), InvalidScenario, "another module 'my_parts' is loaded")
+    refused(
+        lambda: read_problem(path, allow_import=True), InvalidScenario, "another module 'my_parts' is loaded"
+    )
 
 
-def test_the_clearance_of_a_limit_is_the_one_reported(tmp_path: Path) -> None:
+def test_the_clearance_of_a_limit_is_reported(tmp_path: Path) -> None:
     text = QUICK + '[[limit]]\nuse = "clearance"\nclearance = 0.03\n'
     assert summary(run(scenario(write(tmp_path, text))))["clearance"]["required_m"] == 0.03
     text = QUICK + '[[limit]]\nuse = "clearance"\ncollision = "off"\n'
     assert summary(run(scenario(write(tmp_path, text))))["clearance"]["checked"] == "off"
 
 
-def test_methods_that_do_not_know_a_part_are_left_out(tmp_path: Path) -> None:
+def test_methods_that_do_not_support_a_part_are_left_out(tmp_path: Path) -> None:
     locked = QUICK.replace("dt = 0.05", 'dt = 0.05\nlocked = ["joint_3"]', 1)
     left = compare(scenario(write(tmp_path, locked))).left_out
     assert set(left) == set(opt.METHODS) - {"horizon"}
@@ -292,7 +292,7 @@ def test_methods_that_do_not_know_a_part_are_left_out(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("keys", "words"),
+    ("keys", "fragments"),
     [
         ('method = "paper"\neffort = 1e-3', ['[plan] effort needs [plan] method = "horizon"']),
         ('method = "step"\nbase = 0.1', ['[plan] base needs [plan] method = "horizon"']),
@@ -300,10 +300,10 @@ def test_methods_that_do_not_know_a_part_are_left_out(tmp_path: Path) -> None:
     ],
 )
 def test_options_that_the_method_does_not_take_are_refused(
-    tmp_path: Path, refused: Callable[..., FfsmsError], keys: str, words: list[str]
+    tmp_path: Path, refused: Callable[..., FfsmsError], keys: str, fragments: list[str]
 ) -> None:
     path = write(tmp_path, QUICK.replace("dt = 0.05", f"dt = 0.05\n{keys}", 1))
-    refused(lambda: scenario(path), InvalidScenario, str(path), *words)
+    refused(lambda: scenario(path), InvalidScenario, str(path), *fragments)
 
 
 def test_terms_that_the_method_does_not_take_are_refused(
@@ -321,5 +321,5 @@ def test_methods_to_compare_are_a_sequence_of_names(
     tmp_path: Path, refused: Callable[..., FfsmsError]
 ) -> None:
     bare: Any = "step"
-    made = scenario(write(tmp_path, QUICK))
-    refused(lambda: compare(made, bare), InvalidValue, "methods must be a sequence", "methods=['step']")
+    read = scenario(write(tmp_path, QUICK))
+    refused(lambda: compare(read, bare), InvalidValue, "methods must be a sequence", "methods=['step']")

@@ -61,7 +61,7 @@ def points(goal: opt.Path, count: int = 401) -> Any:
 
 
 def test_line_circle_helix_and_rounded_square(tmp_path: Path) -> None:
-    """By what defines each of them: lengths, radii, ends."""
+    """Check the defining lengths, radii and ends of each curve."""
     _, line = goal_of(tmp_path, 'curve = "line"\nend = [0.1, 0.2, 0.0]\nposition = [1.0, 0.0, 0.0]\n' + LATER)
     assert np.allclose(points(line).positions[:, [0, -1]].T, [[1.0, 0.0, 0.0], [1.1, 0.2, 0.0]])
     _, circle = goal_of(tmp_path, 'curve = "circle"\nradius = 0.2\nturns = -0.5\n' + LATER)
@@ -74,21 +74,21 @@ def test_line_circle_helix_and_rounded_square(tmp_path: Path) -> None:
     assert np.allclose(spiral[2, [0, 200, -1]], [-0.2, 0.0, 0.2])
     assert np.isclose(np.linalg.norm(np.diff(spiral), axis=0).sum(), np.hypot(0.8 * np.pi, 0.4), rtol=1e-3)
     _, square = goal_of(tmp_path, 'curve = "rounded-square"\nside = 0.4\ncorner = 0.1\n' + LATER)
-    way = points(square, 4001).positions
-    steps = np.linalg.norm(np.diff(way), axis=0)
+    outline = points(square, 4001).positions
+    steps = np.linalg.norm(np.diff(outline), axis=0)
     assert np.isclose(steps.sum(), 4 * 0.2 + 0.2 * np.pi, rtol=1e-4)
-    assert np.allclose(np.abs(way[:2]).max(axis=1), 0.2)
-    beyond = np.maximum(np.abs(way[:2]) - 0.1, 0.0)  # from the square of the corners' centres
+    assert np.allclose(np.abs(outline[:2]).max(axis=1), 0.2)
+    beyond = np.maximum(np.abs(outline[:2]) - 0.1, 0.0)  # from the square of the corners' centres
     assert np.allclose(np.hypot(*beyond), 0.1)
 
 
-LATER = "approach_time = 2.0\n"  # whatever lies between the tool and the curve
+LATER = "approach_time = 2.0\n"  # an approach before the curve
 
 
 @pytest.mark.parametrize("frame", ["inertial", "base", "client"])
 @pytest.mark.parametrize("relative_to", ["frame", "start"])
 def test_places_of_a_curve(tmp_path: Path, frame: str, relative_to: str) -> None:
-    """Position and attitude count in the frame's axes, or from the tool at the start; clients carry them."""
+    """Position and attitude are relative to the frame or to the tool at the start; a client carries it."""
     path = f'curve = "line"\nend = [0.0, 0.0, 0.1]\nattitude = [0.1, 0.0, 0.0]\nframe = "{frame}"\n{LATER}'
     place = f'position = [0.3, 0.2, 0.1]\nrpy_deg = [0.0, 0.0, 90.0]\nrelative_to = "{relative_to}"\n'
     sms, goal = goal_of(tmp_path, path + place, CLIENT)
@@ -100,16 +100,16 @@ def test_places_of_a_curve(tmp_path: Path, frame: str, relative_to: str) -> None
     placed = pin.SE3(pin.rpy.rpyToMatrix(0.0, 0.0, 0.5 * np.pi), np.array([0.3, 0.2, 0.1]))
     placed = placed if relative_to == "frame" else axes(0.0).actInv(tool) * placed
     for t, along in ((2.0, 0.0), (12.0, 0.1)):
-        wanted = axes(t) * placed * pin.SE3(pin.rpy.rpyToMatrix(0.1, 0.0, 0.0), np.array([0.0, 0.0, along]))
+        expected = axes(t) * placed * pin.SE3(pin.rpy.rpyToMatrix(0.1, 0.0, 0.0), np.array([0.0, 0.0, along]))
         reached = goal.place(t).at(q0)
-        assert np.allclose(reached.position, wanted.translation, atol=1e-9)
+        assert np.allclose(reached.position, expected.translation, atol=1e-9)
         assert reached.rotation is not None
-        assert np.allclose(reached.rotation, wanted.rotation, atol=1e-9)
+        assert np.allclose(reached.rotation, expected.rotation, atol=1e-9)
 
 
 @pytest.mark.parametrize(("faces", "axis"), [("axis", [0.0, 0.0, 1.0]), ("centre", [1.0, 0.0, 0.0])])
 def test_the_tool_faces_the_client(tmp_path: Path, faces: str, axis: list[float]) -> None:
-    """At every point of a helix about a client its axis points at the client's z axis, or at its centre."""
+    """The tool's axis points at the client's z axis, or at its centre, at every point of a helix about it."""
     path = f'curve = "helix"\nradius = 0.5\nrise = 0.4\nframe = "client"\nfaces = "{faces}"\n'
     sms, goal = goal_of(tmp_path, f"{path}free_axis = {axis}\n{LATER}", CLIENT)
     client = scenario(tmp_path / "mine.toml").made_client(sms)
@@ -171,15 +171,15 @@ BAD = {
 
 
 @pytest.mark.parametrize("path", BAD)
-def test_refusals(tmp_path: Path, path: str) -> None:
-    """One line that names the key, before anything is planned."""
+def test_invalid_paths_are_refused(tmp_path: Path, path: str) -> None:
+    """The message is one line that names the key, before planning."""
     with pytest.raises(InvalidScenario) as error:
         goal_of(tmp_path, path)
     assert BAD[path] in str(error.value)
     assert "\n" not in str(error.value)
 
 
-def test_terms_are_for_whole_motions(tmp_path: Path) -> None:
+def test_terms_are_refused_for_single_steps(tmp_path: Path) -> None:
     """Single steps along a path have none."""
     arm = ARM.replace("dt = 0.05", 'dt = 0.05, method = "step"')
     text = arm + '[path]\ncurve = "line"\nend = [0.1, 0, 0]\n[[term]]\nuse = "base-turn"\nweight = 1.0\n'
@@ -202,7 +202,7 @@ def test_terms_are_for_whole_motions(tmp_path: Path) -> None:
     ],
 )
 def test_bad_files_of_points(tmp_path: Path, text: str, problem: str) -> None:
-    """What is wrong with the file, and where."""
+    """The message names the error and its place in the file."""
     (tmp_path / "a.csv").write_text(text, encoding="utf-8")
     with pytest.raises(InvalidScenario, match=problem):
         goal_of(tmp_path, 'curve = "points"\nfile = "a.csv"\n')
@@ -214,8 +214,8 @@ def test_attitudes_of_a_file_and_of_the_table_exclude_each_other(tmp_path: Path)
         goal_of(tmp_path, 'curve = "points"\nfile = "a.csv"\nfaces = "axis"\n')
 
 
-def test_a_run_says_how_far_it_was_off_its_path(tmp_path: Path) -> None:
-    """In the summary, the table, the verdict, and a row of a campaign."""
+def test_a_run_reports_its_largest_error_on_the_path(tmp_path: Path) -> None:
+    """The error is in the summary, its table, the verdict, and a row of a campaign."""
     chosen = scenario(write(tmp_path, PLANAR))
     outcome = run(chosen)
     numbers = summary(outcome)
@@ -259,7 +259,7 @@ def test_the_fastest_timing_is_re_planned_too(tmp_path: Path) -> None:
     assert outcome.tracking.t[-1] == pytest.approx(outcome.trajectory.duration, abs=0.05)
 
 
-def test_methods_side_by_side(tmp_path: Path) -> None:
+def test_compared_methods_report_their_errors_on_the_path(tmp_path: Path) -> None:
     """Each method that follows paths has its error; the paper's is left out with the reason."""
     comparison = compare(scenario(write(tmp_path, PLANAR)))
     numbers = comparison_numbers(comparison)
@@ -283,7 +283,7 @@ def test_the_worst_runs_are_those_that_leave_the_path() -> None:
 
 
 def test_a_campaign_draws_keys_of_the_path(tmp_path: Path) -> None:
-    """And its results depend on the file of points."""
+    """The digest of a campaign depends on the file of points."""
     (tmp_path / "seam.csv").write_text("x,y,z\n0,0,0\n-0.02,0,0\n", encoding="utf-8")
     text = PLANAR.replace('"circle"', '"points"\nfile = "seam.csv"').replace("radius = 0.02\n", "")
     chosen = Campaign.read(write(tmp_path, text + "[campaign.draw]\npath.tolerance = {choice = [0.01]}\n"), 1)
@@ -312,8 +312,8 @@ seed = 2
 """
 
 
-def test_a_client_that_is_seen_on_the_way(tmp_path: Path) -> None:
-    """Re-planning goes by all pictures, a plan made once by the first; the true client is their judge."""
+def test_re_planning_follows_the_path_on_a_measured_client(tmp_path: Path) -> None:
+    """Re-planning uses all measurements, a plan made once only the first; errors are from the true client."""
     outcome = run(scenario(write(tmp_path, SEEN + CLIENT)))
     assert outcome.trajectory.reached, outcome.trajectory.note
     assert outcome.open_loop is not None
@@ -321,7 +321,7 @@ def test_a_client_that_is_seen_on_the_way(tmp_path: Path) -> None:
     late = again.t >= 4.0
     assert once.position_error[late].min() > 5e-3
     assert (again.position_error[late] < 0.6 * once.position_error[late]).all()
-    assert again.position_error[-1] < 2e-3  # 60 pictures, each with 10 mm of noise
+    assert again.position_error[-1] < 2e-3  # 60 measurements, each with 10 mm of noise
     client = outcome.scenario.made_client(outcome.sms)
     task = outcome.trajectory.problem
     assert task is not None
@@ -331,7 +331,7 @@ def test_a_client_that_is_seen_on_the_way(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_the_packaged_inspection(tmp_path: Path) -> None:
+def test_the_packaged_inspection_follows_its_path(tmp_path: Path) -> None:
     """The camera keeps its distance from a client that tumbles, and sees it from all sides."""
     outcome = run(scenario("inspect"))
     assert outcome.trajectory.reached, outcome.trajectory.note
@@ -351,8 +351,8 @@ def test_the_packaged_inspection(tmp_path: Path) -> None:
     assert abs(around[-1] - around[0]) == pytest.approx(2.0 * np.pi, rel=0.02)
 
 
-def test_results_with_a_term_of_a_users_own_are_viewed(tmp_path: Path) -> None:
-    """The view needs the curve only, so it imports no code of the user."""
+def test_results_with_a_custom_term_are_viewed(tmp_path: Path) -> None:
+    """The view needs only the curve, so it imports no custom code."""
     from ffsms_pin.cli import main
 
     module = 'from ffsms_pin import opt\nclass Still(opt.Term):\n    name = "still"\n'

@@ -28,41 +28,45 @@ LEFT = 'target = {position = [-0.15, -0.1, 0.15], relative_to = "start"}\n'
 
 
 def frame(sms: ffsms.SpaceManipulator, q: Any, name: str) -> Any:
-    """Pose of a frame by Pinocchio."""
+    """Return the pose of a frame by Pinocchio."""
     data = sms.model.createData()
     pin.framesForwardKinematics(sms.model, data, np.asarray(q))
     return data.oMf[sms.model.getFrameId(name)].copy()
 
 
 def problem(path: Path) -> opt.Problem:
-    said = scenario(path)
-    return said.problem(said.load())
+    read = scenario(path)
+    return read.problem(read.load())
 
 
 def solved(path: Path) -> tuple[ffsms.SpaceManipulator, opt.Trajectory]:
-    said = scenario(path)
-    sms = said.load()
-    return sms, opt.solve(said.problem(sms), HASTY)
+    read = scenario(path)
+    sms = read.load()
+    return sms, opt.solve(read.problem(sms), HASTY)
 
 
 def test_both_tools_arrive(tmp_path: Path) -> None:
     more = '[[also]]\nframe = "right_tool"\nposition = [0.0, 0.05, 0.1]\nrelative_to = "start"\n'
     sms, plan = solved(write(tmp_path, TWO_ARMS + LEFT + more))
-    wanted = frame(sms, plan.q[0], "right_tool").act(np.array([0.0, 0.05, 0.1]))
+    expected = frame(sms, plan.q[0], "right_tool").act(np.array([0.0, 0.05, 0.1]))
     assert plan.reached
-    assert np.linalg.norm(frame(sms, plan.q[-1], "right_tool").translation - wanted) < 1e-3
+    assert np.linalg.norm(frame(sms, plan.q[-1], "right_tool").translation - expected) < 1e-3
     _, alone = solved(write(tmp_path, TWO_ARMS + LEFT, "alone.toml"))
-    assert np.linalg.norm(frame(sms, alone.q[-1], "right_tool").translation - wanted) > 0.02
+    assert np.linalg.norm(frame(sms, alone.q[-1], "right_tool").translation - expected) > 0.02
 
 
 def test_a_pose_of_another_frame_in_inertial_axes(tmp_path: Path) -> None:
     row = '[[also]]\nframe = "right_tool"\nposition = [0.1, 0.2, 0.3]\nrpy_deg = [0.0, 0.0, 90.0]\n'
-    said = scenario(write(tmp_path, TWO_ARMS + LEFT + row + "tolerance = 0.002\nreach = 0.05\n"))
-    (found,) = [one for one in said.problem(said.load()).limits if isinstance(one, opt.FrameGoal)]
-    place = found.goal.place(0.0)
+    read = scenario(write(tmp_path, TWO_ARMS + LEFT + row + "tolerance = 0.002\nreach = 0.05\n"))
+    (frame_goal,) = [limit for limit in read.problem(read.load()).limits if isinstance(limit, opt.FrameGoal)]
+    place = frame_goal.goal.place(0.0)
     np.testing.assert_allclose(place.position, [0.1, 0.2, 0.3])
     np.testing.assert_allclose(place.rotation, pin.utils.rotate("z", np.pi / 2.0), atol=1e-15)
-    assert (found.goal.tolerance, found.goal.reach, found.name) == (0.002, 0.05, "also right_tool")
+    assert (frame_goal.goal.tolerance, frame_goal.goal.reach, frame_goal.name) == (
+        0.002,
+        0.05,
+        "also right_tool",
+    )
 
 
 def test_waypoints_with_and_without_a_time(tmp_path: Path) -> None:
@@ -79,36 +83,36 @@ def test_waypoints_with_and_without_a_time(tmp_path: Path) -> None:
     assert np.linalg.norm(without.end_effector - [0.8, 0.42, 0.0], axis=1).min() > 0.02
 
 
-def test_a_waypoint_is_passed_once_while_planning_again(tmp_path: Path) -> None:
-    """Its time is that of the first plan: after it the arm does not turn back to it."""
+def test_a_waypoint_is_passed_once_while_re_planning(tmp_path: Path) -> None:
+    """The time of the waypoint is that in the first plan; afterwards the arm does not return to it."""
     text = QUICK.replace("duration = 3.0", "duration = 4.0").replace("offset_deg = [0.5, 0.0, -0.5]\n", "")
     text += "[[via]]\nposition = [0.85, 0.57, 0.0]\n[reference]\nkind = 're-planning'\n"
     outcome = run(scenario(write(tmp_path, text)))
     tracking = outcome.tracking
-    data = [frame(outcome.sms, q, outcome.sms.end_effector).translation for q in tracking.q[::10]]
-    near = np.linalg.norm(np.array(data) - [0.85, 0.57, 0.0], axis=1)
-    assert near.min() < 0.012
-    assert np.diff(np.flatnonzero(near < 0.02)).max() == 1
+    positions = [frame(outcome.sms, q, outcome.sms.end_effector).translation for q in tracking.q[::10]]
+    distances = np.linalg.norm(np.array(positions) - [0.85, 0.57, 0.0], axis=1)
+    assert distances.min() < 0.012
+    assert np.diff(np.flatnonzero(distances < 0.02)).max() == 1
     assert tracking.position_error[-1] < 0.005
 
 
 @pytest.mark.parametrize("which", ["base", "start"])
 def test_a_target_in_axes_of_the_robot(tmp_path: Path, which: str) -> None:
     more = f'target = {{position = [0.1, 0.2, 0.3], rpy = [0.0, 0.0, 0.5], relative_to = "{which}"}}\n'
-    said = scenario(write(tmp_path, TWO_ARMS + more))
-    sms = said.load()
-    made = said.problem(sms)
+    read = scenario(write(tmp_path, TWO_ARMS + more))
+    sms = read.load()
+    task = read.problem(sms)
     name = {"base": sms.model.frames[sms.model.getFrameId("satellite")].name, "start": "left_tool"}[which]
-    axes = frame(sms, made.q0, name)
-    place = made.goal.place(0.0)
+    axes = frame(sms, task.q0, name)
+    place = task.goal.place(0.0)
     np.testing.assert_allclose(place.position, axes.act(np.array([0.1, 0.2, 0.3])), atol=1e-12)
     np.testing.assert_allclose(place.rotation, axes.rotation @ pin.utils.rotate("z", 0.5), atol=1e-12)
 
 
 def test_a_target_that_turns(tmp_path: Path) -> None:
     more = "target = {position = [1.0, 0.5, 0.3], rpy = [0.0, 0.0, 0.1], spin_deg = [0.0, 0.0, 2.0]}\n"
-    said = scenario(write(tmp_path, TWO_ARMS + more))
-    place = said.problem(said.load()).goal.place(8.0)
+    read = scenario(write(tmp_path, TWO_ARMS + more))
+    place = read.problem(read.load()).goal.place(8.0)
     np.testing.assert_allclose(place.rotation, pin.utils.rotate("z", 0.1 + np.radians(16.0)), atol=1e-12)
     np.testing.assert_allclose(place.angular_velocity, [0.0, 0.0, np.radians(2.0)], atol=1e-9)
 
@@ -128,8 +132,8 @@ def test_an_arrival_spin(tmp_path: Path) -> None:
         "target = {position = [1.0, 0.5, 0.3], rpy = [0.0, 0.0, 0.1], arrival_velocity = [0.0, 0.0, 0.01], "
         "arrival_spin_deg = [0.0, 1.0, 0.0], tolerance = 0.002, orientation_reach_deg = 2.0}\n"
     )
-    said = scenario(write(tmp_path, TWO_ARMS + more))
-    goal = said.problem(said.load()).goal
+    read = scenario(write(tmp_path, TWO_ARMS + more))
+    goal = read.problem(read.load()).goal
     assert isinstance(goal, opt.Pose)
     place = goal.place(0.0)
     assert place.velocity is not None
@@ -145,7 +149,7 @@ VIA = "[[via]]\nposition = [0.8, 0.4, 0.0]\n%s\n"
 
 
 @pytest.mark.parametrize(
-    ("text", "words"),
+    ("text", "message"),
     [
         (TWO_ARMS + LEFT + "[[also]]\nposition = [0, 0, 0]\n", r"\[\[also\]\] 1 frame is missing"),
         (TWO_ARMS + LEFT + ALSO % "right_tol", r"\[\[also\]\] 1 frame: no frame 'right_tol'"),
@@ -165,8 +169,8 @@ VIA = "[[via]]\nposition = [0.8, 0.4, 0.0]\n%s\n"
         ),
     ],
 )
-def test_what_cannot_be_is_named(tmp_path: Path, text: str, words: str) -> None:
-    with pytest.raises(InvalidScenario, match=words):
+def test_invalid_goals_are_refused(tmp_path: Path, text: str, message: str) -> None:
+    with pytest.raises(InvalidScenario, match=message):
         problem(write(tmp_path, text))
 
 
@@ -182,17 +186,17 @@ def test_limits_of_the_robot_in_place_of_its_file(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("key", ["locked = {joint_2 = 0.5}", f"locked_deg = {{joint_2 = {np.degrees(0.5)}}}"])
-def test_joints_that_are_fixed(tmp_path: Path, key: str) -> None:
+def test_locked_joints_keep_their_positions(tmp_path: Path, key: str) -> None:
     text = QUICK.replace("[start]", f"{key}\n[start]").replace("[23.0, 40.0, -29.0]", "[23.0, -29.0]")
     sms = scenario(write(tmp_path, text)).load()
     whole = ffsms.load("planar_3r")
     assert list(sms.joint_names) == ["joint_1", "joint_3"]
     tip = sms.at(sms.configuration([0.4, -0.5])).end_effector_pose
-    wanted = whole.at(whole.configuration([0.4, 0.5, -0.5])).end_effector_pose
-    np.testing.assert_allclose(tip.homogeneous, wanted.homogeneous, atol=1e-12)
+    expected = whole.at(whole.configuration([0.4, 0.5, -0.5])).end_effector_pose
+    np.testing.assert_allclose(tip.homogeneous, expected.homogeneous, atol=1e-12)
 
 
-def test_inertias_that_no_body_has(tmp_path: Path) -> None:
+def test_unphysical_inertias_are_refused_or_kept_with_a_warning(tmp_path: Path) -> None:
     broken = model_path("planar_3r").read_text(encoding="utf-8")
     start = broken.index("<inertia ")
     end = broken.index("/>", start)
@@ -205,17 +209,17 @@ def test_inertias_that_no_body_has(tmp_path: Path) -> None:
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         scenario(write(tmp_path, kept, "kept.toml")).load()
-    assert any(issubclass(one.category, FfsmsWarning) for one in caught)
+    assert any(issubclass(warning.category, FfsmsWarning) for warning in caught)
 
 
 @pytest.mark.parametrize(
-    ("key", "words"),
+    ("key", "message"),
     [
         ("torque = [1.0, 2.0]", r"\[robot\] .*torque"),
         ("locked = [1]", "must be a table of numbers by joint"),
         ("locked = {joint_9 = 0.0}", r"\[robot\] .*joint_9"),
     ],
 )
-def test_wrong_values_of_the_robot(tmp_path: Path, key: str, words: str) -> None:
-    with pytest.raises(InvalidScenario, match=words):
+def test_invalid_values_of_the_robot_are_refused(tmp_path: Path, key: str, message: str) -> None:
+    with pytest.raises(InvalidScenario, match=message):
         robot(tmp_path, key)

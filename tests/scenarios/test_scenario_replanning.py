@@ -1,4 +1,4 @@
-"""Planning in a scenario file: again in the loop, with limits on the base, with momentum."""
+"""Re-planning in a scenario file, limits on the base, and momentum."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from ffsms_pin import control, opt, simulation as sim
 from ffsms_pin.scenarios import summary
 
 
-def test_planning_again_has_its_own_rate_and_the_plan_made_once_stands_beside_it(
+def test_re_planning_has_its_own_step_and_is_reported_beside_the_plan_made_once(
     tmp_path: Path, planar: ffsms.SpaceManipulator
 ) -> None:
     outcome = run_text(
@@ -22,9 +22,7 @@ def test_planning_again_has_its_own_rate_and_the_plan_made_once_stands_beside_it
         + '[reference]\nkind = "re-planning"\ndt = 0.02\nhold = 0.5\n[plant]\narm_mass = 1.3\n',
     )
     tracked = opt.StepPlanner(planar, dt=0.02, kappa=5.0).track([0.75, 0.5, 0.0], 4.0, 0.5)
-    reference = opt.Replanning(
-        tracked.problem, 0.5, outcome.trajectory
-    )  # which begins with the scenario's plan
+    reference = opt.Replanning(tracked.problem, 0.5, outcome.trajectory)  # it starts from the scenario's plan
     plant, law = sim.perturb(planar, arm_mass=1.3), control.ComputedTorque(planar)
     q0 = outcome.trajectory.q[0]
     again = sim.simulate(planar, reference, law, dt=0.01, q0=q0, plant=plant)
@@ -34,15 +32,15 @@ def test_planning_again_has_its_own_rate_and_the_plan_made_once_stands_beside_it
     once = sim.simulate(planar, outcome.trajectory, law, dt=0.01, plant=plant)
     rows = len(once.t)
     np.testing.assert_allclose(outcome.open_loop.tracking.q[:rows], once.q, rtol=0.0, atol=1e-14)
-    assert outcome.open_loop.tracking.t[-1] == pytest.approx(4.5)  # the plan's end is held, too
+    assert outcome.open_loop.tracking.t[-1] == pytest.approx(4.5)  # with the hold at the end of the plan
     numbers = summary(outcome)["tracking"]
     assert numbers["final_error_m"] == again.position_error[-1]
     assert numbers["open_loop"]["final_error_m"] == outcome.open_loop.tracking.position_error[-1]
     assert numbers["open_loop"]["final_error_m"] > 3.0 * numbers["final_error_m"]
 
 
-def test_an_open_loop_that_is_stopped_is_reported_and_stops_nothing_else(tmp_path: Path) -> None:
-    """A joint locks: planning again goes on with what is left, the plan made once leaves the joint behind."""
+def test_a_stopped_open_loop_is_reported_and_does_not_stop_re_planning(tmp_path: Path) -> None:
+    """After a joint locks, re-planning continues with the other joints, and the plan made once is stopped."""
     outcome = run_text(
         tmp_path,
         QUICK.replace("duration = 2.0", "duration = 6.0")
@@ -70,9 +68,7 @@ def test_momentum_of_the_plan_is_the_plants_unless_it_has_its_own(tmp_path: Path
     assert summary(still)["tracking"]["end_effector_deviation_max_m"] > 1e-3
 
 
-def test_planning_again_knows_limits_of_the_base_and_momentum(
-    tmp_path: Path, planar: ffsms.SpaceManipulator
-) -> None:
+def test_re_planning_uses_base_limits_and_momentum(tmp_path: Path, planar: ffsms.SpaceManipulator) -> None:
     momentum = [0.0, 0.0, 0.0, 0.0, 0.0, 0.004]
     outcome = run_text(
         tmp_path,

@@ -22,19 +22,19 @@ from ffsms_pin.scenarios.tables import PACKAGED, ScenarioFile
 
 
 def test_every_table_and_key_is_in_the_schema_with_its_unit() -> None:
-    made = schema()
-    assert set(made["properties"]) == set(ScenarioFile.model_fields)
-    friction = made["$defs"]["JointFriction"]["properties"]
+    generated = schema()
+    assert set(generated["properties"]) == set(ScenarioFile.model_fields)
+    friction = generated["$defs"]["JointFriction"]["properties"]
     assert friction["viscous"]["unit"] == "N m s/rad"
     assert friction["transition_deg"]["unit"] == "deg"
-    assert made["$defs"]["JointFriction"]["additionalProperties"] is False
-    start = made["$defs"]["StartTable"]
+    assert generated["$defs"]["JointFriction"]["additionalProperties"] is False
+    start = generated["$defs"]["StartTable"]
     assert {"anyOf": [{"required": ["joints"]}, {"required": ["joints_deg"]}]} in start["allOf"]
-    assert made["$defs"]["PlanTable"]["properties"]["mode"]["enum"][0] == "floating"
+    assert generated["$defs"]["PlanTable"]["properties"]["mode"]["enum"][0] == "floating"
 
 
-def test_an_editor_takes_what_the_library_takes(tmp_path: Path) -> None:
-    """Packaged files, terms and limits of ours and of one's own; and it marks what is misspelt."""
+def test_the_schema_accepts_what_the_library_accepts(tmp_path: Path) -> None:
+    """The schema accepts packaged files, packaged and custom terms, and rejects misspelt ones."""
     editor = jsonschema.Draft202012Validator(schema())
     for name in scenario_names():
         editor.validate(tomllib.loads(packaged_path(name).read_text("utf-8")))
@@ -45,7 +45,7 @@ def test_an_editor_takes_what_the_library_takes(tmp_path: Path) -> None:
         assert not editor.is_valid({**content, "term": [wrong]})
 
 
-def test_the_command_prints_what_editors_and_users_take(
+def test_the_command_prints_the_schema_and_packaged_files(
     capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
     assert main(["scenario", "--schema"]) == 0
@@ -59,12 +59,12 @@ def test_the_command_prints_what_editors_and_users_take(
     assert "case-1, case-2" in capsys.readouterr().err
 
 
-def test_a_closed_pipe_is_no_defect() -> None:
+def test_a_closed_pipe_gives_no_error_message() -> None:
     command = [sys.executable, "-m", "ffsms_pin", "scenario", "--schema"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
         assert process.stderr is not None
-        process.stdout.close()  # before anything is written: as `head` does, but not by chance
+        process.stdout.close()  # before anything is written, so that the test does not depend on timing
         assert process.stderr.read() == ""
     assert process.returncode == 141
 
@@ -77,7 +77,7 @@ def test_a_closed_pipe_is_no_defect() -> None:
         ("control", "dt", inspect.signature(simulation.simulate).parameters["dt"].default),
     ],
 )
-def test_a_default_that_is_written_for_a_file_is_the_library_s(table: str, name: str, default: float) -> None:
+def test_documented_defaults_are_those_of_the_library(table: str, name: str, default: float) -> None:
     model = models_in(ScenarioFile.model_fields[table].annotation)[0]
     assert float(about(model.model_fields[name])["default_in_words"]) == default
 
@@ -95,7 +95,7 @@ def test_options_of_a_law_come_from_its_parameters() -> None:
     assert str(sliding.model_fields["Gamma"].description).startswith("Slope of the sliding surface")
 
 
-def test_an_editor_offers_the_keys_of_the_choice(tmp_path: Path) -> None:
+def test_the_schema_offers_the_keys_of_the_choice(tmp_path: Path) -> None:
     """A table with a choice takes the keys of this choice only."""
     editor = jsonschema.Draft202012Validator(schema())
     content = {"robot": {"model": "planar_3r"}, "start": {"joints": [1.0]}}

@@ -1,4 +1,4 @@
-"""The numbers that a run is judged by, against other routes."""
+"""The numbers of the summary compared with independent calculations."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def test_a_summary_is_json_with_a_unit_in_every_quantity(numbers: dict[str, Any]
             assert re.search(units, key), key
 
 
-def test_planned_numbers(outcome: Outcome, numbers: dict[str, Any]) -> None:
+def test_numbers_of_the_plan_agree_with_its_states(outcome: Outcome, numbers: dict[str, Any]) -> None:
     plan, sms = outcome.trajectory, outcome.sms
     errors = [
         float(np.linalg.norm(sms.at(q).end_effector_pose.translation - np.array([0.75, 0.5, 0.0])))
@@ -91,7 +91,7 @@ def test_a_turn_inside_a_step_is_an_extreme(planar: ffsms.SpaceManipulator) -> N
 
 
 def test_a_clearance_between_nodes_counts(planar: ffsms.SpaceManipulator) -> None:
-    """Joint 2 folds to 2.2 rad half way through the second step: joint 3 comes back towards the base."""
+    """Joint 2 folds to 2.2 rad half-way through the second step, which moves joint 3 towards the base."""
     rates = np.array([[0.0, 0.0, 0.0], [0.0, 2.4, 0.0], [0.0, -2.4, 0.0]])
     problem = opt.Problem(planar, planar.configuration([0.0, 0.4, 0.3]), [1.0, 0.0, 0.0], 2.0, 1.0)
     least = least_clearance(problem, planar, problem.motion(rates))
@@ -100,7 +100,7 @@ def test_a_clearance_between_nodes_counts(planar: ffsms.SpaceManipulator) -> Non
     assert least.distance == pytest.approx(0.3 * (1.0 + np.cos(2.2)), abs=1e-12)  # from the face of the box
 
 
-def test_a_plan_beyond_a_limit_is_reported_as_one(outcome: Outcome) -> None:
+def test_a_plan_beyond_a_limit_is_reported(outcome: Outcome) -> None:
     limits = replace(outcome.sms.limits, velocity=0.5 * np.abs(outcome.trajectory.joint_rates).max(axis=0))
     tighter = ffsms.load("planar_3r").with_limits(limits)
     report = summary(replace(outcome, sms=tighter))
@@ -108,17 +108,17 @@ def test_a_plan_beyond_a_limit_is_reported_as_one(outcome: Outcome) -> None:
     assert [joint["limits_kept"] for joint in report["joints"]] == [False] * 3
 
 
-def test_clearances_against_plain_geometry(outcome: Outcome, numbers: dict[str, Any]) -> None:
-    """Planar arm by hand: links of 0.3 m from (0.232, 0) in base axes; box of 0.464 m."""
+def test_clearances_of_the_plan_agree_with_planar_geometry(outcome: Outcome, numbers: dict[str, Any]) -> None:
+    """Use the planar geometry: links of 0.3 m from (0.232, 0) in base axes, and a box of 0.464 m."""
     times = np.linspace(0.0, 3.0, 30_001)
     angles = np.cumsum([outcome.trajectory.sample(t)[0] for t in times], axis=1)
     links = 0.3 * np.stack([np.cos(angles), np.sin(angles)], axis=-1)
     points = np.concatenate([np.zeros((len(times), 1, 2)), np.cumsum(links, axis=1)], axis=1)
     points[..., 0] += 0.232
     pairs = {
-        "joint_1 - joint_3": _apart(points, 0, 2),
-        "joint_1 - end_effector": _apart(points, 0, 3),
-        "joint_2 - end_effector": _apart(points, 1, 3),
+        "joint_1 - joint_3": _least_distance(points, 0, 2),
+        "joint_1 - end_effector": _least_distance(points, 0, 3),
+        "joint_2 - end_effector": _least_distance(points, 1, 3),
     }
     for i, name in ((1, "joint_2"), (2, "joint_3"), (3, "end_effector")):
         pairs[f"{name} - base box"] = float((np.abs(points[:, i]).max(axis=-1) - 0.232).min())
@@ -129,23 +129,25 @@ def test_clearances_against_plain_geometry(outcome: Outcome, numbers: dict[str, 
     assert report["required_m"] == 0.01
 
 
-def test_clearance_of_the_simulated_motion(outcome: Outcome, numbers: dict[str, Any]) -> None:
-    """By hand again, with the links and the box as the simulated base has them."""
+def test_the_clearance_of_the_simulated_motion_agrees_with_planar_geometry(
+    outcome: Outcome, numbers: dict[str, Any]
+) -> None:
+    """Use the same geometry at the recorded joint positions."""
     angles = np.cumsum(outcome.tracking.q[:, 7:], axis=1)
     links = 0.3 * np.stack([np.cos(angles), np.sin(angles)], axis=-1)
     points = np.concatenate([np.zeros((len(angles), 1, 2)), np.cumsum(links, axis=1)], axis=1)
     points[..., 0] += 0.232
-    least = min(_apart(points, 0, 2), _apart(points, 0, 3), _apart(points, 1, 3))
+    least = min(_least_distance(points, 0, 2), _least_distance(points, 0, 3), _least_distance(points, 1, 3))
     least = min(least, float((np.abs(points[:, 1:]).max(axis=-1) - 0.232).min()))
     assert numbers["tracking"]["clearance"]["least_m"] == pytest.approx(least, abs=1e-4)
     assert numbers["tracking"]["clearance"]["least_m"] >= least
 
 
-def _apart(points: NDArray[np.float64], i: int, j: int) -> float:
+def _least_distance(points: NDArray[np.float64], i: int, j: int) -> float:
     return float(np.linalg.norm(points[:, i] - points[:, j], axis=-1).min())
 
 
-def test_base_motion_against_the_yaw(outcome: Outcome, numbers: dict[str, Any]) -> None:
+def test_base_motion_agrees_with_the_yaw(outcome: Outcome, numbers: dict[str, Any]) -> None:
     for base, q in (
         (numbers["base"], outcome.trajectory.q),
         (numbers["tracking"]["base"], outcome.tracking.q),
@@ -158,11 +160,11 @@ def test_base_motion_against_the_yaw(outcome: Outcome, numbers: dict[str, Any]) 
         assert base["translation_final_m"] == pytest.approx(moved[-1], abs=1e-14)
 
 
-def test_tracking_numbers(outcome: Outcome, numbers: dict[str, Any]) -> None:
+def test_numbers_of_the_tracking_agree_with_its_states(outcome: Outcome, numbers: dict[str, Any]) -> None:
     tracking, sms, report = outcome.tracking, outcome.sms, numbers["tracking"]
     assert report["control_step_s"] == pytest.approx(0.004)
-    wanted = np.array([outcome.trajectory.sample(t)[0] for t in tracking.t])
-    error = np.abs(tracking.q[:, 7:] - wanted)
+    desired = np.array([outcome.trajectory.sample(t)[0] for t in tracking.t])
+    error = np.abs(tracking.q[:, 7:] - desired)
     assert report["joint_error_max_rad"] == pytest.approx(error.max(), abs=1e-14)
     assert report["joint_error_final_rad"] == pytest.approx(error[-1].max(), abs=1e-14)
     end = sms.at(tracking.q[-1]).end_effector_pose.translation
@@ -184,9 +186,7 @@ def test_tracking_numbers(outcome: Outcome, numbers: dict[str, Any]) -> None:
     assert report["energy_error_relative"] < 1e-6
 
 
-def test_deviation_where_control_and_planning_steps_do_not_meet(
-    outcome: Outcome, numbers: dict[str, Any]
-) -> None:
+def test_deviations_between_the_steps_of_the_plan(outcome: Outcome, numbers: dict[str, Any]) -> None:
     """Steps of 50 and 4 ms meet every 200 ms; in between the plan is carried on to the control instant."""
     deviation = end_effector_deviation(outcome.sms, outcome.trajectory, outcome.tracking)
     assert len(deviation) == len(outcome.trajectory.t)

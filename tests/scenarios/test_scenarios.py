@@ -1,4 +1,4 @@
-"""Scenario files: what is read from them, and the runs that they give."""
+"""Scenario files: their content and their runs."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def outcome(tmp_path_factory: pytest.TempPathFactory) -> Outcome:
     return run(scenario(write(tmp_path_factory.mktemp("quick"), QUICK)))
 
 
-def test_the_papers_cases_ship_with_the_library() -> None:
+def test_the_packaged_scenarios_include_the_papers_cases() -> None:
     cases = ["capture", "case-1", "case-2", "inspect", "nozzle", "paper-case-1", "paper-case-2"]
     assert scenario_names() == [*cases, "wrong-model"]
     targets = {name: scenario(name).target["position"] for name in ("case-1", "case-2")}
@@ -53,7 +53,7 @@ def test_a_case_with_the_papers_step_differs_in_the_method_alone(name: str) -> N
 
 
 @pytest.mark.slow
-def test_the_papers_step_shows_what_the_paper_says_of_its_cases() -> None:
+def test_the_papers_step_reproduces_the_observations_of_the_paper() -> None:
     short, long = run(scenario("paper-case-1")), run(scenario("paper-case-2"))
     for flown in (short, long):
         plan = flown.trajectory
@@ -112,7 +112,7 @@ def test_a_file_may_have_a_byte_order_mark_and_windows_line_ends(tmp_path: Path)
     assert scenario(path).plan == {"duration": 3.0, "dt": 0.05}
 
 
-def test_degrees_and_radians_say_the_same(tmp_path: Path) -> None:
+def test_degrees_and_radians_give_the_same_start(tmp_path: Path) -> None:
     degrees = scenario(write(tmp_path, QUICK, "a.toml"))
     joints = np.deg2rad([23.0, 40.0, -29.0]).tolist()
     radians = scenario(
@@ -186,12 +186,12 @@ def test_a_robot_of_other_joints_runs_and_is_reported_in_its_units(tmp_path: Pat
 
 
 def test_both_stages_report_their_progress(tmp_path: Path) -> None:
-    seen: list[tuple[str, float]] = []
-    run(scenario(write(tmp_path, QUICK)), lambda stage, share: seen.append((stage, share)))
-    stages = [stage for stage, _ in seen]
+    reports: list[tuple[str, float]] = []
+    run(scenario(write(tmp_path, QUICK)), lambda stage, share: reports.append((stage, share)))
+    stages = [stage for stage, _ in reports]
     assert stages == sorted(stages)  # planning, then tracking
     for stage in ("planning", "tracking"):
-        shares = [share for name, share in seen if name == stage]
+        shares = [share for name, share in reports if name == stage]
         assert shares == sorted(shares)
         assert shares[-1] == 1.0
 
@@ -203,13 +203,13 @@ def test_the_offset_moves_the_simulated_arm_and_not_the_plan(outcome: Outcome) -
     assert np.abs(outcome.sms.at(outcome.tracking.q[0]).com).max() < 1e-15
 
 
-def test_a_plan_and_its_flight_keep_the_reach_that_is_asked_for(tmp_path: Path, outcome: Outcome) -> None:
-    def late(made: Outcome) -> float:
-        return float(made.trajectory.position_error[made.trajectory.t >= 2.7 - 1e-9].max())
+def test_a_plan_and_its_flight_are_judged_by_the_requested_reach(tmp_path: Path, outcome: Outcome) -> None:
+    def final_error(result: Outcome) -> float:
+        return float(result.trajectory.position_error[result.trajectory.t >= 2.7 - 1e-9].max())
 
-    reach = 0.5 * late(outcome)
+    reach = 0.5 * final_error(outcome)
     strict = run(scenario(write(tmp_path, QUICK.replace("dt = 0.05", f"dt = 0.05\nreach = {reach}"))))
     assert strict.trajectory.reach == reach
     assert strict.trajectory.reached
-    assert late(strict) <= reach
+    assert final_error(strict) <= reach
     assert strict.tracking.arrived == (strict.tracking.position_error[-1] <= reach)

@@ -1,4 +1,4 @@
-"""Targets of scenario files: poses, and places that move."""
+"""Targets of scenario files: poses and moving positions."""
 
 from __future__ import annotations
 
@@ -27,47 +27,47 @@ def written(folder: Path, more: str) -> Scenario:
     return scenario(path)
 
 
-def goal(said: Scenario) -> opt.Goal:
-    found = said.problem(said.load()).goal
-    assert isinstance(found, opt.Goal)
-    return found
+def goal(read: Scenario) -> opt.Goal:
+    result = read.problem(read.load()).goal
+    assert isinstance(result, opt.Goal)
+    return result
 
 
 @pytest.mark.parametrize(
     "attitude", ["rpy_deg = [10.0, -20.0, 30.0]", f"rpy = {np.radians([10, -20, 30]).tolist()}"]
 )
-def test_a_pose(attitude: str, tmp_path: Path) -> None:
-    found = goal(written(tmp_path, ", " + attitude))
-    assert isinstance(found, opt.Pose)
-    place = found.place(1.0)
+def test_a_target_with_an_attitude_is_a_pose(attitude: str, tmp_path: Path) -> None:
+    target = goal(written(tmp_path, ", " + attitude))
+    assert isinstance(target, opt.Pose)
+    place = target.place(1.0)
     np.testing.assert_array_equal(place.position, [1.5, 0.5, 0.3])
-    # About inertial axes, roll first: R = R_z R_y R_x.
+    # Rotations about inertial axes, roll first: R = R_z R_y R_x.
     roll, pitch, yaw = np.radians([10.0, -20.0, 30.0])
-    wanted = pin.utils.rotate("z", yaw) @ pin.utils.rotate("y", pitch) @ pin.utils.rotate("x", roll)
+    expected = pin.utils.rotate("z", yaw) @ pin.utils.rotate("y", pitch) @ pin.utils.rotate("x", roll)
     assert place.rotation is not None
-    np.testing.assert_allclose(place.rotation, wanted, atol=1e-15)
+    np.testing.assert_allclose(place.rotation, expected, atol=1e-15)
 
 
-def test_a_target_that_moves(tmp_path: Path) -> None:
-    found = goal(written(tmp_path, ", velocity = [0.01, 0.0, -0.02], rpy = [0.0, 0.0, 0.3]"))
-    assert found.moves
-    place = found.place(4.0)
+def test_a_target_with_a_velocity_moves(tmp_path: Path) -> None:
+    target = goal(written(tmp_path, ", velocity = [0.01, 0.0, -0.02], rpy = [0.0, 0.0, 0.3]"))
+    assert target.moves
+    place = target.place(4.0)
     np.testing.assert_allclose(place.position, [1.54, 0.5, 0.22], atol=1e-12)
     assert place.velocity is not None
     assert place.rotation is not None
     np.testing.assert_allclose(place.velocity, [0.01, 0.0, -0.02], atol=1e-9)
     np.testing.assert_allclose(place.rotation, pin.utils.rotate("z", 0.3), atol=1e-12)
-    again = pickle.loads(pickle.dumps(found))  # for worker processes
-    np.testing.assert_array_equal(again.place(2.0).position, found.place(2.0).position)
+    again = pickle.loads(pickle.dumps(target))  # for worker processes
+    np.testing.assert_array_equal(again.place(2.0).position, target.place(2.0).position)
 
 
-def test_a_place_that_stands_still(tmp_path: Path) -> None:
+def test_a_target_at_rest_is_a_position(tmp_path: Path) -> None:
     assert isinstance(goal(written(tmp_path, "")), opt.Position)
     assert isinstance(goal(written(tmp_path, ", velocity = [0, 0, 0]")), opt.Position)
 
 
 @pytest.mark.parametrize(
-    ("more", "words"),
+    ("more", "message"),
     [
         (", rpy = [0.0, 1.0]", "rpy must be a list of 3 numbers"),
         (", rpy = [0.0, 1.0, 0.0], rpy_deg = [0.0, 1.0, 0.0]", "both rpy and rpy_deg"),
@@ -75,8 +75,8 @@ def test_a_place_that_stands_still(tmp_path: Path) -> None:
         (", speed = [0.1, 0.0, 0.0]", "unknown key 'speed'"),
     ],
 )
-def test_bad_targets(more: str, words: str, tmp_path: Path) -> None:
-    with pytest.raises(InvalidScenario, match=words):
+def test_invalid_targets_are_refused(more: str, message: str, tmp_path: Path) -> None:
+    with pytest.raises(InvalidScenario, match=message):
         written(tmp_path, more)
 
 
@@ -87,8 +87,8 @@ def test_a_moving_target_is_met(tmp_path: Path) -> None:
         "plan = {duration = 6.0, dt = 0.05}\n"
         "target = {position = [0.75, 0.5, 0.0], velocity = [0.005, 0.01, 0.0]}\n"
     )
-    said = scenario(path)
-    plan = opt.solve(said.problem(said.load()))
+    read = scenario(path)
+    plan = opt.solve(read.problem(read.load()))
     assert plan.reached
     np.testing.assert_allclose(plan.target, [0.78, 0.56, 0.0], atol=1e-12)
     assert np.linalg.norm(plan.end_effector[-1] - [0.78, 0.56, 0.0]) < 1e-3
