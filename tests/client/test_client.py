@@ -109,7 +109,10 @@ def test_cached_poses_are_not_shared_with_callers() -> None:
     again = client.poses(times.copy())
     for array in again:
         array[:] = np.nan  # returned arrays belong to the caller
-    for k in range(100):  # what is kept does not grow
+    np.testing.assert_array_equal(client.poses(times)[0], first[0])
+    np.testing.assert_array_equal(client.poses(times)[1], first[1])
+    for k in range(100):
         client.poses(times + k)
+    assert len(client._cache) < 20
     np.testing.assert_array_equal(client.poses(times)[1], first[1])
     assert len(pickle.loads(pickle.dumps(client)).poses(times)[0]) == 50

@@ -62,6 +62,7 @@ def test_compare_plans_in_the_mode(tmp_path: Path) -> None:
     path = tmp_path / "held.toml"
     path.write_text(SCENARIO)
     comparison = compare(scenario(path), ("step", "resolved-rate"))
+    assert list(comparison.plans) == ["step", "resolved-rate"]
     for plan in comparison.plans.values():
         assert plan.base_rotation.max() < 1e-12
         assert plan.wheel_momentum.any()

@@ -101,6 +101,7 @@ def test_the_scene_shows_the_client(outcome: Any) -> None:
     assert scene.layers["client"]
     motion = client_motion(outcome.capture.whole)
     times, rows = scene._stage.key_frames._tracks["/ffsms/client", "position", "vector3"]
+    assert len(times) > 1
     for t, row in zip(times, rows, strict=True):
         np.testing.assert_allclose(row, motion.pose(t).translation, atol=1e-9)
 
@@ -291,10 +292,10 @@ def test_the_packaged_scenario_meets_an_estimate() -> None:
     sms = chosen.load()
     problem = chosen.problem(sms)
     assert isinstance(problem.goal, Meet)
+    assert isinstance(problem.goal.client, ClientEstimate)
     assert problem.momentum is None
     place = problem.goal.place(chosen.arrival)
     joints = chosen.per_joint(sms, "client", "joints")
-    # By construction: a posture of the arm is there at the deadline.
     assert joints is not None
     assert np.linalg.norm(place.position) < 2.0
 
