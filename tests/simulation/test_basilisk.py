@@ -1,4 +1,4 @@
-"""Wheels and hinged bodies against Basilisk: another formulation, written by others, same torques."""
+"""Wheels and hinged bodies compared with Basilisk, an independent formulation, under equal torques."""
 
 from __future__ import annotations
 
@@ -19,30 +19,30 @@ from ffsms_pin.simulation import JointFriction
 
 
 class Motors:
-    """Constant torques of the wheels."""
+    """A base law with constant wheel torques."""
 
     def __init__(self, torques: Any) -> None:
         self.torques = np.array(torques)
 
     def command(self, view: BaseView) -> BaseCommand:
-        """The same in every step."""
+        """Return the same command in every step."""
         return BaseCommand(self.torques)
 
 
 class Rest:
-    """A reference that nobody follows."""
+    """A reference that the joint law ignores."""
 
     def __init__(self, q: Array, n: int, duration: float) -> None:
         self.q, self.duration, self.target = q[None], duration, np.zeros(3)
         self._sample = np.zeros(n), np.zeros(n), np.zeros(n)
 
     def sample(self, t: float) -> tuple[Array, Array, Array]:
-        """Zeros."""
+        """Return zeros."""
         return self._sample
 
 
 class End(NamedTuple):
-    """State at the end of a run."""
+    """The state at the end of a run."""
 
     velocity: Array  # of the root's origin (3,), inertial axes [m/s]
     spin: Array  # of the base (3,), root axes [rad/s]
@@ -63,7 +63,7 @@ def basilisk_run(
 ) -> End:
     """Integrate in Basilisk a serial arm on a base with wheels by its own Runge-Kutta method of order 4.
 
-    `tau` (n,) and `motor` (w,) [N m] are held for the whole time T [s]; `speeds` (w,) are the wheels'.
+    `tau` (n,) and `motor` (w,) [N m] are held for the time T [s]; `speeds` (w,) [rad/s] start the wheels.
     """
     sim = SimulationBaseClass.SimBaseClass()
     sim.CreateNewProcess("dynamics").addTask(sim.CreateNewTask("task", macros.sec2nano(dt)))
@@ -149,8 +149,8 @@ def test_base_joint_and_wheel_rates_agree_with_basilisk(name: str, rng: np.rando
         "rates": (ours.v[-1, 6:], theirs.rates),
         "speeds": (ours.wheel_momentum[-1] / wheels.inertia, theirs.speeds),
     }
-    for what, (mine, other) in pairs.items():
-        assert np.linalg.norm(mine - other) < 1e-9 * np.linalg.norm(other), what
-    # It was a real motion: everything changed by far more than that.
+    for quantity, (own, peer) in pairs.items():
+        assert np.linalg.norm(own - peer) < 1e-9 * np.linalg.norm(peer), quantity
+    # The motion is not trivial: all quantities change by far more than the tolerance.
     assert np.linalg.norm(ours.v[-1, 3:6] - v[3:6]) > 1e-2
     assert np.abs(ours.v[-1, 6:] - v[6:]).min() > 1e-3

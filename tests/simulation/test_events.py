@@ -1,4 +1,4 @@
-"""What happens in a run: captures and joint faults."""
+"""Events in a run: captures and joint faults."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ Refused = Callable[..., FfsmsError]
 
 
 def momenta(sms: ffsms.SpaceManipulator, q: Array, v: Array) -> Array:
-    """[linear; angular about the inertial origin]."""
+    """Return the linear momentum and the angular momentum about the inertial origin."""
     state = sms.at(q, v)
     h = np.array(state.momentum)
     h[3:] += np.cross(state.com, h[:3])
@@ -54,7 +54,7 @@ def test_capture_keeps_the_momentum_of_arm_and_client(
         ComputedTorque(sms, torque_limit=np.inf),
         conditions=Conditions(events=events, momentum=h),
     )
-    # The body as it flew: its centre of mass where the end effector's frame puts it.
+    # The momentum of the free client, whose centre of mass is given in the end effector's frame.
     k = 700
     grip = sms.at(tracking.q[k]).end_effector_pose
     twist: Any = client.twist
@@ -80,7 +80,7 @@ def test_capture_keeps_the_momentum_of_arm_and_client(
         np.testing.assert_array_equal(tracking.v[201:, 7], 0.0)
 
 
-def test_payload_that_moves_along_is_not_felt_at_once(
+def test_a_payload_at_relative_rest_does_not_change_the_velocity(
     planar: ffsms.SpaceManipulator, law: ComputedTorque
 ) -> None:
     payload = Capture(1.0, 2.0, [0.01, 0.01, 0.01])
@@ -107,7 +107,7 @@ def test_locked_joint_stops_and_momentum_stays(planar: ffsms.SpaceManipulator, l
     assert np.abs(tracking.momentum).max() < 1e-12
     assert np.abs(tracking.energy_error).max() < 1e-6 * tracking.kinetic_energy.max()
     assert note_without_goal(tracking) == "t = 0.8 s: joint joint_2 locked"
-    # The others still move as one with a robot whose joint never could: its model, built by Pinocchio.
+    # The other joints move as those of a model reduced by Pinocchio, in which the joint is fixed.
     q = tracking.q[800]
     reduced, _ = pin.buildReducedModel(planar.model, [pin.GeometryModel()], [3], q)
     data = reduced.createData()
@@ -162,27 +162,27 @@ def test_a_limp_joint_is_held_by_its_stop(
     assert free.q[-1, 8] > planar.limits.upper[1] + 0.1  # a joint that is not limp has no stop
 
 
-@pytest.mark.parametrize("told", [True, False])
-def test_a_law_that_knows_of_a_limp_joint_leads_the_others_as_before(
-    planar: ffsms.SpaceManipulator, told: bool
+@pytest.mark.parametrize("reported", [True, False])
+def test_a_law_moves_the_other_joints_as_before_after_a_reported_limp_joint(
+    planar: ffsms.SpaceManipulator, reported: bool
 ) -> None:
-    fault = JointFault(0.5, 1, "limp", reported=told)
+    fault = JointFault(0.5, 1, "limp", reported=reported)
     law = ComputedTorque(planar, 100.0, 20.0, adaptive=False)
     tracking = simulate(planar, Swing(planar), law, conditions=Conditions(events=fault, guards=None))
-    off = np.abs(tracking.joint_error).max(axis=0)
-    assert off[1] > 0.02  # it swings along
-    assert off[[0, 2]].max() < 1e-5 if told else off[[0, 2]].max() > 1e-3
-    again = simulate(planar, Swing(planar), law)  # all that is told belongs to one run
+    errors = np.abs(tracking.joint_error).max(axis=0)
+    assert errors[1] > 0.02  # it swings along
+    assert errors[[0, 2]].max() < 1e-5 if reported else errors[[0, 2]].max() > 1e-3
+    again = simulate(planar, Swing(planar), law)  # reported faults belong to one run
     assert np.abs(again.joint_error).max() < 1e-5
 
 
-def test_reference_is_told_of_faults(planar: ffsms.SpaceManipulator, law: ComputedTorque) -> None:
-    told: list[tuple[int, bool]] = []
+def test_a_reference_receives_reported_faults(planar: ffsms.SpaceManipulator, law: ComputedTorque) -> None:
+    received: list[tuple[int, bool]] = []
 
-    class Told(Swing, Observer):
+    class Receiver(Swing, Observer):
         def joint_failed(self, joint: int, locked: bool) -> None:
-            told.append((joint, locked))
+            received.append((joint, locked))
 
     faults = [JointFault(0.9, 0, "limp"), JointFault(0.3, "joint_3"), JointFault(0.5, 1, reported=False)]
-    simulate(planar, Told(planar), law, conditions=Conditions(events=faults))
-    assert told == [(2, True), (0, False)]
+    simulate(planar, Receiver(planar), law, conditions=Conditions(events=faults))
+    assert received == [(2, True), (0, False)]

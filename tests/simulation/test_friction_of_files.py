@@ -44,8 +44,8 @@ def test_simulate_has_the_friction_of_the_file(
         )
         return np.array(run.v[-1])
 
-    given = JointFriction(DAMPING, DRY)
-    np.testing.assert_allclose(end(rubbing, None), end(planar, given), rtol=1e-12, atol=1e-15)
+    declared = JointFriction(DAMPING, DRY)
+    np.testing.assert_allclose(end(rubbing, None), end(planar, declared), rtol=1e-12, atol=1e-15)
     np.testing.assert_allclose(end(rubbing, JointFriction()), end(planar, None), rtol=1e-9, atol=1e-12)
     assert np.abs(end(rubbing, None)[6:]).max() < 0.5 * np.abs(end(planar, None)[6:]).max()
 
@@ -61,7 +61,7 @@ def test_simulate_has_the_friction_of_the_file(
     ],
 )
 def test_laws_compensate_the_friction_of_the_file(rubbing: ffsms.SpaceManipulator, kind: str) -> None:
-    """With friction in the file the error is that without; a law that expects none is off by far more."""
+    """The error with declared friction is that without friction; a law that ignores it errs far more."""
     laws: dict[str, Any] = {
         "computed-torque": lambda sms: ffsms.ComputedTorque(sms, adaptive=False),
         "coordinated": lambda sms: control.Coordinated(sms, adaptive=False),
@@ -80,21 +80,21 @@ def test_laws_compensate_the_friction_of_the_file(rubbing: ffsms.SpaceManipulato
         )
         return float(np.abs(run.joint_error).max())
 
-    known, none = error(rubbing, rubbing), error(smooth, smooth)
-    assert known < 10.0 * none + 1e-5
-    assert error(smooth, rubbing) > 100.0 * known
+    compensated, frictionless = error(rubbing, rubbing), error(smooth, smooth)
+    assert compensated < 10.0 * frictionless + 1e-5
+    assert error(smooth, rubbing) > 100.0 * compensated
 
 
-def test_what_is_known_is_not_learnt_again(rubbing: ffsms.SpaceManipulator) -> None:
-    """The observer learns the friction beyond the known one: here none."""
+def test_declared_friction_is_not_estimated_again(rubbing: ffsms.SpaceManipulator) -> None:
+    """The observer estimates only friction beyond the declared friction, here none."""
     law = ffsms.ComputedTorque(rubbing)
     run = simulate(rubbing, Swing(rubbing), law, 1e-3)
     assert np.abs(run.joint_error).max() < 2e-4
-    learnt = law._kept.observer.friction
-    assert np.abs(learnt).max() < 0.1 * DRY
+    estimated = law._kept.observer.friction
+    assert np.abs(estimated).max() < 0.1 * DRY
 
 
-def test_a_base_does_not_feel_the_friction(rubbing: ffsms.SpaceManipulator) -> None:
+def test_a_law_reports_its_friction_torque(rubbing: ffsms.SpaceManipulator) -> None:
     law = control.Impedance(rubbing)
     law.torque(rubbing.configuration(START), np.zeros(9), START, np.full(3, 0.2), np.zeros(3))
     np.testing.assert_allclose(law.friction_torque, 0.2 * np.array(DAMPING) + DRY * np.tanh(20.0))
@@ -103,8 +103,8 @@ def test_a_base_does_not_feel_the_friction(rubbing: ffsms.SpaceManipulator) -> N
 
 
 @pytest.mark.parametrize("dry", [0.0, 0.2])
-def test_the_estimator_knows_the_friction(planar: ffsms.SpaceManipulator, dry: float) -> None:
-    """The predicted rates are those of joints that rub, also with friction too steep for an explicit step."""
+def test_the_estimator_includes_the_friction(planar: ffsms.SpaceManipulator, dry: float) -> None:
+    """The estimator predicts rates with friction, also with friction too steep for an explicit step."""
     model = planar.model.copy()
     model.damping[6:], model.upperDryFrictionLimit[6:] = 0.5, dry
     sms = ffsms.SpaceManipulator(model, planar.end_effector, planar.base_size)
@@ -114,7 +114,7 @@ def test_the_estimator_knows_the_friction(planar: ffsms.SpaceManipulator, dry: f
     assert np.abs(run.joint_error).max() < 5e-3
 
 
-def test_robots_made_of_it_have_its_friction(rubbing: ffsms.SpaceManipulator) -> None:
+def test_derived_robots_keep_the_friction(rubbing: ffsms.SpaceManipulator) -> None:
     q = rubbing.configuration(START)
     client = ffsms.Client(5.0, np.eye(3), pose=rubbing.at(q).end_effector_pose)
     joined = after_capture(rubbing, q, np.zeros(9), client).robot
@@ -139,15 +139,15 @@ def test_a_law_that_ignores_much_friction_is_warned_of(rubbing: ffsms.SpaceManip
     law, swing = ffsms.SlidingModeController(rubbing), Swing(rubbing, duration=0.02)
     with pytest.warns(
         FfsmsWarning, match=r"'joint_2', .*SlidingModeController does not .*ComputedTorque"
-    ) as told:
+    ) as caught:
         simulate(rubbing, swing, law, 1e-3)
-    assert told[0].filename == __file__
+    assert caught[0].filename == __file__
     simulate(rubbing, swing, law, 1e-3, conditions=Conditions(friction=JointFriction()))
     simulate(rubbing, swing, ffsms.ComputedTorque(rubbing), 1e-3)
 
 
 def test_steep_friction_is_that_of_the_stiff_integrator() -> None:
-    """Of xarm7's file, in steps of 2 ms: the motion to the steps' tolerance, the momentum to rounding."""
+    """With the friction of xarm7 in steps of 2 ms the motions agree, and the momentum is zero to rounding."""
     xarm = ffsms.load("satellite_xarm7")
     start = xarm.joint_positions(xarm.home())
     swing, law = Swing(xarm, np.full(7, 0.02), 0.08, start), control.ComputedTorque(xarm)

@@ -1,4 +1,4 @@
-"""Guards of a flight: each limit trips with its value, the joints are braked, and nothing is lost without."""
+"""Guards of a flight: each limit trips with its value, the joints are braked, and the recording is saved."""
 
 from __future__ import annotations
 
@@ -45,9 +45,9 @@ OFF: dict[str, Any] = dict.fromkeys(
 )
 
 
-def only(**given: Any) -> Guards:
-    """One guard alone."""
-    return Guards(**{**OFF, **given})
+def only(**limits: Any) -> Guards:
+    """Return guards with the given limits alone."""
+    return Guards(**{**OFF, **limits})
 
 
 def stop_time(tracking: Tracking) -> float:
@@ -88,12 +88,12 @@ def test_braking_torques_are_the_nearest_within_their_limits(
     for _ in range(10):
         q = panda.configuration(np.array([0.0, 0.0, 0.0, -1.5, 0.0, 1.5, 0.0]) + rng.uniform(-0.5, 0.5, 7))
         v = 0.1 * rng.normal(size=6 + panda.n)
-        wanted = StoppingLaw(panda, 1e-3).torque(q, v)
-        limit = np.abs(wanted) * rng.uniform(0.2, 1.5, panda.n)
+        unlimited = StoppingLaw(panda, 1e-3).torque(q, v)
+        limit = np.abs(unlimited) * rng.uniform(0.2, 1.5, panda.n)
         tau = StoppingLaw(panda, 1e-3, limit).torque(q, v)
         W = np.linalg.inv(np.linalg.cholesky(panda.at(q).H_q))
-        best = lsq_linear(W, W @ wanted, (-limit, limit), tol=1e-14).x
-        assert np.linalg.norm(W @ (tau - wanted)) <= np.linalg.norm(W @ (best - wanted)) * (1.0 + 1e-6)
+        best = lsq_linear(W, W @ unlimited, (-limit, limit), tol=1e-14).x
+        assert np.linalg.norm(W @ (tau - unlimited)) <= np.linalg.norm(W @ (best - unlimited)) * (1.0 + 1e-6)
 
 
 def test_joints_slow_down_alike_and_stop_before_their_stops(planar: ffsms.SpaceManipulator) -> None:
@@ -125,7 +125,7 @@ def test_joints_with_an_unknown_payload_slow_down_alike() -> None:
     assert rates[-1].max() < 0.02
 
 
-def test_joints_slow_down_alike_beside_a_limp_one(planar: ffsms.SpaceManipulator) -> None:
+def test_joints_slow_down_alike_beside_a_limp_joint(planar: ffsms.SpaceManipulator) -> None:
     q0 = planar.configuration(START)
     v0 = planar.velocity(q0, [0.1, 0.1, -0.15])
     events: list[Any] = [JointFault(0.0, 1, "limp"), Freeze(0.0)]
@@ -142,7 +142,7 @@ def test_joints_slow_down_alike_beside_a_limp_one(planar: ffsms.SpaceManipulator
 
 
 class Hold(Swing):
-    """The joints stay."""
+    """A reference at rest."""
 
     def __init__(self, sms: ffsms.SpaceManipulator, joints: Any = START, duration: float = 4.0) -> None:
         super().__init__(sms, np.zeros(sms.n), duration, joints)
@@ -161,12 +161,12 @@ def test_a_stop_trips_before_it_is_hit(planar: ffsms.SpaceManipulator) -> None:
     free = simulate(planar, Hold(planar, start), still, guards=None, **run)
     assert farthest(free) > 0.3
     assert free.stopped == ""
-    kept = simulate(planar, Hold(planar, start), still, guards=only(position_margin=1e-3), **run)
-    assert "joint 'joint_1' is too fast to brake before its stop" in kept.stopped
-    assert farthest(kept) == 0.0
-    assert not kept.arrived
-    assert kept.note.startswith(f"not arrived: {kept.stopped}")
-    # A margin may be used up, and is kept.
+    guarded = simulate(planar, Hold(planar, start), still, guards=only(position_margin=1e-3), **run)
+    assert "joint 'joint_1' is too fast to brake before its stop" in guarded.stopped
+    assert farthest(guarded) == 0.0
+    assert not guarded.arrived
+    assert guarded.note.startswith(f"not arrived: {guarded.stopped}")
+    # A joint may move into the margin, but not beyond it.
     loose = planar.with_limits(replace(planar.limits, acceleration=np.full(3, np.inf)))
     late = simulate(loose, Hold(planar, start), still, guards=only(position_margin=1e-2), **run)
     assert "beyond its stop at" in late.stopped
@@ -179,26 +179,26 @@ def test_a_rate_trips_and_falls(planar: ffsms.SpaceManipulator) -> None:
     limit = planar.limits.velocity
     free = simulate(planar, Hold(planar), law, guards=None, **run)
     assert (joint_rates(free) / limit).max() > 3.0
-    kept = simulate(planar, Hold(planar), law, guards=only(rate_margin=0.02), **run)
-    assert "its limit is 0.4 rad/s" in kept.stopped
-    assert (joint_rates(kept) / limit).max() < 1.05
-    assert joint_rates(kept)[-1].max() < 1e-3
-    k = int(np.searchsorted(kept.t, stop_time(kept)))
-    assert np.diff(kept.kinetic_energy[k:]).max() <= 0.0
+    guarded = simulate(planar, Hold(planar), law, guards=only(rate_margin=0.02), **run)
+    assert "its limit is 0.4 rad/s" in guarded.stopped
+    assert (joint_rates(guarded) / limit).max() < 1.05
+    assert joint_rates(guarded)[-1].max() < 1e-3
+    k = int(np.searchsorted(guarded.t, stop_time(guarded)))
+    assert np.diff(guarded.kinetic_energy[k:]).max() <= 0.0
 
 
 def test_a_joint_at_its_torque_limit_trips(planar: ffsms.SpaceManipulator) -> None:
     swing, law = Swing(planar, duration=4.0), ComputedTorque(planar)
     most = np.abs(simulate(planar, swing, law, dt=5e-3).tau).max(axis=0)
     weak = Actuator(torque_limit=0.3 * most)
-    kept = simulate(planar, swing, law, dt=5e-3, conditions=Conditions(actuator=weak))
-    assert "at its torque limit for 0.3 s" in kept.stopped
-    assert "N m)" in kept.stopped
-    assert (np.abs(kept.tau) <= 0.3 * most).all()
-    assert joint_rates(kept)[-1].max() < 1e-3
-    # The law's own limit counts as well, and so does the robot's if a law has none.
+    guarded = simulate(planar, swing, law, dt=5e-3, conditions=Conditions(actuator=weak))
+    assert "at its torque limit for 0.3 s" in guarded.stopped
+    assert "N m)" in guarded.stopped
+    assert (np.abs(guarded.tau) <= 0.3 * most).all()
+    assert joint_rates(guarded)[-1].max() < 1e-3
+    # The law's own limit counts, too, and the robot's if a law has none.
     own = ComputedTorque(planar, torque_limit=0.3 * most)
-    assert simulate(planar, swing, own, dt=5e-3).stopped == kept.stopped
+    assert simulate(planar, swing, own, dt=5e-3).stopped == guarded.stopped
     robot = planar.with_limits(replace(planar.limits, torque=0.3 * most))
 
     class Plain:
@@ -206,7 +206,7 @@ def test_a_joint_at_its_torque_limit_trips(planar: ffsms.SpaceManipulator) -> No
             return law.torque(*state)
 
     assert "at its torque limit for 0.3 s" in simulate(robot, swing, Plain(), dt=5e-3).stopped
-    # Without the guard it goes on, and the note says how long.
+    # Without the guard the run continues, and the note reports the time at the limit.
     free = simulate(
         planar, swing, own, dt=5e-3, conditions=Conditions(guards=Guards(saturation=None, joint_error=None))
     )
@@ -215,9 +215,9 @@ def test_a_joint_at_its_torque_limit_trips(planar: ffsms.SpaceManipulator) -> No
     assert "was at its torque limit of" in free.note
 
 
-def test_time_off_a_torque_limit_counts_against_time_at_it(planar: ffsms.SpaceManipulator) -> None:
+def test_time_below_the_torque_limit_offsets_time_at_it(planar: ffsms.SpaceManipulator) -> None:
     class Pulses:
-        """At the limit in `on` of ten steps, to and fro so that nothing comes of it."""
+        """A law at its limit in `on` of ten steps, with alternating signs so that the joint stays."""
 
         torque_limit = np.array([1.0, 1.0, 1e-4])
 
@@ -228,19 +228,19 @@ def test_time_off_a_torque_limit_counts_against_time_at_it(planar: ffsms.SpaceMa
             self.k += 1
             return np.array([0.0, 0.0, 1e-4 * (-1.0) ** self.k * (self.k % 10 < self.on)])
 
-    thrashing = simulate(planar, Hold(planar), Pulses(9), dt=2e-3)
-    assert "joint 'joint_3' at its torque limit for 0.3 s (0.0001 N m)" in thrashing.stopped
-    assert 0.3 < stop_time(thrashing) < 0.4
-    seldom = simulate(planar, Hold(planar), Pulses(4), dt=2e-3)
-    assert seldom.stopped == ""
-    assert "joint 'joint_3' was at its torque limit of 0.0001 N m for 1.6 s in all (40 % of" in seldom.note
+    frequent = simulate(planar, Hold(planar), Pulses(9), dt=2e-3)
+    assert "joint 'joint_3' at its torque limit for 0.3 s (0.0001 N m)" in frequent.stopped
+    assert 0.3 < stop_time(frequent) < 0.4
+    rare = simulate(planar, Hold(planar), Pulses(4), dt=2e-3)
+    assert rare.stopped == ""
+    assert "joint 'joint_3' was at its torque limit of 0.0001 N m for 1.6 s in all (40 % of" in rare.note
 
 
 def test_a_joint_off_its_reference_trips(planar: ffsms.SpaceManipulator) -> None:
     swing, law = Swing(planar, displacement=(1.2, 0.0, 0.0), duration=8.0), Constant(np.zeros(3))
-    kept = simulate(planar, swing, law, dt=5e-3)
-    assert "joint 'joint_1' is 1" in kept.stopped
-    assert "off its reference, 1 rad are allowed" in kept.stopped
+    guarded = simulate(planar, swing, law, dt=5e-3)
+    assert "joint 'joint_1' is 1" in guarded.stopped
+    assert "off its reference, 1 rad are allowed" in guarded.stopped
     free = simulate(planar, swing, law, dt=5e-3, conditions=Conditions(guards=Guards(joint_error=math.inf)))
     assert free.stopped == ""
     assert np.abs(free.joint_error).max() > 1.1
@@ -251,14 +251,14 @@ def test_a_base_that_turns_too_fast_trips(planar: ffsms.SpaceManipulator) -> Non
     law = ComputedTorque(planar)
     free = simulate(planar, Hold(planar), law, dt=5e-3, conditions=Conditions(disturbances=push, guards=None))
     assert np.abs(free.v[:, 5]).max() > 1.2
-    kept = simulate(
+    guarded = simulate(
         planar,
         Hold(planar),
         law,
         dt=5e-3,
         conditions=Conditions(disturbances=push, guards=only(base_rate=1.0)),
     )
-    assert "the base turns at 1" in kept.stopped
+    assert "the base turns at 1" in guarded.stopped
 
 
 def test_energy_that_is_pumped_in_trips(planar: ffsms.SpaceManipulator) -> None:
@@ -271,13 +271,13 @@ def test_energy_that_is_pumped_in_trips(planar: ffsms.SpaceManipulator) -> None:
     q0 = planar.configuration(START + 0.02)
     robot = planar.with_limits(replace(planar.limits, velocity=np.full(3, 2.0)))
     free = simulate(robot, Hold(planar), Pumping(), dt=2e-3, q0=q0, conditions=Conditions(guards=None))
-    kept = simulate(
+    guarded = simulate(
         robot, Hold(planar), Pumping(), dt=2e-3, q0=q0, conditions=Conditions(guards=only(energy=1.0))
     )
-    assert "the kinetic energy of the joint motion is" in kept.stopped
-    k = int(np.searchsorted(kept.t, stop_time(kept)))
-    assert kept.kinetic_energy.max() <= kept.kinetic_energy[k] < 0.1 * free.kinetic_energy.max()
-    assert np.diff(kept.kinetic_energy[k:]).max() <= 0.0
+    assert "the kinetic energy of the joint motion is" in guarded.stopped
+    k = int(np.searchsorted(guarded.t, stop_time(guarded)))
+    assert guarded.kinetic_energy.max() <= guarded.kinetic_energy[k] < 0.1 * free.kinetic_energy.max()
+    assert np.diff(guarded.kinetic_energy[k:]).max() <= 0.0
 
 
 def test_planning_steps_that_fail_trip(planar: ffsms.SpaceManipulator, law: ComputedTorque) -> None:
@@ -287,11 +287,11 @@ def test_planning_steps_that_fail_trip(planar: ffsms.SpaceManipulator, law: Comp
         def observe(self, t: float, q: Array, v: Array) -> None:
             self.failed_in_a_row = max(0, round((t - 0.5) / 0.1))
 
-    kept = simulate(
+    guarded = simulate(
         planar, Failing(planar), law, dt=0.01, conditions=Conditions(guards=Guards(failed_steps=4))
     )
-    assert "4 planning steps in a row were not solved" in kept.stopped
-    assert stop_time(kept) == pytest.approx(0.86, abs=0.011)
+    assert "4 planning steps in a row were not solved" in guarded.stopped
+    assert stop_time(guarded) == pytest.approx(0.86, abs=0.011)
     assert (
         simulate(
             planar, Failing(planar), law, dt=0.01, conditions=Conditions(guards=Guards(failed_steps=None))
@@ -301,7 +301,7 @@ def test_planning_steps_that_fail_trip(planar: ffsms.SpaceManipulator, law: Comp
 
 
 @pytest.mark.parametrize(
-    ("given", "words"),
+    ("options", "fragment"),
     [
         ({"guards": only(contact_force=1.0)}, "the contact force is 1.25 N, 1 N are allowed"),
         ({"guards": only(contact_torque=0.1)}, "the contact torque is"),
@@ -310,23 +310,23 @@ def test_planning_steps_that_fail_trip(planar: ffsms.SpaceManipulator, law: Comp
         ({}, ""),
     ],
 )
-def test_a_contact_that_is_too_strong_trips(given: dict[str, Any], words: str) -> None:
+def test_a_contact_beyond_its_limits_trips(options: dict[str, Any], fragment: str) -> None:
     sms, joints = ffsms.load("satellite_panda"), np.array([0.0, -0.6, 0.0, -2.2, 0.0, 2.9, 0.8])
-    q0, weak = sms.configuration(joints), "weak" in given
+    q0, weak = sms.configuration(joints), "weak" in options
     beside = pin.SE3(pin.exp3(np.array([0.0, 0.0, 0.05])), np.array([0.0, 0.0125, 0.0]))
     client = ffsms.Client(50.0, np.eye(3), sms.at(q0).end_effector_pose * beside)
     robot = sms.with_limits(replace(sms.limits, torque=np.full(7, 0.3))) if weak else sms
-    run: dict[str, Any] = {"dt": 2e-3, "q0": q0, "client": client, "substeps": 4, **given}
+    run: dict[str, Any] = {"dt": 2e-3, "q0": q0, "client": client, "substeps": 4, **options}
     run["events"] = Close(0.1, GripLoad(pin.SE3.Identity(), 100.0, 10.0, 10.0, 1.0))
     run.pop("weak", None)
     tracking = simulate(robot, Hold(sms, joints, 1.0), ComputedTorque(sms), **run)
-    assert words in tracking.stopped
-    assert bool(tracking.stopped) == bool(words)
-    if words:
+    assert fragment in tracking.stopped
+    assert bool(tracking.stopped) == bool(fragment)
+    if fragment:
         assert stop_time(tracking) == pytest.approx(0.1, abs=0.02)
 
 
-# -- what is done about it --------------------------------------------------------------------------------
+# -- responses to a guard ---------------------------------------------------------------------------------
 
 
 def test_an_arm_with_an_unknown_payload_and_a_limp_joint_is_brought_to_rest(
@@ -357,11 +357,11 @@ def test_the_base_is_held_while_the_joints_are_braked(planar: ffsms.SpaceManipul
     assert np.abs(tracking.wheel_torque[200:]).max() > 1e-5
 
 
-def test_a_supervisor_decides_what_happens_if_a_guard_trips(
+def test_a_supervisor_decides_how_a_trip_is_handled(
     planar: ffsms.SpaceManipulator, law: ComputedTorque
 ) -> None:
-    class Lets(Supervisor):
-        """Does nothing the first time, and freezes the second."""
+    class Tolerant(Supervisor):
+        """A supervisor that ignores the first trip and freezes at the second."""
 
         def __init__(self) -> None:
             self.model, self.trips = planar, list[Trip]()
@@ -374,7 +374,7 @@ def test_a_supervisor_decides_what_happens_if_a_guard_trips(
             again = len(self.trips) > 1
             return [Phase(now.t, "warned"), *([Freeze(now.t, trip.reason)] if again else [])]
 
-    supervisor = Lets()
+    supervisor = Tolerant()
     swing = Swing(planar, displacement=(1.2, 0.0, 0.0), duration=8.0)
     run: dict[str, Any] = {"dt": 5e-3, "guards": only(joint_error=0.1)}
     tracking = simulate(planar, swing, Constant(np.zeros(3)), supervisor=supervisor, **run)

@@ -37,7 +37,7 @@ class Case(Flying):
         self.tau = np.concatenate([np.zeros(6), rng.normal(size=self.model.nv - 6)])
 
     def run(self, duration: float, steps: int, tau: Array | None = None) -> tuple[Array, Array, float]:
-        """State and work after so many steps."""
+        """Return the state and the work after a number of steps."""
         q, v, work = self.q, self.v, 0.0
         for _ in range(steps):
             q, v, done = rk4_step(
@@ -58,8 +58,8 @@ def test_order_four_in_attitude_velocity_and_work(
     errors = []
     for steps in (40, 80):
         q, v, work = case.run(0.4, steps)
-        apart = pin.difference(case.model, q_ref, q)
-        errors.append([np.linalg.norm(apart[:6]), np.linalg.norm(v - v_ref), abs(work - work_ref)])
+        difference = pin.difference(case.model, q_ref, q)
+        errors.append([np.linalg.norm(difference[:6]), np.linalg.norm(v - v_ref), abs(work - work_ref)])
     coarse, fine = np.array(errors)
     assert (fine > 1e-13).all()  # well above rounding, so that the ratio means something
     # 16 a halving; without the brackets the pose's ratio is 4.
@@ -135,7 +135,7 @@ Force = Callable[[float, Array, Array], Array]
 
 
 def written_out(case: Case, q: Array, v: Array, force: Force, dt: float) -> tuple[Array, Array, float]:
-    """The same step with its stages one by one."""
+    """Return the same step with its stages written one after the other."""
     model = case.model
 
     def rate(x: Array, w: Array, s: float) -> tuple[Array, float]:
@@ -157,7 +157,7 @@ def written_out(case: Case, q: Array, v: Array, force: Force, dt: float) -> tupl
 
 
 def with_brackets(case: Case, q: Array, v: Array, force: Force, dt: float) -> tuple[Array, Array, float]:
-    """Another method of order 4, by Munthe-Kaas and Owren: one move, with brackets of the velocities."""
+    """Return the step of another method of order 4, by Munthe-Kaas and Owren, with velocity brackets."""
 
     def rate(x: Array, w: Array, s: float) -> tuple[Array, float]:
         f = force(s, x, w)
@@ -188,14 +188,16 @@ def test_the_step_is_the_method_written_out(held: bool, dt: float, random_tree: 
     def force(t: float, q: Array, v: Array) -> Array:
         return case.tau if held else case.tau * (1.0 + t) - 0.1 * v + 0.01 * q[0]
 
-    wanted = written_out(case, case.q, case.v, force, dt)
-    got = rk4_step(case.model, case.data, case.q, case.v, case.tau if held else force, dt)
+    expected = written_out(case, case.q, case.v, force, dt)
+    result = rk4_step(case.model, case.data, case.q, case.v, case.tau if held else force, dt)
     again = rk4_step(case.model, case.data, case.q, case.v, case.tau if held else force, dt)
     for k in range(2):
-        np.testing.assert_allclose(got[k], wanted[k], rtol=0.0, atol=1e-13 * (1.0 + np.abs(wanted[k]).max()))
-        np.testing.assert_array_equal(got[k], again[k])
-    assert got[2] == pytest.approx(wanted[2], rel=1e-13, abs=1e-13)
-    assert got[2] == again[2]
+        np.testing.assert_allclose(
+            result[k], expected[k], rtol=0.0, atol=1e-13 * (1.0 + np.abs(expected[k]).max())
+        )
+        np.testing.assert_array_equal(result[k], again[k])
+    assert result[2] == pytest.approx(expected[2], rel=1e-13, abs=1e-13)
+    assert result[2] == again[2]
 
 
 def test_two_methods_of_order_four_differ_by_order_five(random_tree: Callable[..., Any]) -> None:
@@ -205,18 +207,18 @@ def test_two_methods_of_order_four_differ_by_order_five(random_tree: Callable[..
         changing: Array = case.tau * (1.0 + t) - 0.1 * v + 0.01 * q[0]
         return changing
 
-    apart: list[Array] = []
+    differences: list[Array] = []
     for dt in (0.02, 0.01, 0.005):
         q, v, work = rk4_step(case.model, case.data, case.q, case.v, force, dt)
         other_q, other_v, other_work = with_brackets(case, case.q, case.v, force, dt)
         pose = np.linalg.norm(pin.difference(case.model, other_q, q)[:6])
-        apart.append(np.array([pose, np.linalg.norm(v - other_v), abs(work - other_work)]))
-    assert apart[-1].min() > 1e-13  # above rounding
-    assert (np.array(apart[:-1]) / np.array(apart[1:]) > 24.0).all()  # 32 a halving
+        differences.append(np.array([pose, np.linalg.norm(v - other_v), abs(work - other_work)]))
+    assert differences[-1].min() > 1e-13  # above rounding
+    assert (np.array(differences[:-1]) / np.array(differences[1:]) > 24.0).all()  # 32 a halving
 
 
 def test_a_force_may_take_steps_itself(random_tree: Callable[..., Any]) -> None:
-    # Such as one that looks ahead: the arrays of the step under way are not touched.
+    # A force that looks ahead does not change the arrays of the step in progress.
     case = Case(random_tree(12, 4, KINDS), 12, 1.0)
     own = case.model.createData()
 
@@ -227,17 +229,17 @@ def test_a_force_may_take_steps_itself(random_tree: Callable[..., Any]) -> None:
         rk4_step(case.model, own, q, v, case.tau, 0.1)
         return damping(t, q, v)
 
-    wanted = rk4_step(case.model, case.data, case.q, case.v, damping, 0.02)
-    got = rk4_step(case.model, case.data, case.q, case.v, looking_ahead, 0.02)
-    kept = got[0].copy(), got[1].copy()
-    rk4_step(case.model, case.data, case.q, -case.v, case.tau, 0.1)  # what was handed out is the caller's own
+    expected = rk4_step(case.model, case.data, case.q, case.v, damping, 0.02)
+    result = rk4_step(case.model, case.data, case.q, case.v, looking_ahead, 0.02)
+    kept = result[0].copy(), result[1].copy()
+    rk4_step(case.model, case.data, case.q, -case.v, case.tau, 0.1)  # returned arrays belong to the caller
     for k in range(2):
-        np.testing.assert_array_equal(got[k], wanted[k])
-        np.testing.assert_array_equal(got[k], kept[k])
-    assert got[2] == wanted[2]
+        np.testing.assert_array_equal(result[k], expected[k])
+        np.testing.assert_array_equal(result[k], kept[k])
+    assert result[2] == expected[2]
 
 
-def test_a_force_may_keep_what_it_gets_and_give_the_same_array(random_tree: Callable[..., Any]) -> None:
+def test_a_force_may_keep_its_arguments_and_return_the_same_array(random_tree: Callable[..., Any]) -> None:
     case = Case(random_tree(29, 3), 29, 1.0)
     kept: list[tuple[Array, Array]] = []
     own = np.zeros(case.model.nv)
@@ -252,22 +254,22 @@ def test_a_force_may_keep_what_it_gets_and_give_the_same_array(random_tree: Call
 
     q, v, work = rk4_step(case.model, case.data, case.q, case.v, force, 0.05)
     again = rk4_step(case.model, case.data, case.q, case.v, fresh, 0.05)
-    for got, wanted in zip((q, v, work), again, strict=True):
-        np.testing.assert_array_equal(got, wanted)
+    for result, expected in zip((q, v, work), again, strict=True):
+        np.testing.assert_array_equal(result, expected)
     for now, then in kept:
         np.testing.assert_array_equal(now, then)
 
 
-def test_a_state_that_is_not_finite_leaves_no_trace(random_tree: Callable[..., Any]) -> None:
+def test_a_state_that_is_not_finite_does_not_affect_later_steps(random_tree: Callable[..., Any]) -> None:
     case = Case(random_tree(13, 3), 13, 1.0)
-    wanted = rk4_step(case.model, case.data, case.q, case.v, case.tau, 0.01)
+    expected = rk4_step(case.model, case.data, case.q, case.v, case.tau, 0.01)
     rk4_step(case.model, case.data, case.q, np.full(case.model.nv, np.nan), case.tau, 0.01)
-    got = rk4_step(case.model, case.data, case.q, case.v, case.tau, 0.01)
+    result = rk4_step(case.model, case.data, case.q, case.v, case.tau, 0.01)
     for k in range(2):
-        np.testing.assert_array_equal(got[k], wanted[k])
+        np.testing.assert_array_equal(result[k], expected[k])
 
 
-def test_steps_in_threads(random_tree: Callable[..., Any]) -> None:
+def test_steps_in_threads_equal_steps_in_sequence(random_tree: Callable[..., Any]) -> None:
     case = Case(random_tree(14, 4), 14, 1.0)
 
     def fly(scale: float) -> tuple[Array, Array]:
@@ -277,14 +279,14 @@ def test_steps_in_threads(random_tree: Callable[..., Any]) -> None:
         return q, v
 
     scales = [0.5, 1.0, 1.5, 2.0]
-    wanted = [fly(scale) for scale in scales]
+    expected = [fly(scale) for scale in scales]
     interval = sys.getswitchinterval()
     sys.setswitchinterval(1e-6)  # threads take turns in the middle of a step
     try:
         with ThreadPoolExecutor(len(scales)) as pool:
-            found = list(pool.map(fly, scales))
+            threaded = list(pool.map(fly, scales))
     finally:
         sys.setswitchinterval(interval)
-    for one, other in zip(wanted, found, strict=True):
+    for single, other in zip(expected, threaded, strict=True):
         for k in range(2):
-            np.testing.assert_array_equal(one[k], other[k])
+            np.testing.assert_array_equal(single[k], other[k])

@@ -1,4 +1,4 @@
-"""The integrators by name: their order, what they keep, and that they agree with each other."""
+"""The integrators by name: their order, conserved quantities, and agreement with each other."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class Flight(Flying):
         self.v = self.sms.velocity(self.q, rates, np.concatenate([np.zeros(3), spin]))
 
     def run(self, name: str, duration: float, steps: int, force: Any = None) -> tuple[Array, Array, float]:
-        """State and work after so many steps."""
+        """Return the state and the work after a number of steps."""
         q, v, work, h = self.q, self.v, 0.0, duration / steps
         force = np.zeros(self.sms.nv) if force is None else force
         for k in range(steps):
@@ -50,8 +50,8 @@ def test_variational_step_has_order_four(seed: int, n: int, random_tree: Callabl
     errors = []
     for steps in (10, 20):
         q, v, work = flight.run("variational", 0.4, steps, force)
-        apart = pin.difference(flight.model, q_ref, q)
-        errors.append([np.linalg.norm(apart), np.linalg.norm(v - v_ref), abs(work - work_ref)])
+        difference = pin.difference(flight.model, q_ref, q)
+        errors.append([np.linalg.norm(difference), np.linalg.norm(v - v_ref), abs(work - work_ref)])
     coarse, fine = np.array(errors)
     assert (fine > 1e-12).all()
     assert (coarse / fine > 10.0).all()
@@ -66,7 +66,7 @@ def test_integrators_agree_under_forces_that_vary(name: str, random_tree: Callab
         return np.asarray(direction * np.cos(3.0 * t) - 0.5 * v + 0.1 * np.sin(q[:3]).sum())
 
     q_ref, v_ref, work_ref = flight.run("rk4", 0.5, 1000, force)
-    # From here on the same names stand for other codes; only rk4 is compared with a coarser self.
+    # The other integrators are independent of rk4, which itself is compared with finer steps.
     q, v, work = flight.run(name, 0.5, 100, force)
     limit = {"stiff": 1e-5}.get(name, 1e-6)
     assert np.linalg.norm(pin.difference(flight.model, q_ref, q)) < limit
@@ -81,7 +81,7 @@ def test_integrators_agree_under_forces_that_vary(name: str, random_tree: Callab
     ("name", "dt", "momentum", "energy"),
     [("rk4", 0.01, 1e-11, 1e-11), ("variational", 0.2, 1e-12, 1e-6), ("adaptive", 1.0, 1e-11, 1e-11)],
 )
-def test_free_flight_keeps_what_it_should(
+def test_free_flight_keeps_momentum_and_energy(
     name: str, dt: float, momentum: float, energy: float, planar_tree: Any
 ) -> None:
     # A short part of benchmarks/integrators.py, which flies for an hour.

@@ -1,4 +1,4 @@
-"""A closed loop that is given what it cannot use says so; one that loses what it should keep says that."""
+"""Checks of closed loops: unusable arguments are refused, and lost momentum is reported."""
 
 from __future__ import annotations
 
@@ -38,13 +38,13 @@ Refused = Callable[..., FfsmsError]
 
 
 class Failing(PD):
-    """A law that gives NaN, infinity or words from the 20th step on."""
+    """A law that returns a value that is not finite after 20 steps."""
 
     value: Any = np.nan
     calls = 0
 
     def torque(self, *state: Any) -> Any:
-        """As it was told."""
+        """Return the torque, after 20 steps the value."""
         self.calls += 1
         tau = super().torque(*state)
         return tau if self.calls <= 20 else self.value * np.ones_like(tau)
@@ -181,16 +181,16 @@ def test_an_object_that_is_both_observes_once(planar: ffsms.SpaceManipulator) ->
 
 def test_a_reference_that_does_not_fit_is_refused(refused: Refused, planar: ffsms.SpaceManipulator) -> None:
     class Odd(Swing):
-        given: Any = None
+        values: Any = None
 
         def sample(self, t: float) -> Any:
-            return self.given
+            return self.values
 
     zeros, still = np.zeros(3), np.zeros(planar.nv)
     short, unknown = (zeros[:2], zeros, zeros), (zeros, zeros, np.full(3, np.nan))
-    for given in (None, 1.0, (zeros, zeros), short, unknown, ("a", "b", "c")):
+    for values in (None, 1.0, (zeros, zeros), short, unknown, ("a", "b", "c")):
         odd = Odd(planar)
-        odd.given = given
+        odd.values = values
         for v0 in (None, still):
             refused(
                 lambda odd=odd, v0=v0: simulate(planar, odd, PD(planar), conditions=Conditions(v0=v0)),
@@ -200,7 +200,7 @@ def test_a_reference_that_does_not_fit_is_refused(refused: Refused, planar: ffsm
 
 
 @pytest.mark.parametrize(
-    ("options", "word"),
+    ("options", "fragment"),
     [
         ({"sensors": Sensors(joint_rate_noise=1e30)}, "sensors.joint_rate_noise"),
         ({"events": Capture(0.5, 1e30, np.eye(3))}, "capture.mass"),
@@ -215,9 +215,9 @@ def test_a_reference_that_does_not_fit_is_refused(refused: Refused, planar: ffsm
     ],
 )
 def test_absurd_numbers_are_refused(
-    refused: Refused, planar: ffsms.SpaceManipulator, options: dict[str, Any], word: str
+    refused: Refused, planar: ffsms.SpaceManipulator, options: dict[str, Any], fragment: str
 ) -> None:
-    refused(lambda: simulate(planar, Swing(planar), PD(planar), **options), InvalidValue, word)
+    refused(lambda: simulate(planar, Swing(planar), PD(planar), **options), InvalidValue, fragment)
 
 
 def test_a_run_too_long_for_its_memory_is_refused(refused: Refused, planar: ffsms.SpaceManipulator) -> None:
@@ -225,10 +225,10 @@ def test_a_run_too_long_for_its_memory_is_refused(refused: Refused, planar: ffsm
     refused(lambda: simulate(planar, long, PD(planar)), InvalidValue, "dt", "1e+12 steps")
 
 
-def test_noise_of_a_thousand_turns_ends_in_words_with_every_integrator(
+def test_excessive_noise_ends_in_divergence_with_every_integrator(
     planar: ffsms.SpaceManipulator, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    # The adaptive ones come to the bound on their work, in seconds; a tenth of it shows the same.
+    # Adaptive integrators reach the bound on their work after seconds; a tenth of the bound suffices.
     monkeypatch.setattr("ffsms_pin.simulation.integrators._MOST_SLOPES", 10_000)
     for integrator in ("rk4", "variational", "adaptive", "stiff"):
         with pytest.raises(SimulationDiverged):
@@ -242,7 +242,7 @@ def test_noise_of_a_thousand_turns_ends_in_words_with_every_integrator(
 
 @pytest.mark.long
 @pytest.mark.slow
-def test_lost_momentum_is_told(planar: ffsms.SpaceManipulator) -> None:
+def test_lost_momentum_is_reported(planar: ffsms.SpaceManipulator) -> None:
     swing, law = Swing(planar), PD(planar, K_p=5.0, K_d=2.0)
     steep = JointFriction(coulomb=1.0, transition=1e-4)
     short = Swing(planar, displacement=(0.015, 0.02, -0.015), duration=0.08)
@@ -251,15 +251,15 @@ def test_lost_momentum_is_told(planar: ffsms.SpaceManipulator) -> None:
     lost = float(np.linalg.norm(run.momentum[-1, :3] - run.momentum[0, :3]))
     assert "momentum changed without an external force" in run.note
     assert f"linear by {lost:.3g} kg m/s" in run.note
-    # This friction would need thousands of parts: linearly implicit steps are made, which keep the momentum.
+    # This friction would need thousands of substeps; linearly implicit steps are used and keep the momentum.
     runs = [
-        simulate(planar, short, law, conditions=Conditions(friction=steep, integrator=one))
-        for one in ("rk4", "stiff")
+        simulate(planar, short, law, conditions=Conditions(friction=steep, integrator=name))
+        for name in ("rk4", "stiff")
     ]
     assert [note_without_goal(run) for run in runs] == ["", ""]
     np.testing.assert_allclose(runs[0].q, runs[1].q, atol=1e-6)
     assert np.abs(runs[0].momentum).max() < 1e-13
-    # Steps of 1 ms would not do for this friction; they are taken in some fifty parts.
+    # Steps of 1 ms are too long for this friction; each step has some fifty substeps.
     parts = simulate(planar, short, law, conditions=Conditions(friction=JointFriction(coulomb=1.0)))
     assert note_without_goal(parts) == ""
     stiff = simulate(
@@ -268,7 +268,7 @@ def test_lost_momentum_is_told(planar: ffsms.SpaceManipulator) -> None:
     np.testing.assert_allclose(parts.q[-1], stiff.q[-1], atol=1e-6)
 
 
-def test_what_changes_the_momentum_by_right_is_not_told(planar: ffsms.SpaceManipulator) -> None:
+def test_momentum_changed_by_forces_and_captures_is_not_reported(planar: ffsms.SpaceManipulator) -> None:
     swing, law = Swing(planar), PD(planar, K_p=5.0, K_d=2.0)
     pushed = simulate(
         planar, swing, law, conditions=Conditions(disturbances=Wrench([0.1, 0.0, 0.0, 0.0, 0.0, 0.1]))
@@ -276,13 +276,13 @@ def test_what_changes_the_momentum_by_right_is_not_told(planar: ffsms.SpaceManip
     assert np.linalg.norm(pushed.momentum[-1] - pushed.momentum[0]) > 0.1
     assert note_without_goal(pushed) == ""
     flying = Capture(1.0, 2.0, 0.1 * np.eye(3), twist=[0.1, 0.0, 0.0, 0.0, 0.0, 0.5])
-    caught = simulate(planar, swing, law, conditions=Conditions(events=flying))
-    assert np.linalg.norm(caught.momentum[-1] - caught.momentum[0]) > 0.1
-    assert note_without_goal(caught) == "t = 1 s: captured 2 kg"
+    captured = simulate(planar, swing, law, conditions=Conditions(events=flying))
+    assert np.linalg.norm(captured.momentum[-1] - captured.momentum[0]) > 0.1
+    assert note_without_goal(captured) == "t = 1 s: captured 2 kg"
     assert "external force" in simulate(planar, swing, law, 0.05, conditions=Conditions(events=flying)).note
 
 
-def test_guards_are_given_a_path(refused: Refused) -> None:
+def test_invalid_paths_of_guards_are_refused(refused: Refused) -> None:
     for path in (3, "", "a\0b", "x" * 300):
         refused(lambda path=path: Guards(path=path), InvalidValue, "guards.path")
 
@@ -294,7 +294,7 @@ def test_the_check_of_arguments_takes_all_conditions_that_simulate_takes() -> No
         assert parameter.default == whole[name].default
 
 
-def test_an_argument_that_is_a_condition_or_misspelt_is_told(
+def test_repeated_and_misspelt_conditions_are_refused(
     refused: Refused, planar: ffsms.SpaceManipulator
 ) -> None:
     call: Any = simulate
@@ -356,7 +356,7 @@ def test_every_mode_of_a_plan_with_every_base_law(
         assert caught[0].category is FfsmsWarning
 
 
-def test_a_base_law_of_ones_own_is_not_judged(planar: ffsms.SpaceManipulator) -> None:
+def test_a_custom_base_law_gives_no_warning(planar: ffsms.SpaceManipulator) -> None:
     class Idle:
         def command(self, view: control.BaseView) -> control.BaseCommand:
             return control.BaseCommand()

@@ -85,9 +85,9 @@ def test_friction_takes_energy_and_leaves_momentum(
     assert np.abs(rubbed.momentum).max() < 1e-12
     assert np.abs(rubbed.energy_error).max() < 1e-6 * rubbed.kinetic_energy.max()
     assert np.abs(rubbed.joint_error).max() > 10.0 * np.abs(free.joint_error).max()
-    # The motors now do what the friction takes.
-    paid = float((rubbed.tau * np.diff(rubbed.q[:, 7:], axis=0)).sum()) - rubbed.work[-1]
-    assert paid > 0.01
+    # The motors also do the work that friction dissipates.
+    dissipated = float((rubbed.tau * np.diff(rubbed.q[:, 7:], axis=0)).sum()) - rubbed.work[-1]
+    assert dissipated > 0.01
     # Coasting joints come to rest.
     v0 = planar.velocity(planar.configuration(START), [0.2, -0.1, 0.1])
     coasting = simulate(
@@ -100,7 +100,7 @@ def test_friction_takes_energy_and_leaves_momentum(
     assert (np.diff(coasting.kinetic_energy) < 0.0).all()
 
 
-def test_coulomb_friction_is_its_size_away_from_rest() -> None:
+def test_coulomb_friction_is_constant_away_from_rest() -> None:
     torque = JointFriction([0.1, 0.0], [0.5, 0.2], transition=1e-3).torque(2)
     np.testing.assert_allclose(torque(np.array([2.0, -2.0])), [-0.7, 0.2])
     np.testing.assert_allclose(torque(np.array([1e-3, 0.0])), [-0.5 * math.tanh(1.0) - 1e-4, 0.0])
@@ -108,14 +108,16 @@ def test_coulomb_friction_is_its_size_away_from_rest() -> None:
 
 def test_actuator_delays_cuts_and_slews() -> None:
     drive = Actuator(torque_limit=[1.0, 2.0], rate_limit=[10.0, math.inf], delay=0.2).start(2, 0.1, 5.0)
-    given = [drive(np.array([3.0, -3.0])) for _ in range(4)]
+    torques = [drive(np.array([3.0, -3.0])) for _ in range(4)]
     # Two steps of nothing, then the second drive at its limit at once, the first at 1 N m a step.
-    np.testing.assert_allclose(given, [[0.0, 0.0], [0.0, 0.0], [1.0, -2.0], [1.0, -2.0]])
+    np.testing.assert_allclose(torques, [[0.0, 0.0], [0.0, 0.0], [1.0, -2.0], [1.0, -2.0]])
     slow = Actuator(rate_limit=5.0).start(2, 0.1, 5.0)
     np.testing.assert_allclose([slow(np.array([1.2, -9.0])) for _ in range(3)][-1], [1.2, -1.5])
 
 
-def test_recorded_torque_is_the_one_that_acts(planar: ffsms.SpaceManipulator, law: ComputedTorque) -> None:
+def test_the_recorded_torque_is_the_applied_torque(
+    planar: ffsms.SpaceManipulator, law: ComputedTorque
+) -> None:
     drive = Actuator(torque_limit=0.05, rate_limit=2.0, delay=0.01)
     tracking = simulate(planar, Swing(planar), law, conditions=Conditions(actuator=drive))
     plain = simulate(planar, Swing(planar), law)
@@ -128,7 +130,7 @@ def test_recorded_torque_is_the_one_that_acts(planar: ffsms.SpaceManipulator, la
     np.testing.assert_allclose(tracking.work[1:], np.cumsum(steps), atol=1e-14)
 
 
-def test_sensors_show_what_they_say(planar: ffsms.SpaceManipulator, law: ComputedTorque) -> None:
+def test_sensor_errors_have_the_specified_size(planar: ffsms.SpaceManipulator, law: ComputedTorque) -> None:
     resolution = 2.0 * math.pi / 4096
     sensors = Sensors(
         joint_resolution=resolution,
@@ -167,7 +169,9 @@ def test_sensors_show_what_they_say(planar: ffsms.SpaceManipulator, law: Compute
     )
 
 
-def test_base_is_seen_late_and_joints_are_not(planar: ffsms.SpaceManipulator, law: ComputedTorque) -> None:
+def test_the_base_is_measured_late_and_the_joints_are_not(
+    planar: ffsms.SpaceManipulator, law: ComputedTorque
+) -> None:
     swing = ObservedSwing(planar)
     tracking = simulate(planar, swing, law, conditions=Conditions(sensors=Sensors(base_latency=0.05)))
     seen = np.array(swing.seen)
@@ -196,8 +200,8 @@ def test_impulse_of_a_wrench_is_the_momentum(on: Any, random_tree: Callable[...,
         state = sms.at(q)
         at = state.base_pose if on == "base" else state.end_effector_pose
         moments.append(wrench[3:] + np.cross(at.translation - state.com, wrench[:3]))
-    wanted = 1e-3 * (np.sum(moments, axis=0) - 0.5 * (moments[0] + moments[-1]))
-    np.testing.assert_allclose(tracking.momentum[-1, 3:], wanted, atol=1e-2 * np.abs(wanted).max())
+    expected = 1e-3 * (np.sum(moments, axis=0) - 0.5 * (moments[0] + moments[-1]))
+    np.testing.assert_allclose(tracking.momentum[-1, 3:], expected, atol=1e-2 * np.abs(expected).max())
     assert np.abs(tracking.energy_error).max() < 1e-3 * tracking.kinetic_energy.max()
 
 
@@ -226,7 +230,7 @@ def test_initial_momentum(planar: ffsms.SpaceManipulator, law: ComputedTorque, r
 
 
 @pytest.mark.parametrize(
-    ("given", "words"),
+    ("options", "fragments"),
     [
         ({"actuator": Actuator(delay=2.0)}, ("actuator.delay", "2 s")),
         ({"actuator": Actuator(delay=-1e-3)}, ("actuator.delay",)),
@@ -248,13 +252,17 @@ def test_initial_momentum(planar: ffsms.SpaceManipulator, law: ComputedTorque, r
     ],
 )
 def test_bad_conditions_are_refused(
-    given: dict[str, Any], words: tuple[str, ...], planar: ffsms.SpaceManipulator, law: Any, refused: Refused
+    options: dict[str, Any],
+    fragments: tuple[str, ...],
+    planar: ffsms.SpaceManipulator,
+    law: Any,
+    refused: Refused,
 ) -> None:
-    refused(lambda: simulate(planar, Swing(planar), law, **given), InvalidValue, *words)
+    refused(lambda: simulate(planar, Swing(planar), law, **options), InvalidValue, *fragments)
 
 
 @pytest.mark.parametrize(
-    ("call", "word"),
+    ("call", "fragment"),
     [
         (lambda sms: perturb(sms, arm_mass=0.0), "arm_mass"),
         (lambda sms: perturb(sms, arm_com=np.zeros((2, 3))), "arm_com"),
@@ -264,6 +272,6 @@ def test_bad_conditions_are_refused(
     ],
 )
 def test_bad_plants_and_guards_are_refused(
-    call: Callable[[Any], Any], word: str, planar: ffsms.SpaceManipulator, refused: Refused
+    call: Callable[[Any], Any], fragment: str, planar: ffsms.SpaceManipulator, refused: Refused
 ) -> None:
-    refused(lambda: call(planar), InvalidValue, word)
+    refused(lambda: call(planar), InvalidValue, fragment)

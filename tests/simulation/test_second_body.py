@@ -1,4 +1,4 @@
-"""A client in a run: both bodies, wheels and what acts between them integrated together, one ledger kept."""
+"""A client in a run: both bodies, wheels and their loads integrated together, with one momentum balance."""
 
 from typing import Any
 
@@ -33,7 +33,7 @@ WHEELS = ReactionWheels(axes=np.eye(3), inertia=0.01, momentum=10.0, torque=0.2)
 
 
 class Still:
-    """A reference that stays."""
+    """A reference at rest."""
 
     target = np.zeros(3)
 
@@ -47,7 +47,7 @@ class Still:
 def _start(
     sms: ffsms.SpaceManipulator, aside: tuple[float, ...] = (0.002, -0.002, 0.001)
 ) -> tuple[np.ndarray, np.ndarray, ffsms.Client]:
-    """The end effector 3 mm and a degree beside the grasp, with 20 mm/s."""
+    """Return a start 3 mm and a degree beside the grasp of a client that moves at 20 mm/s."""
     q = sms.configuration([0.3, 0.1, 0.2, -1.4, 0.1, 3.3, 1.0])
     v = sms.velocity(q, np.full(sms.n, 0.01), [0.5, 0.0, -0.5, 0.1, 0.2, 0.3])
     beside = pin.SE3(pin.exp3(np.array([0.01, -0.015, 0.0])), np.array(aside))
@@ -72,7 +72,7 @@ def _run(wheels: bool = False, duration: float = 2.0, **options: Any) -> tuple[A
 @pytest.mark.slow
 @pytest.mark.parametrize("wheels", [pytest.param(False, marks=pytest.mark.long), True])
 @pytest.mark.parametrize("integrator", ["rk4", "variational", "adaptive"])
-def test_the_ledger_is_kept_by_integration_alone(wheels: bool, integrator: str) -> None:
+def test_the_integration_keeps_momentum_and_energy(wheels: bool, integrator: str) -> None:
     caught = [Close(0.0, GripLoad(GRASP)), Latch(0.2)]
     _, _, tracking = _run(wheels, duration=0.4, integrator=integrator, events=caught)
     most = float(np.abs(tracking.momentum[0]).max())
@@ -82,8 +82,8 @@ def test_the_ledger_is_kept_by_integration_alone(wheels: bool, integrator: str) 
 
 
 @pytest.mark.parametrize("events", [(), (Latch(0.5),), (Close(0.0, GripLoad(GRASP)), Latch(0.5))])
-def test_the_total_is_that_of_both_bodies_written_out_at_every_row(events: tuple[Event, ...]) -> None:
-    """From each row's own q, v and client, also in the row at the latch."""
+def test_the_recorded_momentum_is_the_sum_of_both_bodies(events: tuple[Event, ...]) -> None:
+    """The sum uses q, v and client of its own row, also at the latch."""
     sms, client, tracking = _run(events=events)
     for k in (0, 100, 249, 250, 251, 400, len(tracking.t) - 1):
         whole, pose = centroidal(sms, tracking.q[k], tracking.v[k]), pin.XYZQUATToSE3(tracking.client_pose[k])
@@ -109,7 +109,7 @@ def test_without_loads_the_client_moves_as_a_free_body() -> None:
     np.testing.assert_allclose(tracking.client_twist, client.twists(tracking.t), atol=1e-9)
 
 
-def test_a_latch_is_the_capture_of_the_two_and_holds() -> None:
+def test_a_latch_is_the_rigid_capture_and_keeps_the_relative_pose() -> None:
     sms, client, tracking = _run(events=[Latch(0.0)])
     q, v, _ = _start(sms)
     np.testing.assert_allclose(tracking.v[0], after_capture(sms, q, v, client).v, atol=1e-12)
@@ -124,15 +124,15 @@ def test_a_latch_is_the_capture_of_the_two_and_holds() -> None:
 
 
 class Slack(Still):
-    """Joints that nobody drives."""
+    """A law without torques."""
 
     def torque(self, *_: np.ndarray) -> np.ndarray:
         return np.zeros_like(self.joints)
 
 
 @pytest.mark.parametrize("wheels", [False, True])
-def test_once_latched_the_wrench_is_what_carries_the_client(wheels: bool) -> None:
-    """Beside the rate of the client's own momentum, by differences; friction, a push and a lock act, too."""
+def test_the_wrench_after_a_latch_accelerates_the_client(wheels: bool) -> None:
+    """Compare with differences of the client's momentum, under friction, a push and a locked joint."""
     sms = ffsms.load("satellite_panda")
     q, v, client = _start(sms)
     options: dict[str, Any] = {"friction": JointFriction(viscous=3.0)}
@@ -143,7 +143,7 @@ def test_once_latched_the_wrench_is_what_carries_the_client(wheels: bool) -> Non
     push = Wrench(lambda t: np.array([20.0 * np.sin(9.0 * t), 10.0, -5.0, 4.0, 3.0 * t, 2.0]), "base")
     options |= {"events": [Latch(0.1), JointFault(0.2, 3)], "disturbances": push}
     run = simulate(sms, slack, slack, q0=q, client=client, v0=v, **options)
-    R = np.array([pin.Quaternion(one).toRotationMatrix() for one in run.client_pose[:, 3:]])
+    R = np.array([pin.Quaternion(quaternion).toRotationMatrix() for quaternion in run.client_pose[:, 3:]])
     spin = np.einsum("kij,jl,kml,km->ki", R, client.inertia, R, run.client_twist[:, 3:])
     rate = np.gradient(np.hstack([client.mass * run.client_twist[:, :3], spin]), run.t, axis=0)
     for k in (150, 250, 400):
@@ -154,25 +154,25 @@ def test_once_latched_the_wrench_is_what_carries_the_client(wheels: bool) -> Non
         assert np.linalg.norm(force) > 1.0
 
 
-def test_the_grip_draws_the_grasp_together_and_lets_go() -> None:
+def test_a_closed_grip_approaches_the_grasp_and_opens() -> None:
     sms, client, tracking = _run(events=[Close(0.0, GripLoad(GRASP)), Open(0.3)])
 
-    def apart(k: int) -> float:
+    def distance(k: int) -> float:
         tip = sms.at(tracking.q[k]).end_effector_pose.translation
         grasp = pin.XYZQUATToSE3(tracking.client_pose[k]) * GRASP
         return float(np.linalg.norm(tip - grasp.translation))
 
-    assert apart(150) < 0.8 * apart(0)
+    assert distance(150) < 0.8 * distance(0)
     assert not tracking.contact_wrench[151:].any()
     q, v, _ = _start(sms)
-    # What is left of the relative velocity when it becomes rigid costs less than a weld at the first touch.
+    # A latch after the grip loses less energy than a rigid capture at the first touch.
     pose, twist = pin.XYZQUATToSE3(tracking.client_pose[150]), tracking.client_twist[150]
-    then = ffsms.Client(client.mass, client.inertia, pose, twist)
-    later = after_capture(sms, tracking.q[150], tracking.v[150], then)
+    approached = ffsms.Client(client.mass, client.inertia, pose, twist)
+    later = after_capture(sms, tracking.q[150], tracking.v[150], approached)
     assert later.energy_lost < after_capture(sms, q, v, client).energy_lost
 
 
-def test_what_acts_from_outside_is_in_the_ledger() -> None:
+def test_external_wrenches_are_in_the_momentum_balance() -> None:
     pushes = [Wrench([1.0, -2.0, 0.5, 0.1, 0.0, 0.2]), Wrench([0.5, 0.0, 1.0, 0.0, 0.3, 0.0], "end-effector")]
     _, _, tracking = _run(disturbances=pushes)
     gained = np.abs(tracking.momentum[-1] - tracking.momentum[0]).max()
@@ -180,7 +180,7 @@ def test_what_acts_from_outside_is_in_the_ledger() -> None:
     assert np.abs(tracking.momentum_error).max() < 1e-9 * gained
 
 
-def test_thrusters_are_in_the_ledger() -> None:
+def test_thrusters_are_in_the_momentum_balance() -> None:
     sms = ffsms.load("satellite_panda")
     corners = [[0.5, 0.5, 0.0], [-0.5, 0.5, 0.0], [0.5, -0.5, 0.0], [-0.5, -0.5, 0.0]]
     axes = [[0.0, 0.0, 1.0], [0.0, 0.0, -1.0], [0.0, 0.0, -1.0], [0.0, 0.0, 1.0]]
@@ -199,12 +199,12 @@ def test_thrusters_are_in_the_ledger() -> None:
     assert np.abs(tracking.momentum_error).max() < 1e-9
 
 
-def test_a_supervisor_must_be_able_to_decide() -> None:
+def test_an_object_that_is_no_supervisor_is_refused() -> None:
     with pytest.raises(InvalidValue, match="supervisor"):
         _run(events=[], supervisor=object())
 
 
-def test_a_supervisor_decides_from_what_is() -> None:
+def test_a_supervisor_decides_from_the_state() -> None:
     sms = ffsms.load("satellite_panda")
 
     class Watch(Supervisor):
@@ -220,7 +220,7 @@ def test_a_supervisor_decides_from_what_is() -> None:
     assert "t = 0.998 s: half-way (as agreed); t = 0.998 s: latched" in tracking.note
 
 
-def test_a_part_of_a_recording_and_its_file(tmp_path: Any) -> None:
+def test_a_part_of_a_recording_and_its_file_keep_the_client(tmp_path: Any) -> None:
     _, _, tracking = _run(duration=1.0)
     part = tracking.between(0.2, 0.6)
     assert part.t[0] == 0.0
@@ -233,7 +233,7 @@ def test_a_part_of_a_recording_and_its_file(tmp_path: Any) -> None:
 
 
 @pytest.mark.parametrize(
-    ("options", "word"),
+    ("options", "fragment"),
     [
         ({"client": None, "loads": [GripLoad(GRASP)], "events": []}, "add the argument client"),
         ({"loads": "grip"}, "Load"),
@@ -245,8 +245,8 @@ def test_a_part_of_a_recording_and_its_file(tmp_path: Any) -> None:
         ({"substeps": 0}, "substeps"),
     ],
 )
-def test_what_cannot_be_is_refused(options: dict[str, Any], word: str) -> None:
-    with pytest.raises(InvalidValue, match=word):
+def test_invalid_clients_and_loads_are_refused(options: dict[str, Any], fragment: str) -> None:
+    with pytest.raises(InvalidValue, match=fragment):
         _run(**options)
 
 

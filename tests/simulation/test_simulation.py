@@ -24,7 +24,7 @@ Refused = Callable[..., FfsmsError]
 
 
 def heavier(sms: ffsms.SpaceManipulator, arm: float, base: float = 1.0) -> ffsms.SpaceManipulator:
-    """The same robot with other masses and inertias."""
+    """Return the robot with scaled masses and inertias."""
     model = sms.model.copy()
     for j in range(1, model.njoints):
         factor = base if j == 1 else arm
@@ -43,9 +43,9 @@ def test_paper_gains_track_a_whole_case(planar: ffsms.SpaceManipulator, target: 
     assert np.abs(tracking.momentum).max() < 1e-12
     assert np.abs(tracking.energy_error).max() < 1e-6 * tracking.kinetic_energy.max()
     assert (np.abs(tracking.tau) <= planar.limits.torque).all()
-    # The simulated base, which nobody commands, moves as the momentum equation in the plan says.
-    apart = [pin.difference(planar.model, *pair) for pair in zip(plan.q, tracking.q[::10], strict=True)]
-    assert np.abs(apart).max() < 1e-4
+    # The simulated free base moves as the momentum equation of the plan predicts.
+    differences = [pin.difference(planar.model, *pair) for pair in zip(plan.q, tracking.q[::10], strict=True)]
+    assert np.abs(differences).max() < 1e-4
     np.testing.assert_allclose(tracking.position_error[::10], plan.position_error, atol=1e-4)
     assert tracking.position_error[-1] < 1e-3
 
@@ -68,7 +68,7 @@ def test_paper_gains_leave_an_initial_error_and_larger_ones_remove_it(
     assert ends[0.01][1] < 1.0
 
 
-def test_error_in_the_boundary_layer_dies_out_with_the_time_constants(
+def test_error_in_the_boundary_layer_decays_with_the_time_constants(
     planar: ffsms.SpaceManipulator,
 ) -> None:
     hold = Swing(planar, np.zeros(3), duration=0.3)
@@ -83,7 +83,9 @@ def test_error_in_the_boundary_layer_dies_out_with_the_time_constants(
     np.testing.assert_allclose(np.sort(1.0 / rates), controller.time_constants(q0), rtol=1e-9)
 
 
-def test_rows_are_what_the_state_says(planar: ffsms.SpaceManipulator, swing: Swing, swung: Tracking) -> None:
+def test_recorded_rows_agree_with_the_state(
+    planar: ffsms.SpaceManipulator, swing: Swing, swung: Tracking
+) -> None:
     assert [len(getattr(swung, name)) for name in arrays_of(swung)] == [
         2000 if {**SHAPES, **OPTIONAL}[name][0] == "N" else 2001 for name in arrays_of(swung)
     ]
@@ -94,8 +96,8 @@ def test_rows_are_what_the_state_says(planar: ffsms.SpaceManipulator, swing: Swi
         state = planar.at(swung.q[k], swung.v[k])
         np.testing.assert_allclose(swung.momentum[k], state.momentum, atol=1e-14)
         assert swung.kinetic_energy[k] == pytest.approx(state.kinetic_energy, abs=1e-15)
-        away = np.linalg.norm(swing.target - state.end_effector_pose.translation)
-        assert swung.position_error[k] == pytest.approx(away, abs=1e-14)
+        distance = np.linalg.norm(swing.target - state.end_effector_pose.translation)
+        assert swung.position_error[k] == pytest.approx(distance, abs=1e-14)
         q_d, qd_d, _ = swing.sample(swung.t[k])
         np.testing.assert_allclose(swung.joint_error[k], swung.q[k, 7:] - q_d, atol=1e-15)
         np.testing.assert_allclose(swung.joint_rate_error[k], swung.v[k, 6:] - qd_d, atol=1e-15)
@@ -125,7 +127,7 @@ def test_base_stays_free_in_space_with_momentum(random_tree: Callable[..., Any])
     assert np.abs(tracking.joint_error).max() < 1e-3
 
 
-def test_wrong_mass_shows_in_the_errors_and_not_in_the_momentum(
+def test_a_wrong_mass_changes_the_errors_and_not_the_momentum(
     planar: ffsms.SpaceManipulator, swing: Swing, swung: Tracking
 ) -> None:
     plant = heavier(planar, arm=1.2, base=0.9)
@@ -134,7 +136,7 @@ def test_wrong_mass_shows_in_the_errors_and_not_in_the_momentum(
     assert np.abs(tracking.momentum).max() < 1e-12
     assert np.abs(tracking.energy_error).max() < 1e-6 * tracking.kinetic_energy.max()
     assert np.abs(tracking.joint_error).max() > 10.0 * np.abs(swung.joint_error).max()
-    # The joints come out right within 10 mrad, the end effector does not: the base reacts differently.
+    # The joints end within 10 mrad; the end effector does not, because the base reacts differently.
     assert np.abs(tracking.joint_error[-1]).max() < 0.01
     assert abs(tracking.position_error[-1] - swung.position_error[-1]) > 5e-3
     state = plant.at(tracking.q[-1], tracking.v[-1])
@@ -162,7 +164,7 @@ def test_start_with_moving_joints_has_no_momentum(planar: ffsms.SpaceManipulator
     assert np.abs(tracking.joint_error).max() < 1e-4
 
 
-def test_reference_is_shown_the_measured_state(planar: ffsms.SpaceManipulator) -> None:
+def test_a_reference_observes_the_measured_state(planar: ffsms.SpaceManipulator) -> None:
     class Watching(Swing, Observer):
         seen: list[tuple[float, Array, Array]]
 
@@ -225,19 +227,19 @@ def test_step_is_the_nearest_that_fits(planar: ffsms.SpaceManipulator) -> None:
     assert len(simulate(planar, hold, controller, dt=0.1).tau) == 1
 
 
-def test_divergence_is_told_with_what_was_recorded(planar: ffsms.SpaceManipulator, swing: Swing) -> None:
+def test_divergence_is_reported_with_the_recording(planar: ffsms.SpaceManipulator, swing: Swing) -> None:
     controller = SlidingModeController(planar, Gamma=1e5, torque_limit=np.inf)
     q0 = planar.configuration(START + 0.02)
     with pytest.raises(SimulationDiverged) as caught:
         simulate(planar, swing, controller, q0=q0, conditions=Conditions(guards=None))
-    recorded = caught.value.tracking
-    assert isinstance(recorded, Tracking)
-    rows = len(recorded.t)
+    recording = caught.value.tracking
+    assert isinstance(recording, Tracking)
+    rows = len(recording.t)
     assert 1 < rows < 2001
-    assert recorded.t[-1] == caught.value.time
-    assert recorded.tau.shape == (rows - 1, 3)
-    for name in arrays_of(recorded):
-        assert np.isfinite(getattr(recorded, name)).all()
+    assert recording.t[-1] == caught.value.time
+    assert recording.tau.shape == (rows - 1, 3)
+    for name in arrays_of(recording):
+        assert np.isfinite(getattr(recording, name)).all()
     assert "dt" in str(caught.value)
 
 
@@ -250,7 +252,7 @@ def test_torque_that_is_not_a_number_stops_at_once(planar: ffsms.SpaceManipulato
 
 
 @pytest.mark.parametrize(
-    ("given", "word"),
+    ("arguments", "name"),
     [
         ({"dt": 0.0}, "dt"),
         ({"dt": math.nan}, "dt"),
@@ -262,11 +264,11 @@ def test_torque_that_is_not_a_number_stops_at_once(planar: ffsms.SpaceManipulato
     ],
 )
 def test_bad_arguments_are_refused(
-    given: dict[str, Any], word: str, planar: ffsms.SpaceManipulator, swing: Swing, refused: Refused
+    arguments: dict[str, Any], name: str, planar: ffsms.SpaceManipulator, swing: Swing, refused: Refused
 ) -> None:
     controller = SlidingModeController(planar)
-    error = refused(lambda: simulate(planar, swing, controller, **given), InvalidValue)
-    assert str(error).startswith(word)
+    error = refused(lambda: simulate(planar, swing, controller, **arguments), InvalidValue)
+    assert str(error).startswith(name)
 
 
 def test_bad_references_and_controllers_are_refused(
@@ -274,11 +276,11 @@ def test_bad_references_and_controllers_are_refused(
 ) -> None:
     controller = SlidingModeController(planar)
 
-    def try_with(words: str, law: Any = controller, **change: Any) -> None:
+    def try_with(fragment: str, law: Any = controller, **change: Any) -> None:
         reference = Swing(planar, np.zeros(3))
         for name, value in change.items():
             setattr(reference, name, value)
-        refused(lambda: simulate(planar, reference, law), InvalidValue, words)
+        refused(lambda: simulate(planar, reference, law), InvalidValue, fragment)
 
     try_with("reference.duration", duration=0.0)
     try_with("reference.duration", duration=math.inf)

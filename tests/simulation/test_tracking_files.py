@@ -45,12 +45,12 @@ def test_save_and_load_give_the_same_back(swung: Tracking, tmp_path: Path) -> No
 def test_the_end_effector_is_that_of_the_states(swung: Tracking, planar: ffsms.SpaceManipulator) -> None:
     assert swung.end_effector.shape == (len(swung.t), 3)
     for k in (0, 11, -1):
-        there = planar.at(swung.q[k]).end_effector_pose.translation
-        np.testing.assert_allclose(swung.end_effector[k], there, rtol=0.0, atol=1e-12)
+        position = planar.at(swung.q[k]).end_effector_pose.translation
+        np.testing.assert_allclose(swung.end_effector[k], position, rtol=0.0, atol=1e-12)
 
 
 @pytest.mark.parametrize(
-    ("name", "words"),
+    ("name", "fragment"),
     [
         ("flight.csv", "export.to_csv"),
         ("flight.CSV", "export.to_csv"),
@@ -59,9 +59,9 @@ def test_the_end_effector_is_that_of_the_states(swung: Tracking, planar: ffsms.S
     ],
 )
 def test_a_name_of_another_format_is_refused(
-    swung: Tracking, tmp_path: Path, refused: Refused, name: str, words: str
+    swung: Tracking, tmp_path: Path, refused: Refused, name: str, fragment: str
 ) -> None:
-    refused(lambda: swung.save(tmp_path / name), InvalidValue, "must end in .npz", words)
+    refused(lambda: swung.save(tmp_path / name), InvalidValue, "must end in .npz", fragment)
     assert not list(tmp_path.iterdir())
 
 
@@ -99,11 +99,11 @@ def test_bad_result_files_are_refused(swung: Tracking, tmp_path: Path, refused: 
     with np.load(good) as file:
         arrays = dict(file)
 
-    def changed(words: str, **change: Any) -> None:
+    def changed(fragment: str, **change: Any) -> None:
         path = tmp_path / "changed.npz"
         values = {name: value for name, value in {**arrays, **change}.items() if value is not None}
         np.savez(path, **values)
-        refused(lambda: Tracking.load(path), ResultError, words)
+        refused(lambda: Tracking.load(path), ResultError, fragment)
 
     changed("lacks tau", tau=None)
     changed("is not a ffsms-pin tracking", format="ffsms-pin trajectory")

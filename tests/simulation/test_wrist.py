@@ -1,4 +1,4 @@
-"""The wrist's force sensor: what it measures, how wrongly and how late, and who is told."""
+"""The force sensor of the wrist: axes, noise, bias, latency and observers."""
 
 from __future__ import annotations
 
@@ -18,25 +18,25 @@ from ffsms_pin.simulation import Conditions, Latch, Observer, Wrench, WristSenso
 Refused = Callable[..., FfsmsError]
 
 
-class Listening(PD):
-    """A law that keeps what it is told; its torques are PD's."""
+class RecordingLaw(PD):
+    """A PD law that keeps the wrenches that it observes."""
 
     def __init__(self, sms: ffsms.SpaceManipulator) -> None:
         super().__init__(sms)
-        self.told: list[tuple[float, Array]] = []
+        self.received: list[tuple[float, Array]] = []
 
     def observe_wrench(self, t: float, wrench: Array) -> None:
-        self.told.append((t, wrench))
+        self.received.append((t, wrench))
 
 
-class ListeningSwing(Swing, Observer):
-    """A reference that keeps what it is told."""
+class RecordingSwing(Swing, Observer):
+    """A reference that keeps the wrenches that it observes."""
 
-    told: list[tuple[float, Array]]
+    received: list[tuple[float, Array]]
 
     def observe_wrench(self, t: float, wrench: Array) -> None:
-        self.told.append((t, wrench.copy()))
-        wrench[:] = np.nan  # what another one is told is its own
+        self.received.append((t, wrench.copy()))
+        wrench[:] = np.nan  # other observers have copies of their own
 
 
 def push(t: float) -> Array:
@@ -44,21 +44,21 @@ def push(t: float) -> Array:
 
 
 def run(sms: ffsms.SpaceManipulator, sensor: WristSensor, **options: Any) -> tuple[Any, Array, Array, Array]:
-    """A short run; what was told of, when, and the true wrench in the end effector's axes then."""
-    law, swing = Listening(sms), ListeningSwing(sms, duration=0.5)
-    swing.told = []
+    """Return a short run, its times and measured wrenches, and the end effector's axes at these times."""
+    law, swing = RecordingLaw(sms), RecordingSwing(sms, duration=0.5)
+    swing.received = []
     tracking = simulate(sms, swing, law, dt=5e-3, wrist=sensor, guards=None, **options)
-    np.testing.assert_array_equal([t for t, _ in law.told], tracking.t[:-1])
-    measured = np.array([wrench for _, wrench in law.told])
-    np.testing.assert_array_equal(measured, [wrench for _, wrench in swing.told])
+    np.testing.assert_array_equal([t for t, _ in law.received], tracking.t[:-1])
+    measured = np.array([wrench for _, wrench in law.received])
+    np.testing.assert_array_equal(measured, [wrench for _, wrench in swing.received])
     axes = np.array([sms.at(q).end_effector_pose.rotation for q in tracking.q[:-1]])
     return tracking, tracking.t[:-1], measured, axes
 
 
-def turned(axes: Array, wrenches: Array) -> Array:
+def in_axes(axes: Array, wrenches: Array) -> Array:
     halves = wrenches.reshape(-1, 2, 3)
-    seen: Array = np.einsum("kji,ksj->ksi", axes, halves).reshape(-1, 6)
-    return seen
+    rotated: Array = np.einsum("kji,ksj->ksi", axes, halves).reshape(-1, 6)
+    return rotated
 
 
 def test_wrenches_on_the_end_effector_are_measured_in_its_axes(planar: ffsms.SpaceManipulator) -> None:
@@ -66,7 +66,7 @@ def test_wrenches_on_the_end_effector_are_measured_in_its_axes(planar: ffsms.Spa
     _, t, measured, axes = run(planar, WristSensor(), disturbances=both)
     true = np.array([push(now) if 0.1 <= now < 0.4 else np.zeros(6) for now in t])
     assert np.abs(axes - np.eye(3)).max() > 0.05
-    np.testing.assert_allclose(measured, turned(axes, true), atol=1e-14)
+    np.testing.assert_allclose(measured, in_axes(axes, true), atol=1e-14)
 
 
 @pytest.mark.parametrize("events", [[], [Latch(0.2)]])
@@ -75,7 +75,7 @@ def test_loads_of_a_client_are_measured(planar: ffsms.SpaceManipulator, events: 
     wall = Wall(start + np.array([0.0, 0.01, 0.0]), np.array([0.0, 1.0, 0.0]), 20.0)
     tracking, _, measured, axes = run(planar, WristSensor(), client=massive(), loads=wall, events=events)
     assert np.abs(measured[-40:] if events else measured).max() > (0.01 if events else 0.1)
-    np.testing.assert_allclose(measured, turned(axes, tracking.contact_wrench[:-1]), atol=1e-13)
+    np.testing.assert_allclose(measured, in_axes(axes, tracking.contact_wrench[:-1]), atol=1e-13)
 
 
 def test_noise_bias_and_latency(planar: ffsms.SpaceManipulator) -> None:
@@ -94,7 +94,7 @@ def test_noise_bias_and_latency(planar: ffsms.SpaceManipulator) -> None:
     assert np.abs(other - error).max() > 0.1
 
 
-def test_who_does_not_listen_moves_as_without_a_sensor(planar: ffsms.SpaceManipulator) -> None:
+def test_a_sensor_does_not_affect_a_law_that_does_not_observe_it(planar: ffsms.SpaceManipulator) -> None:
     without = simulate(planar, Swing(planar), PD(planar), dt=5e-3)
     tracking = simulate(
         planar, Swing(planar), PD(planar), dt=5e-3, conditions=Conditions(wrist=WristSensor(1.0))
@@ -103,7 +103,7 @@ def test_who_does_not_listen_moves_as_without_a_sensor(planar: ffsms.SpaceManipu
 
 
 @pytest.mark.parametrize(
-    ("given", "word"),
+    ("arguments", "name"),
     [
         ({"force_noise": -0.1}, "wrist.force_noise"),
         ({"bias": [1.0, 2.0]}, "wrist.bias"),
@@ -111,11 +111,11 @@ def test_who_does_not_listen_moves_as_without_a_sensor(planar: ffsms.SpaceManipu
     ],
 )
 def test_wrong_sensors_are_refused(
-    given: dict[str, Any], word: str, planar: ffsms.SpaceManipulator, refused: Refused
+    arguments: dict[str, Any], name: str, planar: ffsms.SpaceManipulator, refused: Refused
 ) -> None:
-    sensor = WristSensor(**given)
+    sensor = WristSensor(**arguments)
     refused(
         lambda: simulate(planar, Swing(planar), PD(planar), conditions=Conditions(wrist=sensor)),
         InvalidValue,
-        word,
+        name,
     )
