@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 import pytest
-from motions import START, Constant, Swing
+from motions import START, Constant, ObservedSwing, Swing
 from numpy.typing import NDArray
 
 import ffsms_pin as ffsms
@@ -110,8 +110,12 @@ def test_the_estimator_includes_the_friction(planar: ffsms.SpaceManipulator, dry
     sms = ffsms.SpaceManipulator(model, planar.end_effector, planar.base_size)
     sensors = Sensors(joint_noise=1e-4, joint_rate_noise=1e-3, base_latency=0.05)
     law = ffsms.ComputedTorque(sms, adaptive=False)
-    run = simulate(sms, Swing(sms), law, conditions=Conditions(sensors=sensors, estimator=True))
+    swing = ObservedSwing(sms)
+    run = simulate(sms, swing, law, conditions=Conditions(sensors=sensors, estimator=True))
     assert np.abs(run.joint_error).max() < 5e-3
+    # Without friction in the model the errors of the rates are as large as the noise.
+    rate_errors = np.array(swing.seen)[:, sms.nq + 6 :] - run.v[:-1, 6:]
+    assert np.sqrt((rate_errors**2).mean(axis=0)).max() < 0.5 * sensors.joint_rate_noise
 
 
 def test_derived_robots_keep_the_friction(rubbing: ffsms.SpaceManipulator) -> None:
