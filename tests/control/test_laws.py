@@ -18,11 +18,10 @@ from ffsms_pin.control import (
     ComputedTorque,
     SlidingModeController,
 )
-from ffsms_pin.errors import FfsmsError, InvalidValue
+from ffsms_pin.errors import InvalidValue
 from ffsms_pin.simulation import Conditions, JointFriction, Tracking, WristSensor, simulate
 
 Array = NDArray[np.float64]
-Refused = Callable[..., FfsmsError]
 DISPLACEMENT = (0.9, 1.2, -0.9)
 
 

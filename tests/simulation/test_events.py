@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 import ffsms_pin as ffsms
 from ffsms_pin.control import ComputedTorque
-from ffsms_pin.errors import FfsmsError
 from ffsms_pin.simulation import (
     Capture,
     Conditions,
@@ -26,7 +25,6 @@ from ffsms_pin.simulation import (
 from ffsms_pin.simulation.integrators import rk4_step
 
 Array = NDArray[np.float64]
-Refused = Callable[..., FfsmsError]
 
 
 # -- captures ---------------------------------------------------------------------------------------------

@@ -5,7 +5,6 @@ from __future__ import annotations
 import inspect
 import warnings
 from collections.abc import Callable
-from dataclasses import fields
 from typing import Any, get_type_hints
 
 import numpy as np
@@ -26,14 +25,12 @@ from ffsms_pin.simulation import (
     Observer,
     Sensors,
     Supervisor,
-    Tracking,
     Wrench,
     simulate,
 )
 from ffsms_pin.simulation.setup import ConditionFields, set_up, warn_of_base
 from ffsms_pin.system.dynamics import MODES
 
-ARRAYS = [field.name for field in fields(Tracking) if field.name != "note"]
 Refused = Callable[..., FfsmsError]
 
 

@@ -10,7 +10,6 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from motions import START, Constant, ObservedSwing, Swing
-from numpy.typing import NDArray
 
 import ffsms_pin as ffsms
 from ffsms_pin.control import ComputedTorque
@@ -30,7 +29,6 @@ from ffsms_pin.simulation import (
     simulate,
 )
 
-Array = NDArray[np.float64]
 Refused = Callable[..., FfsmsError]
 
 

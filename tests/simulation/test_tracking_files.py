@@ -11,13 +11,11 @@ from typing import Any
 import numpy as np
 import pytest
 from motions import Constant, Swing, arrays_of
-from numpy.typing import NDArray
 
 import ffsms_pin as ffsms
 from ffsms_pin.errors import FfsmsError, InvalidValue, ResultError, SimulationDiverged
 from ffsms_pin.simulation import Tracking, simulate
 
-Array = NDArray[np.float64]
 Refused = Callable[..., FfsmsError]
 
 
