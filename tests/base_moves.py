@@ -29,10 +29,10 @@ def turned_start(panda: ffsms.SpaceManipulator) -> FloatArray:
     return panda.configuration(0.5 * (lower + upper) + share * (upper - lower), base)
 
 
-def displaced_target(sms: ffsms.SpaceManipulator, start: FloatArray, way: list[float]) -> FloatArray:
-    """Return the target at a displacement from the end effector, given in base axes."""
+def displaced_target(sms: ffsms.SpaceManipulator, start: FloatArray, displacement: list[float]) -> FloatArray:
+    """Return the target at a displacement from the end effector, in base axes."""
     turn = pin.XYZQUATToSE3(start[:7]).rotation
-    return np.asarray(sms.at(start).end_effector_pose.translation + turn @ np.array(way))
+    return np.asarray(sms.at(start).end_effector_pose.translation + turn @ np.array(displacement))
 
 
 def largest_base_motion(

@@ -33,5 +33,6 @@ def write(folder: Path, text: str) -> Path:
 
 
 def limits(sms: ffsms.SpaceManipulator) -> list[float]:
-    given = sms.limits
-    return [float(x[1]) for x in (given.lower, given.upper, given.velocity, given.torque)]
+    joint_limits = sms.limits
+    arrays = joint_limits.lower, joint_limits.upper, joint_limits.velocity, joint_limits.torque
+    return [float(array[1]) for array in arrays]

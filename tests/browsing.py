@@ -69,7 +69,7 @@ _TARGET = np.array([0xD5, 0x5E, 0x00])
 def chromium(profile: Path) -> Iterator[webdriver.Chrome]:
     """Open a headless browser with its files in the folder `profile`."""
     names = ("chromium", "chromium-browser", "google-chrome")
-    program = next((found for name in names if (found := shutil.which(name))), None)
+    program = next((path for name in names if (path := shutil.which(name))), None)
     driver = shutil.which("chromedriver")
     if program is None or driver is None:
         missing = "the browser tests were not run: they need chromium and chromium-driver"
@@ -162,21 +162,21 @@ def check(eye: SceneCamera, sms: ffsms.SpaceManipulator, q: Array, target: Array
     base, links = places(sms, q)
     elsewhere = places(sms, others)[1][2]
 
-    def wrong() -> list[str]:
+    def differences() -> list[str]:
         picture = eye.picture()
-        found = [f"base {eye.colour(picture, base)}"] * (not is_shade(eye.colour(picture, base), _BODY))
-        found += [
+        faults = [f"base {eye.colour(picture, base)}"] * (not is_shade(eye.colour(picture, base), _BODY))
+        faults += [
             f"link at {link} {eye.colour(picture, link)}"
             for link in links
             if not is_shade(eye.colour(picture, link), ARM)
         ]
         if np.abs(eye.colour(picture, target) - _TARGET).max() > 12.0:
-            found.append(f"target {eye.colour(picture, target)}")
+            faults.append(f"target {eye.colour(picture, target)}")
         if is_shade(eye.colour(picture, elsewhere), ARM):
-            found.append(f"an arm at {elsewhere}")
-        return found
+            faults.append(f"an arm at {elsewhere}")
+        return faults
 
-    wait_for(lambda: not wrong(), wrong)
+    wait_for(lambda: not differences(), differences)
 
 
 def wait_for(holds: Callable[[], bool], explain: Callable[[], object]) -> None:

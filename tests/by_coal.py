@@ -32,6 +32,6 @@ class ByCoal:
             if bodies is None or int(item.parentJoint) in bodies:
                 here = coal.Transform3s(place.rotation, place.translation)
                 result = coal.DistanceResult()
-                found = coal.distance(item.geometry, here, shape, there, coal.DistanceRequest(), result)
-                least = min(least, found)
+                distance = coal.distance(item.geometry, here, shape, there, coal.DistanceRequest(), result)
+                least = min(least, distance)
         return float(least)

@@ -31,8 +31,8 @@ class At:
         """Return clearances (m,) [m] and gradients (m, n) by joint positions; lower bounds beyond `near`."""
         poses = self.stack.at(q, 0.0)
         where = np.arange(self.count), np.zeros(self.count, dtype=np.intp)
-        found = self.stack.nearest(poses, where, near)
-        return found.distance, self.stack.slopes(poses, where, found)[0].T
+        nearest = self.stack.nearest(poses, where, near)
+        return nearest.distance, self.stack.slopes(poses, where, nearest)[0].T
 
 
 class Points(At):
@@ -48,8 +48,8 @@ class Points(At):
 
 def least_clearance(limit: opt.Clearance, motions: opt.Rollouts) -> tuple[float, str]:
     """Return the smallest clearance [m] of motions, and the name of its pair."""
-    found = []
+    smallest = []
     for stack in limit._stacks:
         values = stack.values(stack.along(motions)).min(axis=1)
-        found.append((float(values.min()), stack.names[int(np.argmin(values))]))
-    return min(found)
+        smallest.append((float(values.min()), stack.names[int(np.argmin(values))]))
+    return min(smallest)

@@ -102,17 +102,17 @@ def kept_plans(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.fixture(scope="session")
 def refused() -> Callable[..., FfsmsError]:
-    """Return `refused(call, kind, *words)`, which checks that a call raises a one-line error."""
+    """Return `refused(call, kind, *fragments)`, which checks that a call raises a one-line error."""
 
-    def check(call: Callable[[], Any], kind: type[FfsmsError], *words: str) -> FfsmsError:
+    def check(call: Callable[[], Any], kind: type[FfsmsError], *fragments: str) -> FfsmsError:
         with pytest.raises(FfsmsError) as caught:
             call()
         assert type(caught.value) is kind
         line = str(caught.value)
         assert "\n" not in line
         assert line.strip()
-        for word in words:
-            assert word in line
+        for fragment in fragments:
+            assert fragment in line
         # The traceback shows no exception of another library.
         assert caught.value.__suppress_context__ or caught.value.__context__ is None
         return caught.value

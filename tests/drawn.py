@@ -79,4 +79,4 @@ def text_faults(figure: Figure) -> list[str]:
         if min(box.x0 - inside.x0, box.y0 - inside.y0, inside.x1 - box.x1, inside.y1 - box.y1) < 0.0
     ]
     pairs = itertools.combinations(boxes.items(), 2)
-    return cut + [f"{a.get_text()} / {b.get_text()}" for (a, one), (b, other) in pairs if one.overlaps(other)]
+    return cut + [f"{a.get_text()} / {b.get_text()}" for (a, box), (b, other) in pairs if box.overlaps(other)]

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 
-def words(numbers: Any) -> str:
+def formatted(numbers: Any) -> str:
     return " ".join(f"{x:.9g}" for x in np.ravel(numbers))
 
 
@@ -34,28 +34,28 @@ class _Drawn:
     def turn(self) -> str:
         kind = self.rng.integers(6)
         if kind == 0:
-            return f'quat="{words(self.rng.normal(size=4))}"'
+            return f'quat="{formatted(self.rng.normal(size=4))}"'
         if kind == 1:
-            return f'axisangle="{words(self.rng.normal(size=3))} {self.angle():.9g}"'
+            return f'axisangle="{formatted(self.rng.normal(size=3))} {self.angle():.9g}"'
         if kind == 2:
-            return f'euler="{words([self.angle() for _ in range(3)])}"'
+            return f'euler="{formatted([self.angle() for _ in range(3)])}"'
         if kind == 3:
-            return f'xyaxes="{words(self.rng.normal(size=6))}"'
+            return f'xyaxes="{formatted(self.rng.normal(size=6))}"'
         if kind == 4:
-            return f'zaxis="{words(self.rng.normal(size=3))}"'
+            return f'zaxis="{formatted(self.rng.normal(size=3))}"'
         return ""
 
     def place(self) -> str:
-        return f'pos="{words(self.rng.uniform(-0.5, 0.5, 3))}" {self.turn()}'
+        return f'pos="{formatted(self.rng.uniform(-0.5, 0.5, 3))}" {self.turn()}'
 
     def joint(self) -> str:
         self.joints += 1
         turns = self.some(0.7)
         ref = self.angle(1.0) if turns else float(self.rng.uniform(-0.3, 0.3))
         parts = [f'name="j{next(self.numbers)}"', f'type="{"hinge" if turns else "slide"}"']
-        parts.append(f'axis="{words(self.rng.normal(size=3))}"')
+        parts.append(f'axis="{formatted(self.rng.normal(size=3))}"')
         if self.some(0.5):
-            parts.append(f'pos="{words(self.rng.uniform(-0.2, 0.2, 3))}"')
+            parts.append(f'pos="{formatted(self.rng.uniform(-0.2, 0.2, 3))}"')
         if self.some(0.3):
             parts.append(f'ref="{ref:.9g}"')
         if self.some(0.4):
@@ -72,19 +72,19 @@ class _Drawn:
         if self.some(0.4):
             turn = np.linalg.qr(self.rng.normal(size=(3, 3)))[0]
             t = turn @ np.diag([a, b, c]) @ turn.T
-            tensor = f'fullinertia="{words([t[0, 0], t[1, 1], t[2, 2], t[0, 1], t[0, 2], t[1, 2]])}"'
-            place = f'pos="{words(self.rng.uniform(-0.3, 0.3, 3))}"'
+            tensor = f'fullinertia="{formatted([t[0, 0], t[1, 1], t[2, 2], t[0, 1], t[0, 2], t[1, 2]])}"'
+            place = f'pos="{formatted(self.rng.uniform(-0.3, 0.3, 3))}"'
         else:
-            tensor, place = f'diaginertia="{words([a, b, c])}"', self.place()
+            tensor, place = f'diaginertia="{formatted([a, b, c])}"', self.place()
         return f'<inertial mass="{mass:.9g}" {place} {tensor}/>'
 
     def geom(self) -> str:
         kind = str(self.rng.choice(["sphere", "capsule", "cylinder", "box", "ellipsoid"]))
         number = {"sphere": 1, "capsule": 2, "cylinder": 2, "box": 3, "ellipsoid": 3}[kind]
-        parts = [f'type="{kind}"', f'size="{words(self.rng.uniform(0.05, 0.3, number))}"', self.place()]
+        parts = [f'type="{kind}"', f'size="{formatted(self.rng.uniform(0.05, 0.3, number))}"', self.place()]
         if kind in ("capsule", "cylinder") and self.some(0.4):
             parts[1:] = [f'size="{self.rng.uniform(0.05, 0.2):.9g}"']
-            parts.append(f'fromto="{words(self.rng.uniform(-0.5, 0.5, 6))}"')
+            parts.append(f'fromto="{formatted(self.rng.uniform(-0.5, 0.5, 6))}"')
         chance = self.rng.random()
         if chance < 0.3:
             parts.append(f'mass="{self.rng.uniform(0.1, 4.0):.9g}"')

@@ -10,7 +10,7 @@ import numpy as np
 __all__ = ["DrawnUrdf", "draw"]
 
 
-def _words(numbers: Any) -> str:
+def formatted(numbers: Any) -> str:
     return " ".join(repr(float(x)) for x in np.ravel(numbers))
 
 
@@ -54,7 +54,7 @@ def _origin(rng: np.random.Generator, size: float) -> str:
     if rng.random() < 0.15:
         return ""
     turn = rng.uniform(-3.0, 3.0, 3) * (rng.random() < 0.8)
-    return f'<origin xyz="{_words(rng.uniform(-size, size, 3))}" rpy="{_words(turn)}"/>'
+    return f'<origin xyz="{formatted(rng.uniform(-size, size, 3))}" rpy="{formatted(turn)}"/>'
 
 
 def _link(rng: np.random.Generator, k: int, moves: bool) -> str:
@@ -75,14 +75,14 @@ def _joint(rng: np.random.Generator, drawn: DrawnUrdf, k: int, parent: int, kind
         axis = rng.normal(size=3) if rng.random() < 0.5 else np.eye(3)[rng.integers(3)] * rng.choice([-1, 1])
         lower, upper, velocity, effort = -rng.uniform(0.1, 3.0), *rng.uniform(0.1, 3.0, 3)
         bounds = "" if kind == "continuous" else f'lower="{float(lower)!r}" upper="{float(upper)!r}" '
-        inside.append(f'<axis xyz="{_words(axis)}"/>')
+        inside.append(f'<axis xyz="{formatted(axis)}"/>')
         inside.append(f'<limit {bounds}velocity="{float(velocity)!r}" effort="{float(effort)!r}"/>')
         if kind == "continuous":
             lower, upper = -np.inf, np.inf
         drawn.limits[name] = (float(lower), float(upper), float(velocity), float(effort))
         damping, friction = (float(x) for x in rng.uniform(0.0, 2.0, 2) * (rng.random(2) < 0.5))
         drawn.dynamics[name] = damping, friction
-        given = [("damping", damping), ("friction", friction)]
-        written = " ".join(f'{key}="{value!r}"' for key, value in given if value)
+        values = [("damping", damping), ("friction", friction)]
+        written = " ".join(f'{key}="{value!r}"' for key, value in values if value)
         inside += [f"<dynamics {written}/>"] if written else []
     return f'<joint name="{name}" type="{kind}">{"".join(inside)}</joint>'

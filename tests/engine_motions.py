@@ -63,6 +63,6 @@ def basilisk_end(sms: ffsms.SpaceManipulator, motion: Push, dt: float) -> State:
     return control.q, control.v
 
 
-def rate_difference(one: State, other: State) -> float:
+def rate_difference(first: State, second: State) -> float:
     """Return the norm of the difference of joint rates, relative to the norm of the first."""
-    return float(np.linalg.norm(one[1][6:] - other[1][6:]) / np.linalg.norm(one[1][6:]))
+    return float(np.linalg.norm(first[1][6:] - second[1][6:]) / np.linalg.norm(first[1][6:]))

@@ -135,9 +135,9 @@ def random_state(sms: ffsms.SpaceManipulator, rng: np.random.Generator) -> tuple
     return sms.configuration(rng.uniform(-1.0, 1.0, sms.n), base), 0.3 * rng.normal(size=sms.nv)
 
 
-def relative_differences(one: PaperMatrices, other: PaperMatrices) -> dict[str, float]:
+def relative_differences(first: PaperMatrices, second: PaperMatrices) -> dict[str, float]:
     """Return the largest difference of each quantity, relative to its largest entry."""
     return {
         name: float(np.abs(a - b).max() / np.abs(a).max())
-        for name, a, b in zip(PaperMatrices._fields, one, other, strict=True)
+        for name, a, b in zip(PaperMatrices._fields, first, second, strict=True)
     }

@@ -23,12 +23,12 @@ class ExportedPage:
 
     def __init__(self, text: str) -> None:
         self.text = text
-        found = re.search(r'<script id="facts" type="application/json">(.*?)</script>', text, re.S)
-        assert found is not None
-        self.facts: dict[str, Any] = json.loads(found[1])
-        found = re.search(r'<script id="commands" type="text/plain">(.*?)</script>', text, re.S)
-        assert found is not None
-        raw = gzip.decompress(base64.b64decode(found[1]))
+        match = re.search(r'<script id="facts" type="application/json">(.*?)</script>', text, re.S)
+        assert match is not None
+        self.facts: dict[str, Any] = json.loads(match[1])
+        match = re.search(r'<script id="commands" type="text/plain">(.*?)</script>', text, re.S)
+        assert match is not None
+        raw = gzip.decompress(base64.b64decode(match[1]))
         self.commands: list[dict[str, Any]] = []
         at = 0
         while at < len(raw):

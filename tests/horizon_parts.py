@@ -46,9 +46,8 @@ def moving_problem(sms: ffsms.SpaceManipulator, **change: Any) -> Problem:
 
 def same(first: Trajectory, second: Trajectory) -> None:
     """Check that two plans are equal in every bit of all fields except `problem`."""
-    for field in (one for one in fields(Trajectory) if one.name != "problem"):
-        one, other = getattr(first, field.name), getattr(second, field.name)
-        np.testing.assert_equal(one, other, err_msg=field.name)
+    for name in (field.name for field in fields(Trajectory) if field.name != "problem"):
+        np.testing.assert_equal(getattr(first, name), getattr(second, name), err_msg=name)
 
 
 def spline_of(problem: Problem, grid: Grid = COARSE, free_end: bool = False) -> RateSpline:

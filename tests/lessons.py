@@ -34,38 +34,38 @@ def faults(notebook: Any) -> list[str]:
     """Return the faults of an executed notebook (nbformat)."""
     outputs = [output for cell in notebook.cells for output in cell.get("outputs", [])]
     streams = [output for output in outputs if output.output_type == "stream"]
-    found = [f"it complains: {output.text.strip()}" for output in streams if output.name == "stderr"]
-    found += [f"it raises {output.ename}" for output in outputs if output.output_type == "error"]
+    problems = [f"it complains: {output.text.strip()}" for output in streams if output.name == "stderr"]
+    problems += [f"it raises {output.ename}" for output in outputs if output.output_type == "error"]
     shown = [output for output in outputs if output.output_type in ("display_data", "execute_result")]
     if not any(kind in output.get("data", {}) for output in shown for kind in _PICTURES):
-        found.append("it shows no picture")
+        problems.append("it shows no picture")
     # The text of the lessons assumes that every plan reaches its target.
     printed = "".join(output.text for output in streams)
     if "reached: False" in printed or "reached False" in printed:
-        found.append("a plan does not reach its target")
-    return found
+        problems.append("a plan does not reach its target")
+    return problems
 
 
 def check_built(folder: Path) -> None:
     """Check the notebooks that Sphinx has executed into `folder`; raise RuntimeError with all faults."""
-    found = []
+    problems = []
     for path in NOTEBOOKS:
         ran = folder / path.name
         if not ran.is_file():
-            found.append(f"{path.name}: it was not run")
+            problems.append(f"{path.name}: it was not run")
             continue
         notebook = nbformat.read(ran, as_version=4)  # type: ignore[no-untyped-call]
-        found += [f"{path.name}: {fault}" for fault in faults(notebook)]
-    if found:
-        raise RuntimeError("; ".join(found))
+        problems += [f"{path.name}: {fault}" for fault in faults(notebook)]
+    if problems:
+        raise RuntimeError("; ".join(problems))
 
 
 def check_offline(site: Path) -> None:
     """Check that no page of a built site loads a script from another site; raise RuntimeError otherwise."""
-    found = [
+    problems = [
         f"{page.relative_to(site)}: {script}"
         for page in sorted(site.rglob("*.html"))
         for script in _OUTSIDE.findall(page.read_text(encoding="utf-8"))
     ]
-    if found:
-        raise RuntimeError(f"scripts from elsewhere: {'; '.join(found)}")
+    if problems:
+        raise RuntimeError(f"scripts from elsewhere: {'; '.join(problems)}")

@@ -222,7 +222,7 @@ def check(sms: ffsms.SpaceManipulator, parts: list[Part], count: int = 4) -> Non
             twist=rng.uniform(-1.0, 1.0, 6),
             rates=rng.uniform(-1.0, 1.0, sms.n),
         )
-        wanted = sums(parts, sms.end_effector, state)
+        expected = sums(parts, sms.end_effector, state)
         angles = zip(sms.joint_names, state.joints, strict=True)
         q = np.concatenate(
             [
@@ -230,19 +230,19 @@ def check(sms: ffsms.SpaceManipulator, parts: list[Part], count: int = 4) -> Non
                 *([np.cos(x), np.sin(x)] if kinds[name] == "continuous" else [x] for name, x in angles),
             ]
         )
-        linear = state.twist[:3] - np.cross(state.twist[3:], state.R @ wanted.lever)
+        linear = state.twist[:3] - np.cross(state.twist[3:], state.R @ expected.lever)
         v = np.concatenate([state.R.T @ linear, state.R.T @ state.twist[3:], state.rates])
-        got = sms.at(q, v)
+        computed = sms.at(q, v)
         for name in (
             "H H_b H_bm H_m H_q C_b C_m C_q J_b J_m J_star C_bm base_twist com momentum".split()  # noqa: SIM905
         ):
-            assert_near(name, getattr(got, name), getattr(wanted, name))
-        assert_near("kinetic energy", got.kinetic_energy, wanted.kinetic_energy)
-        assert_near("base position", got.base_pose.translation, wanted.base_position)
-        assert_near("base attitude", got.base_pose.rotation, state.R)
-        assert_near("tool position", got.end_effector_pose.translation, wanted.tool_position)
-        assert_near("tool attitude", got.end_effector_pose.rotation, wanted.tool_attitude)
-        assert_near("sigma", got.coupling.sigma, np.linalg.svd(wanted.C_bm, compute_uv=False))
+            assert_near(name, getattr(computed, name), getattr(expected, name))
+        assert_near("kinetic energy", computed.kinetic_energy, expected.kinetic_energy)
+        assert_near("base position", computed.base_pose.translation, expected.base_position)
+        assert_near("base attitude", computed.base_pose.rotation, state.R)
+        assert_near("tool position", computed.end_effector_pose.translation, expected.tool_position)
+        assert_near("tool attitude", computed.end_effector_pose.rotation, expected.tool_attitude)
+        assert_near("sigma", computed.coupling.sigma, np.linalg.svd(expected.C_bm, compute_uv=False))
 
 
 def arm_file(name: str) -> Path:

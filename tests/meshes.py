@@ -30,9 +30,9 @@ class Meshes:
         self.geometry.removeAllCollisionPairs()
         self.of: dict[str, list[int]] = {}
         shapes, parents = self.geometry.geometryObjects, sms.model.parents
-        for i, one in enumerate(shapes):
-            for j, other in enumerate(shapes):
-                a, b = int(one.parentJoint), int(other.parentJoint)
+        for i, first in enumerate(shapes):
+            for j, second in enumerate(shapes):
+                a, b = int(first.parentJoint), int(second.parentJoint)
                 if a < b and int(parents[b]) != a:
                     body = sms.layout.body_name
                     name = f"{body(sms.model, a)} - {body(sms.model, b)}"
@@ -43,8 +43,8 @@ class Meshes:
     def distances(self, q: FloatArray, names: list[str]) -> FloatArray:
         pin.updateGeometryPlacements(self.sms.model, self.data, self.geometry, self.placed, q)
         pin.computeDistances(self.geometry, self.placed)
-        found = [result.min_distance for result in self.placed.distanceResults]
-        return np.array([min(found[k] for k in self.of[name]) for name in names])
+        distances_of_pairs = [result.min_distance for result in self.placed.distanceResults]
+        return np.array([min(distances_of_pairs[k] for k in self.of[name]) for name in names])
 
     def collide(self, q: FloatArray) -> bool:
         return bool(pin.computeCollisions(self.sms.model, self.data, self.geometry, self.placed, q, True))

@@ -31,7 +31,7 @@ HASTY = SearchOptions(time_limit=1e-9)  # returns the first plan that is found
 
 
 class Swing:
-    """A quintic joint motion from `start` by `displacement`, at rest and without acceleration at both ends."""
+    """A quintic joint motion from `start` by `displacement`, with zero end rates and end accelerations."""
 
     def __init__(
         self,

@@ -33,8 +33,8 @@ class LookAt(opt.Term):
 
     def residual(self, m: opt.Variables) -> Any:
         """Return sqrt(weight / 2) (axis - direction), whose square is weight (1 - cos)."""
-        way = self.point - m.tip
-        return np.sqrt(0.5 * self.weight) * (m.tip.axis([1.0, 0.0, 0.0]) - way / way.norm())
+        direction = self.point - m.tip
+        return np.sqrt(0.5 * self.weight) * (m.tip.axis([1.0, 0.0, 0.0]) - direction / direction.norm())
 
 
 @dataclass(frozen=True)

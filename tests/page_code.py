@@ -48,5 +48,5 @@ def run_page(page: Path, folder: Path) -> dict[str, Any]:
 
 def shown(page: Path) -> list[str]:
     """Return the pictures of a page that its code blocks must write."""
-    found = _PICTURE.findall(page.read_text(encoding="utf-8"))
-    return [name for name in found if name not in BY_COMMAND and not name.startswith("example-")]
+    pictures = _PICTURE.findall(page.read_text(encoding="utf-8"))
+    return [name for name in pictures if name not in BY_COMMAND and not name.startswith("example-")]

@@ -152,12 +152,12 @@ def random_case(tree: Any, rng: np.random.Generator) -> SimpleNamespace:
     )
 
 
-def assert_near(name: str, got: Any, wanted: Any, tolerance: float = 1e-12) -> None:
+def assert_near(name: str, computed: Any, expected: Any, tolerance: float = 1e-12) -> None:
     """Check equality to `tolerance`, which is relative if the largest number exceeds one."""
-    wanted = np.asarray(wanted)
-    assert np.shape(got) == wanted.shape, name
-    worst = float(np.abs(got - wanted).max(initial=0.0))
-    scale = max(1.0, float(np.abs(wanted).max(initial=0.0)))
+    expected = np.asarray(expected)
+    assert np.shape(computed) == expected.shape, name
+    worst = float(np.abs(computed - expected).max(initial=0.0))
+    scale = max(1.0, float(np.abs(expected).max(initial=0.0)))
     assert worst <= tolerance * scale, f"{name}: off by {worst:.2e} at a size of {scale:.2e}"
 
 

@@ -136,8 +136,8 @@ def waypoint_aside(timed: bool, turned: bool = False) -> TightLimit:
 
     def made(sms: ffsms.SpaceManipulator, use: LimitedQuantities) -> tuple[ffsms.SpaceManipulator, opt.Limit]:
         middle = use.path.shape[1] // 2
-        way = use.base[middle].translation - use.path[:, middle]
-        place = use.path[:, middle] + 0.05 * way / np.linalg.norm(way)
+        direction = use.base[middle].translation - use.path[:, middle]
+        place = use.path[:, middle] + 0.05 * direction / np.linalg.norm(direction)
         time = (3.0 if sms.n == 3 else 4.0) if timed else None
         goal = pin.SE3(pin.exp3(np.array([0.1, 0.2, 0.5])), place) if turned else place
         return sms, opt.Waypoint(goal, time=time, reach=0.02 if timed else 0.01)
@@ -153,8 +153,8 @@ def elbow_goal_aside(turned: bool = False) -> TightLimit:
 
     def made(sms: ffsms.SpaceManipulator, use: LimitedQuantities) -> tuple[ffsms.SpaceManipulator, opt.Limit]:
         elbow = frame_pose(sms, use.last, ELBOWS[sms.n])
-        way = elbow.translation - use.path[:, -1]
-        across = np.cross([0.0, 0.0, 1.0], way) / np.linalg.norm(way)
+        direction = elbow.translation - use.path[:, -1]
+        across = np.cross([0.0, 0.0, 1.0], direction) / np.linalg.norm(direction)
         place = elbow.translation + 0.05 * across
         goal = opt.Position(place, tolerance=0.03, reach=0.04)
         if turned:
@@ -286,7 +286,7 @@ def largest_torques(sms: ffsms.SpaceManipulator, plan: opt.Trajectory) -> FloatA
 
 def size_of(residuals: list[Variable]) -> float:
     """Return the largest residual, zero if there is none."""
-    return max((float(np.abs(one.value).max(initial=0.0)) for one in residuals), default=0.0)
+    return max((float(np.abs(residual.value).max(initial=0.0)) for residual in residuals), default=0.0)
 
 
 def rates_of_step_rollout(problem: opt.Problem) -> FloatArray:

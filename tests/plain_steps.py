@@ -33,9 +33,9 @@ def plain_qp(
     dt, w, n = 0.01, StepWeights(), sms.n
     step = StepState(sms, q, rates, dt, left)
     V, J_v = step.V, step.J_star[:3]
-    velocity, way = J_v @ rates, target - step.pose.translation
-    distance = float(np.linalg.norm(way))
-    towards = way / distance
+    velocity, displacement = J_v @ rates, target - step.pose.translation
+    distance = float(np.linalg.norm(displacement))
+    towards = displacement / distance
     cosine = ideal_cosine(step.entropy, 10.0)
     across = velocity - (velocity @ towards) * towards
     if np.linalg.norm(across) < 1e-9:  # any perpendicular direction

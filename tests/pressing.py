@@ -35,8 +35,8 @@ class Wall:
 
     def depth(self, tool: Any, client: Any) -> float:
         """Return the depth of the end effector behind the wall [m]."""
-        way = client.act(self.at) - np.array(tool.translation)
-        return max(0.0, float(way @ (client.rotation @ self.normal)))
+        displacement = client.act(self.at) - np.array(tool.translation)
+        return max(0.0, float(displacement @ (client.rotation @ self.normal)))
 
     def wrench(self, tool: Any, tool_twist: Array, client: Any, client_twist: Array) -> tuple[Array, Array]:
         """Return the wrench and its point, see `Load.wrench`."""
@@ -45,18 +45,19 @@ class Wall:
 
 
 class Press:
-    """A joint motion that moves the end effector by about `way` [m] in 1.5 s, and then rests."""
+    """A joint motion that moves the end effector by about `displacement` [m] in 1.5 s, and then rests."""
 
-    def __init__(self, sms: ffsms.SpaceManipulator, joints: Any, way: Any, duration: float) -> None:
+    def __init__(self, sms: ffsms.SpaceManipulator, joints: Any, displacement: Any, duration: float) -> None:
         self.first, self.duration = np.array(joints, dtype=float), duration
         self.q = sms.configuration(joints)[np.newaxis]
         state = sms.at(self.q[0])
-        self.target: Any = state.end_effector_pose.translation + way
-        self.way = np.linalg.pinv(state.J_star, rcond=1e-9) @ np.concatenate([way, np.zeros(3)])
+        self.target: Any = state.end_effector_pose.translation + displacement
+        twist = np.concatenate([displacement, np.zeros(3)])
+        self.joint_displacement = np.linalg.pinv(state.J_star, rcond=1e-9) @ twist
 
     def sample(self, t: float) -> tuple[Array, Array, Array]:
         """Return the joint motion at t."""
         x = min(t / 1.5, 1.0)
         rate, acceleration = 30.0 * x**2 * (1.0 - x) ** 2 / 1.5, 60.0 * x * (1.0 - x) * (1.0 - 2.0 * x) / 2.25
-        share = x**3 * (10.0 - 15.0 * x + 6.0 * x**2)
-        return self.first + share * self.way, rate * self.way, acceleration * self.way
+        change, share = self.joint_displacement, x**3 * (10.0 - 15.0 * x + 6.0 * x**2)
+        return self.first + share * change, rate * change, acceleration * change

@@ -12,7 +12,7 @@ __all__ = ["command_of", "running", "wait_until"]
 
 def running(processes: list[psutil.Process]) -> list[psutil.Process]:
     """Return the processes that still run."""
-    return [one for one in processes if _runs(one)]
+    return [process for process in processes if _runs(process)]
 
 
 def command_of(process: psutil.Process) -> str:

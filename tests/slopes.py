@@ -59,14 +59,14 @@ def _rows(spline: RateSpline, at: Rollouts, residual: Variable) -> FloatArray:
     """Return the derivatives (c, K, n M) of one residual of a motion, joints first."""
     rows = []
     for i in range(len(residual) if residual.ndim == 3 else 1):
-        one = np.zeros_like(residual.value)
+        unit = np.zeros_like(residual.value)
         if residual.ndim == 3:
-            one[i] = 1.0
+            unit[i] = 1.0
         else:
-            one[:] = 1.0
-        ones = Variable(one, residual.slopes, residual.where)
+            unit[:] = 1.0
+        entry = Variable(unit, residual.slopes, residual.where)
         for weight in np.eye(residual.shape[-1]):
-            gradient, _ = gradients_and_hessians(spline, at, np.array([0]), [Weighted(ones, weight)])
+            gradient, _ = gradients_and_hessians(spline, at, np.array([0]), [Weighted(entry, weight)])
             rows.append(gradient.reshape(spline.size, -1).T.ravel())
     return np.array(rows).reshape(-1, residual.shape[-1], spline.size * at.stack.n)
 
@@ -110,8 +110,8 @@ def check_arrival(problem: Problem, spline: RateSpline, p: FloatArray, exact: bo
     at = motions(problem, spline, p)
     for kind in ("end", "tail"):
 
-        def residuals(one: Rollouts, kind: str = kind, firm: bool = False) -> list[Variable]:
-            return list(getattr(arrival(problem.goal, one, firm), kind))
+        def residuals(rollouts: Rollouts, kind: str = kind, firm: bool = False) -> list[Variable]:
+            return list(getattr(arrival(problem.goal, rollouts, firm), kind))
 
         slopes = by_slopes(problem, spline, p, residuals(at))
         differences = by_differences(problem, spline, p, residuals)

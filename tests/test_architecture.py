@@ -33,7 +33,7 @@ def files_entered(call: Callable[[], Any]) -> set[str]:
         sys.settrace(None)
     resolved = {Path(name).resolve() for name in names if not name.startswith("<")}
     resolved.discard(ROOT / "__init__.py")  # it imports names once in a process, perhaps in an earlier test
-    return {path.as_posix() for path in resolved if any(path.is_relative_to(one) for one in FOLDERS)}
+    return {path.as_posix() for path in resolved if any(path.is_relative_to(folder) for folder in FOLDERS)}
 
 
 def late_imports() -> Iterator[tuple[str, str]]:
@@ -79,16 +79,16 @@ def test_few_imports_of_other_packages_are_inside_functions() -> None:
 def test_no_method_is_looked_up_by_its_name() -> None:
     """Optional methods belong to a Protocol or a base class, so that a type checker finds errors."""
     packages = [ROOT / name for name in ("actuation", "capture", "client", "control", "robot", "simulation")]
-    found = []
+    calls = []
     for folder in (*packages, FOLDERS[1]):
         for path in sorted(folder.rglob("*.py")):
             for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
                 if isinstance(node, ast.Call) and isinstance(node.func, ast.Name):
                     optional = node.func.id == "getattr" and len(node.args) == 3
                     if optional or node.func.id == "hasattr":
-                        found.append(f"{path.name}: {ast.unparse(node)}")
+                        calls.append(f"{path.name}: {ast.unparse(node)}")
     # A counter of each thread, and scalars without `ndim`.
-    assert set(found) <= {
+    assert set(calls) <= {
         "derivatives.py: getattr(_lost, 'count', 0)",
         "derivatives.py: getattr(values, 'ndim', 0)",
     }

@@ -26,7 +26,7 @@ class TestChoice:
         monkeypatch.delenv("CXX", raising=False)
         monkeypatch.setenv("PATH", str(tmp_path))
         for requires in (backend.get_requires_for_build_wheel, backend.get_requires_for_build_editable):
-            assert [one for one in requires() if one.startswith("ziglang")]
+            assert [name for name in requires() if name.startswith("ziglang")]
 
     def test_an_installed_or_named_compiler_is_used(
         self, backend: ModuleType, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
@@ -47,5 +47,5 @@ class TestChoice:
         """If zig is not installed, Python's error shows that the arguments were passed on."""
         folder = backend.zig_tools(tmp_path / "with space")
         assert {path.name for path in folder.iterdir()} == {"c++", "ar", "ranlib"}
-        found = subprocess.run([folder / "c++", "--version"], capture_output=True, text=True, check=False)
-        assert "clang" in found.stdout or "ziglang" in found.stderr
+        completed = subprocess.run([folder / "c++", "--version"], capture_output=True, text=True, check=False)
+        assert "clang" in completed.stdout or "ziglang" in completed.stderr

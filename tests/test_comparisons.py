@@ -39,7 +39,7 @@ def dataclasses() -> Iterator[type]:
                 yield kind
 
 
-def worst(annotation: str) -> Any:
+def hard_to_compare(annotation: str) -> Any:
     """Return a value of this type that is hard to compare."""
     array = np.arange(3.0)
     if annotation.startswith("Callable"):
@@ -51,25 +51,25 @@ def worst(annotation: str) -> Any:
     return array if re.search(r"Array|\bAny\b|SE3|object", annotation) else 1.0
 
 
-def fault(kind: Any) -> str:
+def comparison_error(kind: Any) -> str:
     """Return the error if two objects with the same values are compared, or one is hashed."""
-    one, other = object.__new__(kind), object.__new__(kind)
+    first, second = object.__new__(kind), object.__new__(kind)
     for field in fields(kind):
-        for made in (one, other):
-            object.__setattr__(made, field.name, worst(str(field.type)))
+        for instance in (first, second):
+            object.__setattr__(instance, field.name, hard_to_compare(str(field.type)))
     try:
-        answers = [one == one, one == other, one != other]
+        results = [first == first, first == second, first != second]
         if kind.__hash__ is not None:  # mutable dataclasses are not hashable on purpose
-            hash(one)
+            hash(first)
     except (TypeError, ValueError) as error:
         return f"{kind.__module__}.{kind.__qualname__}: {error}"
-    return "" if answers[0] is True and all(isinstance(answer, bool) for answer in answers) else str(answers)
+    return "" if results[0] is True and all(isinstance(answer, bool) for answer in results) else str(results)
 
 
 def test_every_dataclass_with_arrays_can_be_compared_and_hashed() -> None:
     kinds = set(dataclasses()) - {ffsms.SatelliteBase}  # it has numbers only, so it compares by value
     assert len(kinds) > 80
-    assert [problem for problem in map(fault, kinds) if problem] == []
+    assert [problem for problem in map(comparison_error, kinds) if problem] == []
 
 
 def test_results_are_compared_by_identity(
@@ -79,7 +79,7 @@ def test_results_are_compared_by_identity(
     plan.save(tmp_path / "plan.npz")
     swung.save(tmp_path / "run.npz")
     client = ffsms.Client(10.0, np.eye(3), pose=pin.SE3.Identity(), twist=np.zeros(6))
-    for one, other in [
+    for first, second in [
         (plan, opt.Trajectory.load(tmp_path / "plan.npz")),
         (swung, Tracking.load(tmp_path / "run.npz")),
         (planar.at(plan.q[0]), planar.at(plan.q[0])),
@@ -89,6 +89,6 @@ def test_results_are_compared_by_identity(
         (Wrench(np.ones(6)), Wrench(np.ones(6))),
         (control.PD(planar), control.PD(planar)),
     ]:
-        assert one == one
-        assert one != other
-        assert len({one, other}) == 2
+        assert first == first
+        assert first != second
+        assert len({first, second}) == 2

@@ -15,13 +15,13 @@ KINDS = ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef
 
 
 def test_docstrings_begin_with_a_verb_or_a_noun() -> None:
-    found = [
+    faults = [
         f"{path.relative_to(ROOT)}: {text.splitlines()[0]}"
         for path in [*ROOT.glob("ffsms_pin/**/*.py"), *ROOT.glob("opt/**/*.py")]
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
         if isinstance(node, KINDS) and HEADLESS.match(text := ast.get_docstring(node) or "")
     ]
-    assert found == []
+    assert faults == []
 
 
 def test_the_pattern_matches_docstrings_without_verb_or_noun() -> None:

@@ -28,40 +28,40 @@ from ffsms_pin.system.urdf_elements import read_robot
 HUGE = 2**40  # [bytes], a sparse file
 
 
-def of_an_obstacle(path: Path) -> Any:
+def read_obstacle(path: Path) -> Any:
     """Read a file as the mesh of a scenario's obstacle."""
     name = f'{QUICK}\n[[obstacle]]\nshape = "mesh"\nfile = "{path}"\n'
     chosen = ffsms.scenario(write_scenario(path.parent, name))
     return chosen.obstacles(None)
 
 
-def of_a_summary(path: Path) -> Any:
+def read_summary(path: Path) -> Any:
     """Read a file as the summary of results."""
     folder = path.parent / "results"
     folder.mkdir()
     planar = ffsms.load("planar_3r")
     q0 = planar.configuration([0.3, 0.6, 0.5])
     opt.plan(planar, q0, [0.7, 0.3, 0.0], 1.0, 0.1, method="step").save(folder / "trajectory.npz")
-    instead(folder / "summary.json", path)
+    replace_by_link(folder / "summary.json", path)
     return scene_of(folder)
 
 
-def of_a_campaign(path: Path) -> Any:
+def read_campaign(path: Path) -> Any:
     """Read a file as the campaign of a folder."""
     folder = path.parent / "campaign"
     folder.mkdir()
-    instead(folder / "campaign.json", path)
+    replace_by_link(folder / "campaign.json", path)
     return Campaign.open(folder)
 
 
-def instead(place: Path, path: Path) -> None:
+def replace_by_link(place: Path, path: Path) -> None:
     """Replace a file by a link to `path`."""
     place.unlink(missing_ok=True)
     place.symlink_to(path)
 
 
 READERS: dict[str, Callable[[Path], Any]] = {
-    "content": lambda path: told(lambda: read_content(path)),
+    "content": lambda path: with_result_error(lambda: read_content(path)),
     "robot": ffsms.load,
     "arm": ffsms.mount,
     "inspected": inspect,
@@ -73,9 +73,9 @@ READERS: dict[str, Callable[[Path], Any]] = {
     "CSV": lambda path: read_csv(ffsms.load("planar_3r"), path),
     "trajectory": opt.Trajectory.load,
     "tracking": Tracking.load,
-    "obstacle": of_an_obstacle,
-    "summary": of_a_summary,
-    "campaign": of_a_campaign,
+    "obstacle": read_obstacle,
+    "summary": read_summary,
+    "campaign": read_campaign,
 }
 
 
@@ -89,7 +89,7 @@ OTHERWISE = {
 }
 
 
-def told(read: Callable[[], Any]) -> Any:
+def with_result_error(read: Callable[[], Any]) -> Any:
     """Call a reader, and convert an OSError to ResultError, as the callers of `read_content` do."""
     try:
         return read()
@@ -97,23 +97,23 @@ def told(read: Callable[[], Any]) -> Any:
         raise ResultError("file", f"cannot be read ({error.strerror})") from None
 
 
-@pytest.mark.parametrize("what", ["device", "pipe", "huge"])
+@pytest.mark.parametrize("kind", ["device", "pipe", "huge"])
 @pytest.mark.parametrize("name", READERS)
-def test_devices_pipes_and_huge_files_are_refused(name: str, what: str, tmp_path: Path) -> None:
+def test_devices_pipes_and_huge_files_are_refused(name: str, kind: str, tmp_path: Path) -> None:
     path = tmp_path / "given"
-    if what == "device":
+    if kind == "device":
         path.symlink_to("/dev/zero")  # reading never ends
-    elif what == "pipe":
+    elif kind == "pipe":
         os.mkfifo(path)
     else:
         with path.open("wb") as file:
             file.truncate(HUGE)
     with pytest.raises(FfsmsError) as caught:
         READERS[name](path)
-    words = str(caught.value)
-    assert "\n" not in words
-    expected = "MB are read" if what == "huge" else "it is not a regular file but a"
-    assert OTHERWISE.get((name, what == "huge"), expected) in words
+    message = str(caught.value)
+    assert "\n" not in message
+    expected = "MB are read" if kind == "huge" else "it is not a regular file but a"
+    assert OTHERWISE.get((name, kind == "huge"), expected) in message
 
 
 def test_a_file_of_the_largest_size_is_read(tmp_path: Path) -> None:

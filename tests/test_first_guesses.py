@@ -34,7 +34,7 @@ def test_control_laws_and_perturb_are_in_the_top_level_namespace() -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "words"),
+    ("name", "fragments"),
     [
         ("panda", ["load 'satellite_panda'", "ffsms_pin.mount('panda')"]),
         ("UR5", ["load 'satellite_ur5'", "ffsms_pin.mount('ur5')"]),
@@ -44,17 +44,17 @@ def test_control_laws_and_perturb_are_in_the_top_level_namespace() -> None:
     ],
 )
 def test_loading_a_bare_arm_suggests_the_arm_on_a_satellite(
-    name: str, words: list[str], refused: Refused
+    name: str, fragments: list[str], refused: Refused
 ) -> None:
-    refused(lambda: ffsms.load(name), ModelNotFound, f"no robot '{name}'", *words)
+    refused(lambda: ffsms.load(name), ModelNotFound, f"no robot '{name}'", *fragments)
 
 
 def test_command_line_advice_names_no_function() -> None:
     with pytest.raises(ModelNotFound) as caught:
         ffsms.load("panda")
-    words = in_options(str(caught.value))
-    assert "[robot.mount] of a scenario file" in words
-    assert "ffsms_pin" not in words
+    message = in_options(str(caught.value))
+    assert "[robot.mount] of a scenario file" in message
+    assert "ffsms_pin" not in message
 
 
 def test_a_homogeneous_matrix_is_a_pose(planar: ffsms.SpaceManipulator) -> None:
@@ -84,18 +84,18 @@ def test_plan_many_accepts_homogeneous_matrices(planar: ffsms.SpaceManipulator) 
 
 
 @pytest.mark.parametrize(
-    ("changed", "words"),
+    ("changed", "pattern"),
     [((3, 3, 2.0), r"last row must be \[0, 0, 0, 1\]"), ((0, 0, 5.0), "must have a rotation matrix")],
 )
 def test_a_matrix_that_is_no_pose_is_refused(
-    planar: ffsms.SpaceManipulator, changed: tuple[int, int, float], words: str
+    planar: ffsms.SpaceManipulator, changed: tuple[int, int, float], pattern: str
 ) -> None:
     i, j, value = changed
     T = np.eye(4)
     T[i, j] = value
-    with pytest.raises(InvalidValue, match=words):
+    with pytest.raises(InvalidValue, match=pattern):
         opt.Problem(planar, planar.configuration([0.1, 0.2, 0.3]), T)
-    with pytest.raises(InvalidValue, match=words):
+    with pytest.raises(InvalidValue, match=pattern):
         planar.configuration([0.1, 0.2, 0.3], T)
 
 
@@ -136,7 +136,7 @@ def test_cylinders_capsules_and_meshes_as_obstacles(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("make", "words"),
+    ("make", "pattern"),
     [
         (lambda: opt.Obstacle.capsule(0.1, 0.0), "length must be above zero"),
         (lambda: opt.Obstacle.mesh("none.stl"), "file does not exist, got 'none.stl'"),
@@ -148,8 +148,8 @@ def test_cylinders_capsules_and_meshes_as_obstacles(tmp_path: Path) -> None:
         (lambda: opt.Obstacle.sphere(0.1, on="moon"), "obstacle.on must be"),
     ],
 )
-def test_invalid_obstacles_are_refused(make: Callable[[], Any], words: str) -> None:
-    with pytest.raises(InvalidValue, match=words):
+def test_invalid_obstacles_are_refused(make: Callable[[], Any], pattern: str) -> None:
+    with pytest.raises(InvalidValue, match=pattern):
         make()
 
 
@@ -163,9 +163,9 @@ def test_invalid_obstacles_are_refused(make: Callable[[], Any], words: str) -> N
 )
 def test_angles_in_degrees_cause_a_warning(robot: str, joints: list[float], named: str) -> None:
     sms = ffsms.load(robot)
-    with pytest.warns(FfsmsWarning, match=rf"'{named}' .*looks like degrees.*np\.radians") as told:
+    with pytest.warns(FfsmsWarning, match=rf"'{named}' .*looks like degrees.*np\.radians") as recorded:
         sms.configuration(joints)
-    assert [warning.filename for warning in told] == [__file__]
+    assert [warning.filename for warning in recorded] == [__file__]
 
 
 def test_positions_within_limits_and_full_turns_cause_no_warning() -> None:
@@ -188,9 +188,9 @@ def test_python_errors_name_no_option_and_command_errors_name_no_function(tmp_pa
             "--end-effector NAME",
         ),
     ]
-    for ask, command, python, option in cases:
+    for call, command, python, option in cases:
         with pytest.raises(FfsmsError) as caught:
-            ask()
+            call()
         message = str(caught.value)
         assert python in message
         assert "--" not in message

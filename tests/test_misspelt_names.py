@@ -23,10 +23,10 @@ def test_mypy_reports_misspelt_names(tmp_path: Path, monkeypatch: pytest.MonkeyP
     path.write_text(LINES)
     monkeypatch.setenv("MYPYPATH", str(ROOT))
     options = ["--config-file", str(ROOT / "pyproject.toml"), "--cache-dir", str(ROOT / ".mypy_cache")]
-    said, trouble, _ = api.run([*options, str(path)])
-    assert not trouble
-    lines = [line.split(":")[1] for line in said.splitlines() if "[attr-defined]" in line]
-    assert lines == ["3", "5", "7"], said
+    output, errors, _ = api.run([*options, str(path)])
+    assert not errors
+    lines = [line.split(":")[1] for line in output.splitlines() if "[attr-defined]" in line]
+    assert lines == ["3", "5", "7"], output
 
 
 def test_attribute_errors_allow_python_to_suggest_a_name() -> None:

@@ -36,7 +36,7 @@ def caught(sms: ffsms.SpaceManipulator) -> capture.Flight:
 
 
 # The function that is replaced by a failing one, and a call that uses it.
-DOORS: dict[str, tuple[str, Callable[[ffsms.SpaceManipulator], Any]]] = {
+CALLS: dict[str, tuple[str, Callable[[ffsms.SpaceManipulator], Any]]] = {
     "plan": ("numpy.linalg.svd", lambda sms: opt.plan(sms, START_Q, TARGET, 6.0, 0.1, method="step")),
     "solve": ("daqp.solve", lambda sms: opt.solve(problem(sms))),
     "shortest": ("daqp.solve", lambda sms: opt.shortest(problem(sms), options=HASTY)),
@@ -57,19 +57,19 @@ def failing(error: Exception) -> Callable[..., Any]:
 
 
 @pytest.mark.parametrize("error", [np.linalg.LinAlgError("no convergence"), RuntimeError("assertion failed")])
-@pytest.mark.parametrize("door", DOORS)
+@pytest.mark.parametrize("name", CALLS)
 def test_a_numerical_failure_is_a_library_error_or_a_plan_with_a_note(
-    monkeypatch: pytest.MonkeyPatch, planar: ffsms.SpaceManipulator, door: str, error: Exception
+    monkeypatch: pytest.MonkeyPatch, planar: ffsms.SpaceManipulator, name: str, error: Exception
 ) -> None:
-    name, call = DOORS[door]
-    monkeypatch.setattr(name, failing(error))
-    if door in ("solve", "shortest") and isinstance(error, np.linalg.LinAlgError):
+    replaced, call = CALLS[name]
+    monkeypatch.setattr(replaced, failing(error))
+    if name in ("solve", "shortest") and isinstance(error, np.linalg.LinAlgError):
         plan = call(planar)
         assert not plan.reached
         assert f"numerical failure ({error})" in plan.note
         return
-    words = rf"failed numerically \({type(error).__name__}: {error}\); check"
-    with pytest.raises(NumericalError, match=words) as failure:
+    pattern = rf"failed numerically \({type(error).__name__}: {error}\); check"
+    with pytest.raises(NumericalError, match=pattern) as failure:
         call(planar)
     assert failure.value.__cause__ is error
 
@@ -90,10 +90,10 @@ def changed(folder: Path, old: str, new: str) -> Any:
     return ffsms.load(folder / "changed.urdf", end_effector="end_effector")
 
 
-def captured(**given: Any) -> Any:
+def captured(**values: Any) -> Any:
     """Simulate the capture of a body with these values."""
     sms = ffsms.load("planar_3r")
-    event = Capture(0.5, **{"mass": 2.0, "inertia": [0.1] * 3, **given})
+    event = Capture(0.5, **{"mass": 2.0, "inertia": [0.1] * 3, **values})
     return ffsms.simulate(sms, Swing(sms), PD(sms), dt=0.1, conditions=ffsms.Conditions(events=event))
 
 
@@ -145,8 +145,8 @@ UNPHYSICAL: dict[str, tuple[Callable[[Path], Any], type[FfsmsError], tuple[str, 
 
 @pytest.mark.parametrize("case", UNPHYSICAL)
 def test_unphysical_bodies_are_refused(tmp_path: Path, refused: Refused, case: str) -> None:
-    make, kind, words = UNPHYSICAL[case]
-    refused(lambda: make(tmp_path), kind, *words)
+    make, kind, fragments = UNPHYSICAL[case]
+    refused(lambda: make(tmp_path), kind, *fragments)
 
 
 def test_stations_and_asteroids_can_be_clients() -> None:

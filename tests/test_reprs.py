@@ -30,7 +30,7 @@ def test_reprs() -> None:
     sms, q0 = made["sms"], made["q0"]
     posed = opt.Problem(sms, q0, pin.SE3.Identity(), duration=2.0, terms=[], limits=[])
     moving = opt.Problem(sms, q0, lambda t: [0.4 + 0.01 * t, 0.7, 0.0], duration=2.0)
-    wanted = {
+    reprs = {
         repr(made["problem"]): "Problem(planar_3r to [0.45, 0.75, 0] m in 2 s, 20 steps; "
         "terms: coupling, smooth, effort; limits: joints, torques, clearance)",
         repr(posed): "Problem(planar_3r to [0, 0, 0] m with an attitude in 2 s, 200 steps; "
@@ -45,28 +45,28 @@ def test_reprs() -> None:
         repr(control.PD(sms, [1.0, 2.0, 3.0], np.eye(3) + 0.1)): "PD(planar_3r, K_p=[1, 2, 3], "
         "K_d=(3, 3) matrix)",
     }
-    for found, expected in wanted.items():
-        assert found == expected
+    for text, expected in reprs.items():
+        assert text == expected
     assert repr(opt.Replanning(made["problem"])).startswith("Replanning(Problem(planar_3r to ")
 
 
 def test_reprs_of_plans_and_recordings_have_their_errors() -> None:
     plan, tracking = objects()["plan"], objects()["tracking"]
-    found = re.fullmatch(
+    match = re.fullmatch(
         r"Trajectory\(2 s in 20 steps, (not reached|reached), ([\d.]+) mm off, cost (\S+) s\)", repr(plan)
     )
-    assert found is not None, repr(plan)
-    assert (found[1] == "reached") is plan.reached
-    assert float(found[2]) == pytest.approx(1e3 * plan.position_error[-1], abs=0.005)
-    assert float(found[3]) == pytest.approx(plan.cost_integral, rel=0.05)
-    found = re.fullmatch(
+    assert match is not None, repr(plan)
+    assert (match[1] == "reached") is plan.reached
+    assert float(match[2]) == pytest.approx(1e3 * plan.position_error[-1], abs=0.005)
+    assert float(match[3]) == pytest.approx(plan.cost_integral, rel=0.05)
+    match = re.fullmatch(
         r"Tracking\(2 s in 200 steps, ([\d.]+) mm off at the end, "
         r"largest joint error (\S+) mrad(, not arrived: .*)?\)",
         repr(tracking),
     )
-    assert found is not None, repr(tracking)
-    assert float(found[1]) == pytest.approx(1e3 * tracking.position_error[-1], abs=0.005)
-    assert float(found[2]) == pytest.approx(1e3 * np.abs(tracking.joint_error).max(), rel=0.01)
+    assert match is not None, repr(tracking)
+    assert float(match[1]) == pytest.approx(1e3 * tracking.position_error[-1], abs=0.005)
+    assert float(match[2]) == pytest.approx(1e3 * np.abs(tracking.joint_error).max(), rel=0.01)
 
 
 def test_reprs_have_no_private_attributes() -> None:

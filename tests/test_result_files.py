@@ -98,13 +98,13 @@ def test_highly_compressed_zeros_are_refused_for_their_size(
 
 def test_a_wrong_array_header_is_refused(swung: Tracking, tmp_path: Path, refused: Refused) -> None:
     values = arrays_in(swung)
-    for said in ((10**9,), (2, 3), (-1, -2), (10**30,), (0,)):
+    for shape in ((10**9,), (2, 3), (-1, -2), (10**30,), (0,)):
         path = tmp_path / "lie.npz"
         with zipfile.ZipFile(path, "w") as archive:
             for key, value in values.items():
                 with archive.open(f"{key}.npy", "w") as member:
                     if key == "work":
-                        head = {"descr": "<f8", "fortran_order": False, "shape": said}
+                        head = {"descr": "<f8", "fortran_order": False, "shape": shape}
                         np.lib.format.write_array_header_1_0(member, head)
                         member.write(bytes(24))
                     else:
@@ -141,9 +141,9 @@ def test_a_plan_with_inconsistent_arrays_is_refused(
     for name, value in arrays_in(again).items():
         np.testing.assert_array_equal(value, values[name], err_msg=name)
 
-    def changed(name: str, value: Any, words: str) -> None:
+    def changed(name: str, value: Any, fragment: str) -> None:
         written(path, {**values, name: value})
-        refused(lambda: opt.Trajectory.load(path), ResultError, "plan.npz", words)
+        refused(lambda: opt.Trajectory.load(path), ResultError, "plan.npz", fragment)
 
     numbers = [name for name, value in values.items() if name != "format" and value.dtype.kind == "f"]
     assert len(numbers) >= 18
@@ -158,12 +158,12 @@ def test_a_plan_with_inconsistent_arrays_is_refused(
     changed("t", values["t"][::-1], "do not increase")
     changed("t", np.full_like(values["t"], np.nan), "do not increase")
     changed("q", values["q"][:, :9], "holds q of shape (21, 9) where 10 to 13 columns would fit")
-    one = {
+    single = {
         name: value[: len(value) - 20]
         for name, value in values.items()
         if len(value.shape) > 0 and len(value) > 19
     }
-    written(path, {**values, **one})
+    written(path, {**values, **single})
     refused(lambda: opt.Trajectory.load(path), ResultError, "holds 1 instants in t where at least 2")
     changed("clear", np.array("yes"), "holds no truth value in clear")
     changed("clear", np.array([True, False]), "holds clear of shape (2,)")
@@ -195,8 +195,8 @@ def test_numbers_by_name(refused: Refused) -> None:
     rows = files.numbers_by_name("x", "binding", '{"a": [1, 2.5], "b": []}', rows=True)
     assert {name: row.tolist() for name, row in rows.items()} == {"a": [1.0, 2.5], "b": []}
     for text in ("", "[]", "3", '{"a": "b"}', '{"a": [[1]]}', '{"a": true}', "[" * 100_000, "{" * 9):
-        for many in (False, True):
-            read = lambda text=text, many=many: files.numbers_by_name("x", "shares", text, many)  # noqa: E731
+        for rows in (False, True):
+            read = lambda text=text, rows=rows: files.numbers_by_name("x", "shares", text, rows)  # noqa: E731
             refused(read, ResultError, "x: holds no JSON object of numbers in shares")
     refused(lambda: files.numbers_by_name("x", "shares", '{"a": [1.0]}'), ResultError, "shares")
     refused(lambda: files.numbers_by_name("x", "binding", '{"a": 1.0}', rows=True), ResultError, "binding")

@@ -63,7 +63,7 @@ class Tree:
 
         def pose(rotation: Array, position: Array) -> str:
             rpy = pin.rpy.matrixToRpy(rotation)
-            return f'<origin xyz="{_words(position)}" rpy="{_words(rpy)}"/>'
+            return f'<origin xyz="{formatted(position)}" rpy="{formatted(rpy)}"/>'
 
         text = ['<robot name="tree">']
         for i, body in enumerate(self.bodies):
@@ -81,7 +81,7 @@ class Tree:
                 text.append(
                     f'<joint name="joint_{i}" type="{body.kind}"><parent link="link_{body.parent}"/>'
                     f'<child link="link_{i}"/>{pose(body.rotation, body.position)}'
-                    f'<axis xyz="{_words(body.axis)}"/>'
+                    f'<axis xyz="{formatted(body.axis)}"/>'
                     '<limit lower="-2.5" upper="2.0" velocity="0.4" effort="3.0"/></joint>'
                 )
         text.append(
@@ -92,7 +92,7 @@ class Tree:
         return "\n".join(text)
 
 
-def _words(numbers: Array) -> str:
+def formatted(numbers: Array) -> str:
     return " ".join(repr(float(x)) for x in numbers)
 
 

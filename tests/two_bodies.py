@@ -68,9 +68,9 @@ class TwoBodies:
         poses, twists = self.states(q, v)
         on_tool, on_client = np.zeros((2, 6))
         for load in self.loads:
-            said = load.wrench(poses[0], twists[0], poses[1], twists[1])
-            on_tool += _about(said, poses[0])
-            on_client -= _about(said, poses[1])
+            load_wrench = load.wrench(poses[0], twists[0], poses[1], twists[1])
+            on_tool += _about(load_wrench, poses[0])
+            on_client -= _about(load_wrench, poses[1])
         return on_tool, on_client, poses
 
     def run(self, poses: Sequence[Any], twists: Any, dt: float, steps: int) -> Motion:
@@ -85,8 +85,8 @@ class TwoBodies:
             on_tool, on_client, places = self._wrenches(q, v)
             stages.append(on_tool)
             rows = []
-            for pose, one in zip(places, (on_tool + self.push, on_client), strict=True):
-                rows += [pose.rotation.T @ one[:3], pose.rotation.T @ one[3:]]
+            for pose, wrench in zip(places, (on_tool + self.push, on_client), strict=True):
+                rows += [pose.rotation.T @ wrench[:3], pose.rotation.T @ wrench[3:]]
             return np.concatenate(rows)
 
         for _ in range(steps):
@@ -114,6 +114,6 @@ class TwoBodies:
         return float(pin.computeKineticEnergy(self.model, self._data, q, v))
 
 
-def _about(said: tuple[FloatArray, FloatArray], pose: Any) -> FloatArray:
-    (wrench, point) = said
+def _about(load_wrench: tuple[FloatArray, FloatArray], pose: Any) -> FloatArray:
+    (wrench, point) = load_wrench
     return np.concatenate([wrench[:3], wrench[3:] + cross(point - pose.translation, wrench[:3])])

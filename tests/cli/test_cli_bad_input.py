@@ -38,7 +38,7 @@ def fails(
 
 
 @pytest.mark.parametrize(
-    ("line", "instead", "words"),
+    ("line", "replacement", "fragments"),
     [
         ("[robot]", "[robot", ["quick.toml", "not a TOML file", "line 1"]),
         ("duration", "durration", ["quick.toml", "'durration'", "[plan]", "did you mean 'duration'"]),
@@ -61,11 +61,13 @@ def fails(
         ("[control]", "[friction]\nviscus = 1\n[control]", ["did you mean 'viscous'"]),
     ],
 )
-def test_bad_input(quick: Path, fails: Callable[..., str], line: str, instead: str, words: list[str]) -> None:
+def test_bad_input(
+    quick: Path, fails: Callable[..., str], line: str, replacement: str, fragments: list[str]
+) -> None:
     assert line in COARSE
-    quick.write_text(COARSE.replace(line, instead, 1))
+    quick.write_text(COARSE.replace(line, replacement, 1))
     error = fails("run", quick)
-    for word in words:
+    for word in fragments:
         assert word in error
 
 
@@ -128,7 +130,7 @@ def test_info_arguments_that_do_not_fit_the_robot(fails: Callable[..., str]) -> 
 
 
 @pytest.mark.parametrize(
-    ("arguments", "words"),
+    ("arguments", "message"),
     [
         (("compare", "case-1", "--methods", "horizn"), "--methods must be one of"),
         (("campaign", "case-1", "--runs", "0"), "--runs must be a whole number"),
@@ -137,9 +139,9 @@ def test_info_arguments_that_do_not_fit_the_robot(fails: Callable[..., str]) -> 
     ],
 )
 def test_errors_name_arguments_as_typed(
-    fails: Callable[..., str], arguments: tuple[str, ...], words: str
+    fails: Callable[..., str], arguments: tuple[str, ...], message: str
 ) -> None:
-    assert f"error: {words}" in fails(*arguments)
+    assert f"error: {message}" in fails(*arguments)
 
 
 def test_advice_of_commands_names_options_and_scenario_keys(

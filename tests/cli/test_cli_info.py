@@ -91,7 +91,7 @@ def test_help_loads_no_slow_module(tmp_path: Path) -> None:
 
 def test_the_error_for_two_end_effectors_names_the_option(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["info", "two_arms"]) == 2
-    told = capsys.readouterr().err
-    assert "left_tool, right_tool" in told
-    assert "--end-effector NAME" in told
-    assert "load(" not in told
+    printed = capsys.readouterr().err
+    assert "left_tool, right_tool" in printed
+    assert "--end-effector NAME" in printed
+    assert "load(" not in printed

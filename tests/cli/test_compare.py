@@ -101,11 +101,11 @@ def test_the_reason_of_a_missed_target_is_printed(
     plan = compare(scenario(path), ("step",)).plans["step"]
     late = plan.position_error[plan.t >= 0.9 * 1.5 - 1e-9]
     assert not plan.reached
-    wanted = f"up to {1e3 * late.max():.3g} mm from the target in the last tenth"
+    expected = f"up to {1e3 * late.max():.3g} mm from the target in the last tenth"
     printed = capsys.readouterr().out
-    assert f"step does not reach the target: the end effector is {wanted}" in printed
+    assert f"step does not reach the target: the end effector is {expected}" in printed
     assert f"ends {1e3 * plan.position_error[-1]:.3g} mm off" in printed
-    assert wanted in json.loads((out / "comparison.json").read_text())["step"]["note"]
+    assert expected in json.loads((out / "comparison.json").read_text())["step"]["note"]
     turned = dataclasses.replace(plan, reach=1.0, orientation_error=np.full(len(plan.t), 0.5))
     assert why_not_reached(turned).startswith("the end effector's attitude is up to 28.6")
     assert why_not_reached(dataclasses.replace(plan, reach=1.0)) == ""
@@ -144,6 +144,6 @@ def test_methods_without_moving_goals_are_left_out_or_refused(
     for method in opt.METHODS[1:]:
         assert f"left out: {method}, which does not support moving goals" in printed.out
     assert main(["compare", str(path), "--out", out, "--methods", "horizon", "step"]) == 2
-    said = capsys.readouterr().err
-    assert said.count("\n") == 1
-    assert "does not support moving goals; use 'horizon', got 'step'" in said
+    printed_error = capsys.readouterr().err
+    assert printed_error.count("\n") == 1
+    assert "does not support moving goals; use 'horizon', got 'step'" in printed_error

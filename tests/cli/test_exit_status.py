@@ -32,7 +32,7 @@ def ends_with(monkeypatch: pytest.MonkeyPatch, error: BaseException) -> int:
 
 
 @pytest.mark.parametrize(
-    ("error", "status", "words"),
+    ("error", "status", "fragment"),
     [
         (InvalidValue("x", 3, "must be two"), 2, "error: x must be two, got 3"),
         (MemoryError(), 2, "error: out of memory"),
@@ -48,7 +48,7 @@ def test_errors_print_one_line_and_set_the_exit_status(
     capsys: pytest.CaptureFixture[str],
     error: BaseException,
     status: int,
-    words: str,
+    fragment: str,
 ) -> None:
     monkeypatch.delenv("FFSMS_PIN_TRACEBACK", raising=False)
     assert ends_with(monkeypatch, error) == status
@@ -56,7 +56,7 @@ def test_errors_print_one_line_and_set_the_exit_status(
     assert captured.out == ""
     assert captured.err.startswith("ffsms-pin: ")
     assert captured.err.count("\n") == 1
-    assert words in captured.err
+    assert fragment in captured.err
 
 
 def test_a_traceback_is_printed_on_request(
@@ -64,9 +64,9 @@ def test_a_traceback_is_printed_on_request(
 ) -> None:
     monkeypatch.setenv("FFSMS_PIN_TRACEBACK", "1")
     assert ends_with(monkeypatch, ZeroDivisionError("here")) == 70
-    told = capsys.readouterr().err
-    assert "Traceback" in told
-    assert told.splitlines()[-1].startswith("ffsms-pin: a defect of ffsms-pin")
+    printed = capsys.readouterr().err
+    assert "Traceback" in printed
+    assert printed.splitlines()[-1].startswith("ffsms-pin: a defect of ffsms-pin")
 
 
 def test_signal_handlers_are_restored(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -110,7 +110,9 @@ def test_a_run_is_ended_by_a_signal(tmp_path: Path, sent: str, status: int, word
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
-        preexec_fn=lambda: [signal.signal(one, signal.SIG_DFL) for one in (signal.SIGINT, signal.SIGTERM)],
+        preexec_fn=lambda: [
+            signal.signal(handled, signal.SIG_DFL) for handled in (signal.SIGINT, signal.SIGTERM)
+        ],
     )
     try:
         deadline = time.monotonic() + 60.0

@@ -9,7 +9,7 @@ import pytest
 from ffsms_pin.cli import main
 
 
-def told(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
+def error_line(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
     """Run a command that fails, and return its one-line error."""
     assert main(arguments) == 2
     error = capsys.readouterr().err
@@ -19,7 +19,7 @@ def told(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
 
 
 @pytest.mark.parametrize(
-    ("arguments", "words"),
+    ("arguments", "fragment"),
     [
         ((), "name a command, for example: ffsms-pin run case-2 (see ffsms-pin --help)"),
         (("rnu", "case-2"), "there is no command 'rnu'; did you mean 'run'?"),
@@ -40,13 +40,13 @@ def told(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
 )
 def test_errors_suggest_a_correction(
     arguments: tuple[str, ...],
-    words: str,
+    fragment: str,
     capsys: pytest.CaptureFixture[str],
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    assert words in told(capsys, *arguments)
+    assert fragment in error_line(capsys, *arguments)
     assert list(tmp_path.iterdir()) == []
 
 

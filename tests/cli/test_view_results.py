@@ -31,9 +31,9 @@ def test_show_writes_the_scene_with_its_obstacles(
 
     file.unlink()  # the results contain the scenario
     assert main(["view", str(out), "--html", str(tmp_path / "plan.html"), "--plan"]) == 0
-    found = layers(tmp_path / "plan.html")
-    assert "obstacles" in found
-    assert "tracked_path" not in found
+    names = layers(tmp_path / "plan.html")
+    assert "obstacles" in names
+    assert "tracked_path" not in names
     (out / "scenario.json").unlink()
     assert main(["view", str(out), "--html", str(tmp_path / "plain.html")]) == 0
     assert "obstacles" not in layers(tmp_path / "plain.html")

@@ -47,6 +47,6 @@ def test_pictures_exist_and_are_small_and_their_page_has_code(name: str) -> None
 def test_commands_can_be_parsed(name: str) -> None:
     for block in SHELL.findall(text_of(name)):
         for line in block.splitlines():
-            words = shlex.split(line, comments=True)
-            if words[:1] == ["ffsms-pin"] and words[1:] not in (["--help"], []):
-                parser().parse_args(words[1:])  # exits for an unknown argument
+            arguments = shlex.split(line, comments=True)
+            if arguments[:1] == ["ffsms-pin"] and arguments[1:] not in (["--help"], []):
+                parser().parse_args(arguments[1:])  # exits for an unknown argument

@@ -25,7 +25,7 @@ MOST = 600  # [s] limit for a cell that hangs; a notebook should take less than 
 pytestmark = pytest.mark.filterwarnings("ignore::ResourceWarning", "ignore::DeprecationWarning")
 
 
-def ran(notebook: Any, folder: Path) -> Any:
+def executed(notebook: Any, folder: Path) -> Any:
     """Execute a notebook, and return it with its outputs."""
     resources = {"metadata": {"path": str(folder)}}
     return NotebookClient(notebook, timeout=MOST, kernel_name="python3", resources=resources).execute()
@@ -54,13 +54,13 @@ def test_there_are_notebooks() -> None:
 @pytest.mark.usefixtures("strict")
 def test_the_shortest_runs(tmp_path: Path) -> None:
     notebook = nbformat.read(SHORTEST, as_version=4)  # type: ignore[no-untyped-call]
-    assert faults(ran(notebook, tmp_path)) == []
+    assert faults(executed(notebook, tmp_path)) == []
 
 
 @pytest.mark.usefixtures("strict")
 def test_a_warning_ends_a_notebook(tmp_path: Path) -> None:
     with pytest.raises(CellExecutionError, match="too old"):
-        ran(notebook_of("import warnings; warnings.warn('too old')"), tmp_path)
+        executed(notebook_of("import warnings; warnings.warn('too old')"), tmp_path)
 
 
 def test_the_site_executes_all_notebooks_and_fails_on_errors() -> None:
@@ -89,31 +89,31 @@ def with_outputs(*outputs: Any) -> Any:
 PICTURE = {"output_type": "display_data", "data": {"image/png": "..."}, "metadata": {}}
 
 
-def said(name: str, text: str) -> dict[str, Any]:
+def stream_output(name: str, text: str) -> dict[str, Any]:
     return {"output_type": "stream", "name": name, "text": text}
 
 
 @pytest.mark.parametrize(
-    ("outputs", "wanted"),
+    ("outputs", "expected"),
     [
-        ([PICTURE, said("stdout", "reached: True")], []),
-        ([said("stdout", "reached: True")], ["it shows no picture"]),
-        ([PICTURE, said("stdout", "reached: False")], ["a plan does not reach its target"]),
-        ([PICTURE, said("stdout", "Case 1 reached False")], ["a plan does not reach its target"]),
-        ([PICTURE, said("stderr", "Hm.\n")], ["it complains: Hm."]),
+        ([PICTURE, stream_output("stdout", "reached: True")], []),
+        ([stream_output("stdout", "reached: True")], ["it shows no picture"]),
+        ([PICTURE, stream_output("stdout", "reached: False")], ["a plan does not reach its target"]),
+        ([PICTURE, stream_output("stdout", "Case 1 reached False")], ["a plan does not reach its target"]),
+        ([PICTURE, stream_output("stderr", "Hm.\n")], ["it complains: Hm."]),
         (
             [PICTURE, {"output_type": "error", "ename": "KeyError", "evalue": "", "traceback": []}],
             ["it raises KeyError"],
         ),
     ],
 )
-def test_faults_are_found(outputs: list[Any], wanted: list[str], tmp_path: Path) -> None:
+def test_faults_are_found(outputs: list[Any], expected: list[str], tmp_path: Path) -> None:
     notebook = with_outputs(*outputs)
-    assert faults(notebook) == wanted
+    assert faults(notebook) == expected
     for path in NOTEBOOKS:
         nbformat.write(notebook, tmp_path / path.name)  # type: ignore[no-untyped-call]
-    if wanted:
-        with pytest.raises(RuntimeError, match=f"01-quickstart.ipynb: {wanted[0]}"):
+    if expected:
+        with pytest.raises(RuntimeError, match=f"01-quickstart.ipynb: {expected[0]}"):
             check_built(tmp_path)
     else:
         check_built(tmp_path)

@@ -54,8 +54,10 @@ def off_axis(page: SimpleNamespace, plan: opt.Trajectory) -> float:
     angles = []
     for q in plan.q[::10]:
         pose = page.sms.at(q).end_effector_pose
-        way = np.array(page.gaze.at) - pose.translation
-        angles.append(np.arccos(np.clip(pose.rotation[:, 0] @ way / np.linalg.norm(way), -1.0, 1.0)))
+        direction = np.array(page.gaze.at) - pose.translation
+        angles.append(
+            np.arccos(np.clip(pose.rotation[:, 0] @ direction / np.linalg.norm(direction), -1.0, 1.0))
+        )
     return float(np.mean(angles))
 
 

@@ -24,7 +24,7 @@ def test_the_map_is_complete() -> None:
     assert [row["number"] for row in ROWS] == numbers + [f"Figures {panels}" for panels in FIGURES]
 
 
-def found(name: str) -> Any:
+def resolved(name: str) -> Any:
     """Return the module, class, function or attribute of a dotted name."""
     parts = name.split(".")
     for cut in range(len(parts), 0, -1):
@@ -40,7 +40,7 @@ def found(name: str) -> Any:
 
 @pytest.mark.parametrize("name", sorted({name for row in ROWS for name in row["code"]}))
 def test_the_code_of_a_row_exists(name: str) -> None:
-    assert found(name) is not None
+    assert resolved(name) is not None
 
 
 @pytest.mark.parametrize("name", sorted({name for row in ROWS for name in row["test"]}))

@@ -26,7 +26,7 @@ def test_every_page_shows_what_was_measured(page: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "words"),
+    ("text", "fragment"),
     [
         ("The rate is @@RATE@@ deg/s.\n", "placeholder"),
         (f"As measured:\n\n{TABLE}", "numbers that are in no record"),
@@ -41,7 +41,7 @@ def test_every_page_shows_what_was_measured(page: Path) -> None:
     ],
 )
 def test_a_number_without_a_source_is_found(
-    text: str, words: str | None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    text: str, fragment: str | None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(records, "ROOT", tmp_path)
     monkeypatch.setattr(records, "KEPT", tmp_path)
@@ -49,8 +49,8 @@ def test_a_number_without_a_source_is_found(
     (tmp_path / "mine.md").write_text(record.text(), "utf-8")
     page = tmp_path / "page.md"
     page.write_text(text, "utf-8")
-    found = records.faults(page)
-    assert (not found) if words is None else (len(found) == 1 and words in found[0])
+    faults = records.faults(page)
+    assert (not faults) if fragment is None else (len(faults) == 1 and fragment in faults[0])
 
 
 def test_a_command_that_changed_is_marked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

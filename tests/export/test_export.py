@@ -34,12 +34,12 @@ def assert_same(sms: ffsms.SpaceManipulator, again: ffsms.SpaceManipulator) -> N
     assert again.base_size == sms.base_size
     np.testing.assert_allclose(again.base_box_placement, sms.base_box_placement, atol=1e-12)
     for kind in ("visual", "collision"):
-        shapes, others = (one.geometry(kind).geometryObjects for one in (sms, again))
+        shapes, others = (robot.geometry(kind).geometryObjects for robot in (sms, again))
         assert [shape.name for shape in others] == [shape.name for shape in shapes]
-        for one, other in zip(shapes, others, strict=True):
-            np.testing.assert_allclose(other.placement, one.placement, atol=1e-12)
-            np.testing.assert_allclose(other.meshColor, one.meshColor, atol=1e-12)
-            assert other.geometry == one.geometry
+        for original, loaded_shape in zip(shapes, others, strict=True):
+            np.testing.assert_allclose(loaded_shape.placement, original.placement, atol=1e-12)
+            np.testing.assert_allclose(loaded_shape.meshColor, original.meshColor, atol=1e-12)
+            assert loaded_shape.geometry == original.geometry
 
 
 @pytest.mark.parametrize(
@@ -65,7 +65,7 @@ def test_an_exported_folder_with_meshes_can_be_moved(tmp_path: Path) -> None:
 def test_changed_inertias_are_exported(tmp_path: Path) -> None:
     """Exported inertias are those of the robot, not those of the file from which it was loaded."""
     sms = ffsms.load("space_arm_7")
-    heavier = [pin.Inertia(2.0 * one.mass, one.lever, 2.0 * one.inertia) for one in sms.model.inertias]
+    heavier = [pin.Inertia(2.0 * body.mass, body.lever, 2.0 * body.inertia) for body in sms.model.inertias]
     changed = sms.with_inertias(heavier[1:])
     again = written(changed, tmp_path / "robot.urdf")
     assert_same(changed, again)
@@ -149,8 +149,8 @@ def test_a_limit_stops_a_joint_and_without_it_the_joint_goes_on() -> None:
     sms = ffsms.load("planar_3r")
     upper = float(sms.limits.upper[1])
     text, ends = to_mjcf(sms), []
-    for given in (text, text.replace('limited="true" range', 'limited="false" range')):
-        model = mj.MjModel.from_xml_string(given)
+    for document in (text, text.replace('limited="true" range', 'limited="false" range')):
+        model = mj.MjModel.from_xml_string(document)
         data = mj.MjData(model)
         data.qpos[8] = upper - 0.05
         data.ctrl[1] = 0.05

@@ -49,8 +49,8 @@ def _check(sms: ffsms.SpaceManipulator, seed: int, rates: bool = True) -> None:
     limits = sms.limits
     pairs = [(limits.lower, lower), (limits.upper, upper), (limits.torque, effort)]
     pairs += [(sms.joint_damping, damping), (sms.joint_friction, friction)]
-    for found, wanted in [*pairs, (limits.velocity, velocity)] if rates else pairs:
-        np.testing.assert_allclose(found, wanted, rtol=1e-12, atol=1e-12)
+    for values, drawn_values in [*pairs, (limits.velocity, velocity)] if rates else pairs:
+        np.testing.assert_allclose(values, drawn_values, rtol=1e-12, atol=1e-12)
 
 
 def _there_and_back(seed: int, folder: Path) -> None:
@@ -103,10 +103,10 @@ def test_armature_is_read_back_from_mjcf(tmp_path: Path) -> None:
         sms = ffsms.load(model, end_effector=drawn.tip)
         path = tmp_path / "written.xml"
         path.write_text(export.to_mjcf(sms))
-        found = ffsms.load(path, end_effector="end_effector")
+        again = ffsms.load(path, end_effector="end_effector")
         by_name = dict(zip(sms.joint_names, sms.model.armature[6:], strict=True))
-        np.testing.assert_allclose(found.model.armature[6:], [by_name[name] for name in found.joint_names])
+        np.testing.assert_allclose(again.model.armature[6:], [by_name[name] for name in again.joint_names])
         joints = dict.fromkeys(sms.joint_names, 0.4)
-        np.testing.assert_allclose(_of(found, joints), _of(sms, joints), rtol=1e-12, atol=1e-12)
+        np.testing.assert_allclose(_of(again, joints), _of(sms, joints), rtol=1e-12, atol=1e-12)
         with pytest.warns(FfsmsWarning, match="armature"):
             export.to_urdf(sms, tmp_path / "written.urdf")

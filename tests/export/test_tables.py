@@ -53,7 +53,7 @@ def test_a_tracking_has_torques(robot: ffsms.SpaceManipulator, plan: opt.Traject
 
 
 @pytest.mark.parametrize(
-    ("spoil", "error", "words"),
+    ("spoil", "error", "pattern"),
     [
         (lambda text: text.replace("joint_2.rate", "joint_9.rate"), InvalidValue, "joint_2.rate"),
         (lambda text: text.replace("\n0.02,", "\n0.03,"), InvalidValue, "equally spaced"),
@@ -66,7 +66,7 @@ def test_a_tracking_has_torques(robot: ffsms.SpaceManipulator, plan: opt.Traject
 def test_a_damaged_table_is_refused(
     spoil: object,
     error: type[Exception],
-    words: str,
+    pattern: str,
     robot: ffsms.SpaceManipulator,
     plan: opt.Trajectory,
     tmp_path: Path,
@@ -75,7 +75,7 @@ def test_a_damaged_table_is_refused(
     export.to_csv(robot, plan, path)
     assert callable(spoil)
     path.write_text(spoil(path.read_text(encoding="utf-8")), encoding="utf-8")
-    with pytest.raises(error, match=words):
+    with pytest.raises(error, match=pattern):
         export.read_csv(robot, path)
 
 
@@ -165,7 +165,7 @@ def _changed(path: Path, column: str, line: int, value: str | None) -> None:
 
 
 @pytest.mark.parametrize(
-    ("column", "line", "value", "words"),
+    ("column", "line", "value", "pattern"),
     [
         ("joint_2.position [rad]", 9, "0.5", r"line 9 \(t = 0.07 s\): 'joint_2.position.*rates.*linearly"),
         ("joint_2.rate [rad/s]", 9, "0.1", r"line 9 .*'joint_2.position"),
@@ -183,14 +183,14 @@ def test_a_table_that_contradicts_itself_is_refused_with_its_line(
     column: str,
     line: int,
     value: str | None,
-    words: str,
+    pattern: str,
     robot: ffsms.SpaceManipulator,
     drifting: opt.Trajectory,
     tmp_path: Path,
 ) -> None:
     export.to_csv(robot, drifting, tmp_path / "plan.csv")
     _changed(tmp_path / "plan.csv", column, line, value)
-    with pytest.raises(InvalidValue, match=words):
+    with pytest.raises(InvalidValue, match=pattern):
         export.read_csv(robot, tmp_path / "plan.csv")
 
 

@@ -54,10 +54,10 @@ def test_screening_loses_nothing(robot: ffsms.SpaceManipulator) -> None:
             at.append(coal.Transform3s(pose.rotation, pose.translation) * part.place)
         for m, (a, b) in enumerate(pairs):
             brute = min(
-                coal.distance(one.shape, at[i], other.shape, at[j], request, coal.DistanceResult())
-                for i, one in enumerate(parts)
-                for j, other in enumerate(parts)
-                if (one.body, other.body) == (a, b)
+                coal.distance(part_a.shape, at[i], part_b.shape, at[j], request, coal.DistanceResult())
+                for i, part_a in enumerate(parts)
+                for j, part_b in enumerate(parts)
+                if (part_a.body, part_b.body) == (a, b)
             )
             value = screened[m, k]
             if brute < 0.05 - 1e-6:
@@ -205,17 +205,17 @@ def test_parts_of_all_kinds_are_measured_as_by_coal() -> None:
     request, joints = coal.DistanceRequest(), np.zeros((robot.n, 1))
     where = np.zeros(1, dtype=np.int64), np.zeros(1, dtype=np.int64)
     overlapping = 0
-    for one in shapes:
-        for other in shapes:
-            for way in (0.1, 0.4, 2.0):
+    for shape_a in shapes:
+        for shape_b in shapes:
+            for spread in (0.1, 0.4, 2.0):
                 near, far = random_pose(rng), random_pose(rng)
-                near.translation, far.translation = rng.normal(0.0, 0.1, 3), rng.normal(0.0, way, 3)
-                first, second = part_of(one, -1, near, True), part_of(other, robot.n, far, True)
+                near.translation, far.translation = rng.normal(0.0, 0.1, 3), rng.normal(0.0, spread, 3)
+                first, second = part_of(shape_a, -1, near, True), part_of(shape_b, robot.n, far, True)
                 pairs = PartPairs(robot.arm_stack(), [([first], [second])])
                 poses = Poses(joints, np.eye(3)[:, :, None, None], np.zeros((3, 1, 1)))
                 distance, points = pairs.nearest(poses, where)
                 result = coal.DistanceResult()
-                by_coal = coal.distance(one, first.place, other, second.place, request, result)
+                by_coal = coal.distance(shape_a, first.place, shape_b, second.place, request, result)
                 assert distance[0] == pytest.approx(by_coal, abs=2e-5)
                 here, there, normal = points[0]
                 np.testing.assert_allclose(there - here, distance[0] * normal, atol=2e-5)

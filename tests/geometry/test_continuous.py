@@ -34,10 +34,10 @@ def test_no_distance_changes_faster_than_its_bound(robot: ffsms.SpaceManipulator
 class Counted(BodyStack):
     """A stack that counts the computed distances."""
 
-    asked = 0
+    computed = 0
 
     def nearest(self, poses: Poses, where: Entries, near: Any = np.inf) -> Nearest:
-        self.asked += len(where[0])
+        self.computed += len(where[0])
         return super().nearest(poses, where, near)
 
 
@@ -52,15 +52,15 @@ def test_few_distances_along_a_motion_give_the_exact_minimum(robot: ffsms.SpaceM
     least = float(exact.min())
     for clearance in (least - 0.01, least + 1e-3, least + 0.03):
         counted = Counted(robot, "hulls", 0.01)
-        counted.asked = 0
-        found = least_of(counted, motion, clearance, binding)
-        assert 0 < counted.asked < 0.5 * exact.size
-        np.testing.assert_array_equal(found.near, motion.times[(exact < clearance + binding).any(axis=0)])
+        counted.computed = 0
+        minimum = least_of(counted, motion, clearance, binding)
+        assert 0 < counted.computed < 0.5 * exact.size
+        np.testing.assert_array_equal(minimum.near, motion.times[(exact < clearance + binding).any(axis=0)])
         if clearance > least:
             shapes = stack.refined(
                 stack.along(motion), np.nonzero(exact < clearance), exact[exact < clearance]
             )
-            assert found.value == pytest.approx(float(shapes.min()), abs=1e-9)
+            assert minimum.value == pytest.approx(float(shapes.min()), abs=1e-9)
 
 
 @pytest.mark.parametrize("name", ARMS)

@@ -19,14 +19,14 @@ ARMS = ("planar_3r", "space_arm_7", "servicer", "satellite_ur5", "satellite_kino
 def least_distance(sms: ffsms.SpaceManipulator, q: Any) -> float:
     """Return the smallest distance of shapes of unconnected bodies [m], by Pinocchio and Coal alone."""
     shapes, parents = sms.geometry("collision").copy(), sms.model.parents
-    on = [int(one.parentJoint) for one in shapes.geometryObjects]
+    on = [int(item.parentJoint) for item in shapes.geometryObjects]
     for i, a in enumerate(on):
         for j, b in enumerate(on[:i]):
             if a != b and parents[a] != b and parents[b] != a:
                 shapes.addCollisionPair(pin.CollisionPair(j, i))
-    data, found = sms.model.createData(), pin.GeometryData(shapes)
-    pin.computeDistances(sms.model, data, shapes, found, q)
-    return float(min(one.min_distance for one in found.distanceResults))
+    data, results = sms.model.createData(), pin.GeometryData(shapes)
+    pin.computeDistances(sms.model, data, shapes, results, q)
+    return float(min(item.min_distance for item in results.distanceResults))
 
 
 @pytest.mark.parametrize("name", ARMS)
@@ -38,7 +38,7 @@ def test_home_is_clear_and_far_from_singular(name: str) -> None:
     assert not sms.limits.violation(joints).any()
     if name != "planar_3r":  # its clearance is that of the paper's points, not of its shapes
         assert least_distance(sms, q) > 0.01 - 1e-5
-    spread = sms.batch([sms.joint_positions(one) for one in sms.sample(100)]).manipulability
+    spread = sms.batch([sms.joint_positions(sample) for sample in sms.sample(100)]).manipulability
     assert sms.batch([joints]).manipulability[0] > np.quantile(spread, 0.75)
     tip = sms.at(q).end_effector_pose.translation
     assert opt.plan(sms, q, tip + 0.02 * np.array([1.0, -1.0, 0.0]), duration=8.0, dt=0.1).reached
@@ -46,11 +46,11 @@ def test_home_is_clear_and_far_from_singular(name: str) -> None:
 
 def test_samples_are_clear_where_draws_are_not() -> None:
     sms = ffsms.load("satellite_panda")
-    found = sms.sample(40, seed=3)
-    assert found.shape == (40, sms.nq)
-    assert min(least_distance(sms, q) for q in found) > 0.01 - 1e-5
-    np.testing.assert_array_equal(found[:7], sms.sample(7, seed=3))
-    assert np.ptp(found[:, 7:], axis=0).min() > 0.5  # samples cover the joint ranges
+    samples = sms.sample(40, seed=3)
+    assert samples.shape == (40, sms.nq)
+    assert min(least_distance(sms, q) for q in samples) > 0.01 - 1e-5
+    np.testing.assert_array_equal(samples[:7], sms.sample(7, seed=3))
+    assert np.ptp(samples[:, 7:], axis=0).min() > 0.5  # samples cover the joint ranges
     low, high = np.maximum(sms.limits.lower, -np.pi), np.minimum(sms.limits.upper, np.pi)
     drawn = np.random.default_rng(0).uniform(low, high, (40, sms.n))
     assert min(least_distance(sms, sms.configuration(row)) for row in drawn) < 0.0

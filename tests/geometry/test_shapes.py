@@ -76,9 +76,9 @@ def test_missing_and_damaged_meshes_are_reported(refused: Refused, tmp_path: Pat
     refused(lambda: sms.geometry("collision"), GeometryError, "package://robot/arm.stl", "package_dirs")
     with pytest.warns(
         FfsmsWarning, match=r"visual meshes are missing: 'package://robot/arm\.stl'; .* not drawn"
-    ) as told:
+    ) as recorded:
         assert sms.geometry("visual").ngeoms == 1  # three links have the mesh
-    assert len(told) == 1
+    assert len(recorded) == 1
     kind: Any = "drawn"
     refused(lambda: sms.geometry(kind), InvalidValue, "kind")
     bare = ffsms.SpaceManipulator(sms.model, "link_3")
@@ -89,7 +89,7 @@ def test_missing_and_damaged_meshes_are_reported(refused: Refused, tmp_path: Pat
 
 
 @pytest.mark.parametrize(
-    ("shape", "words"),
+    ("shape", "fragment"),
     [
         ('<cylinder length="1"/>', "no radius"),
         ('<cylinder radius="x" length="1"/>', 'radius="x"'),
@@ -102,7 +102,7 @@ def test_missing_and_damaged_meshes_are_reported(refused: Refused, tmp_path: Pat
     ],
 )
 def test_no_shape_is_dropped_in_silence(
-    refused: Refused, tmp_path: Path, capfd: pytest.CaptureFixture[str], shape: str, words: str
+    refused: Refused, tmp_path: Path, capfd: pytest.CaptureFixture[str], shape: str, fragment: str
 ) -> None:
     # Pinocchio's parser omits such a shape, so that collisions with it would not be detected.
     start = '<collision><origin xyz="0.15 0 0"/><geometry>'
@@ -110,7 +110,7 @@ def test_no_shape_is_dropped_in_silence(
     path = tmp_path / "a.urdf"
     path.write_text(text.replace(start + '<box size="0.3 0.03 0.03"/>', start + shape, 1))
     sms = ffsms.load(path)
-    refused(lambda: sms.geometry("collision"), GeometryError, "link_1", "collision", words)
+    refused(lambda: sms.geometry("collision"), GeometryError, "link_1", "collision", fragment)
     assert sms.geometry("visual").ngeoms == 4
     assert capfd.readouterr().err == ""
 

@@ -46,10 +46,10 @@ def test_damaged_recordings_are_refused(
     t, q, v = request.getfixturevalue(kind)
     name = panda.joint_names[2]
 
-    def damaged(*words: str, **columns: Any) -> None:
+    def damaged(*fragments: str, **columns: Any) -> None:
         rows = {"t": t.copy(), "q": q.copy(), "v": v.copy()} | columns
         recording = rows["t"], rows["q"], rows["v"]
-        refused(lambda: identify(panda, recording=recording), InvalidValue, *words)
+        refused(lambda: identify(panda, recording=recording), InvalidValue, *fragments)
 
     def other(array: Any, where: Any, value: Any) -> Any:
         made = array.copy()
@@ -100,8 +100,8 @@ def test_other_velocity_axes_are_converted_or_refused(
             w[k, 3:6] = pose.rotation @ v[k, 3:6]
     q[::2, 3:7] *= -1.0  # the same attitudes
     assert identify(panda, recording=(t, q, v))["base"].mass == pytest.approx(180.567, rel=1e-4)
-    found = identify(panda, recording=(t, q, w), base_velocity=base_velocity)
-    assert found["base"].mass == pytest.approx(180.567, rel=1e-4)
+    identified = identify(panda, recording=(t, q, w), base_velocity=base_velocity)
+    assert identified["base"].mass == pytest.approx(180.567, rel=1e-4)
     remedy = f'base_velocity="{base_velocity}"'
     refused(lambda: identify(panda, recording=(t, q, w)), InvalidValue, remedy)
     raw = np.column_stack([q[:, :3], q[:, [6, 3, 4, 5]], q[:, 7:]])
@@ -112,8 +112,8 @@ def test_other_velocity_axes_are_converted_or_refused(
 
 def test_times_of_any_spacing(panda: ffsms.SpaceManipulator, arrays: Any, rng: np.random.Generator) -> None:
     rows = np.sort(rng.choice(len(arrays[0]), 400, replace=False))
-    found = identify(panda, recording=tuple(x[rows] for x in arrays))
-    assert found["base"].mass == pytest.approx(180.567, rel=1e-5)
+    identified = identify(panda, recording=tuple(x[rows] for x in arrays))
+    assert identified["base"].mass == pytest.approx(180.567, rel=1e-5)
 
 
 def test_velocities_in_millimetres_and_zero_velocities_are_refused(
@@ -139,13 +139,13 @@ def test_recordings_with_external_forces_are_refused(
 def test_a_model_that_differs_elsewhere_is_noted(panda: ffsms.SpaceManipulator, arrays: Any) -> None:
     t, q, v = arrays
     sensors = Sensors(base_velocity_noise=1e-5, base_rate_noise=1e-5, joint_rate_noise=1e-5)
-    found = identify(panda, recording=(t, q, v), unknown=[panda.joint_names[3]], sensors=sensors)
-    assert "other bodies differ from the model" in found.note
+    identified = identify(panda, recording=(t, q, v), unknown=[panda.joint_names[3]], sensors=sensors)
+    assert "other bodies differ from the model" in identified.note
 
 
 def test_arguments(panda: ffsms.SpaceManipulator, arrays: Any, refused: Any) -> None:
-    def wrong(*words: str, **options: Any) -> None:
-        refused(lambda: identify(panda, **{"recording": arrays, **options}), InvalidValue, *words)
+    def wrong(*fragments: str, **options: Any) -> None:
+        refused(lambda: identify(panda, **{"recording": arrays, **options}), InvalidValue, *fragments)
 
     wrong("list of names", unknown="base")
     wrong("did you mean", unknown=["panda_link99"])

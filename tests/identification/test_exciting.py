@@ -36,7 +36,7 @@ def test_the_motion_keeps_all_limits_and_returns(
     assert (motion.joint_positions >= limits.lower).all()
 
 
-def left(planar: ffsms.SpaceManipulator, plan: opt.Trajectory) -> Any:
+def expected_deviations(planar: ffsms.SpaceManipulator, plan: opt.Trajectory) -> Any:
     """Return the expected deviations of mass, m cx, m cy and Izz of the base."""
     G = Identifier(planar, ["base"], sensors=NOISE).expected_information(plan.q, plan.v)
     deviations = np.sqrt(np.diag(np.linalg.inv(G + np.eye(10))))
@@ -47,10 +47,10 @@ def test_the_largest_deviation_is_smaller_than_after_a_plan(
     planar: ffsms.SpaceManipulator, motion: opt.Trajectory
 ) -> None:
     plan = opt.plan(planar, motion.q[0], [0.45, 0.75, 0.0], duration=8.0, dt=0.02)
-    assert left(planar, motion).max() < 0.5 * left(planar, plan).max()
+    assert expected_deviations(planar, motion).max() < 0.5 * expected_deviations(planar, plan).max()
     start = planar.configuration(np.radians([1.0, 1.0, 1.0]))
     random = exciting_motion(planar, start, 8.0, sensors=NOISE, starts=1, iterations=0, seed=3)
-    assert left(planar, motion).max() < left(planar, random).max()
+    assert expected_deviations(planar, motion).max() < expected_deviations(planar, random).max()
 
 
 def test_the_base_is_identified_from_the_motion(
@@ -63,9 +63,9 @@ def test_the_base_is_identified_from_the_motion(
     measure = NOISE.start(plant, 5e-3, 8.1)
     rows = [measure(q, v) for q, v in zip(tracking.q, tracking.v, strict=True)]
     recording = tracking.t, np.array([q for q, _ in rows]), np.array([v for _, v in rows])
-    found = identify(planar, recording=recording, sensors=NOISE)
-    assert found["base"].mass == pytest.approx(plant.model.inertias[1].mass, rel=0.01)
-    assert found["base"].inertia[2, 2] == pytest.approx(plant.model.inertias[1].inertia[2, 2], rel=0.01)
+    identified = identify(planar, recording=recording, sensors=NOISE)
+    assert identified["base"].mass == pytest.approx(plant.model.inertias[1].mass, rel=0.01)
+    assert identified["base"].inertia[2, 2] == pytest.approx(plant.model.inertias[1].inertia[2, 2], rel=0.01)
 
 
 def test_a_start_too_close_to_limits_is_refused(planar: ffsms.SpaceManipulator, refused: Any) -> None:

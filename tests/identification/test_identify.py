@@ -35,8 +35,8 @@ def true_arm() -> ffsms.SpaceManipulator:
     return with_changed_base(arm())
 
 
-def relative(found: Any, true: Any) -> float:
-    return float(np.linalg.norm(found - true) / np.linalg.norm(true))
+def relative_error(identified: Any, true: Any) -> float:
+    return float(np.linalg.norm(identified - true) / np.linalg.norm(true))
 
 
 def measured(tracking: simulation.Tracking, sensors: Sensors, seed: int = 0) -> Any:
@@ -48,32 +48,32 @@ def measured(tracking: simulation.Tracking, sensors: Sensors, seed: int = 0) -> 
     return tracking.t, np.array([q for q, _ in rows]), np.array([v for _, v in rows])
 
 
-def base_of(found: Identification, true: ffsms.SpaceManipulator, share: float) -> None:
+def check_base(identified: Identification, true: ffsms.SpaceManipulator, share: float) -> None:
     """Check mass, centre of mass and inertia of the base."""
     body = true.model.inertias[1]
-    assert abs(found["base"].mass / body.mass - 1.0) < share
-    np.testing.assert_allclose(found["base"].com, body.lever, atol=share)
-    assert relative(found["base"].inertia, body.inertia) < share
+    assert abs(identified["base"].mass / body.mass - 1.0) < share
+    np.testing.assert_allclose(identified["base"].com, body.lever, atol=share)
+    assert relative_error(identified["base"].inertia, body.inertia) < share
 
 
 def test_the_base_is_identified_from_exact_data() -> None:
     tracking = recording_of(true_arm(), arm())
-    found = identify(arm(), tracking, unknown=["base"])
-    base_of(found, true_arm(), 1e-5)
-    assert len(found.observable) == 10
-    assert found.unobservable == ()
-    assert found.note == ""
+    identified = identify(arm(), tracking, unknown=["base"])
+    check_base(identified, true_arm(), 1e-5)
+    assert len(identified.observable) == 10
+    assert identified.unobservable == ()
+    assert identified.note == ""
     # The identified robot moves like the true robot.
     q, v = tracking.q[300], tracking.v[300]
-    assert relative(found.sms.at(q, v).C_bm, true_arm().at(q, v).C_bm) < 1e-5
-    np.testing.assert_array_equal(arm().with_inertias(found).at(q).H, found.sms.at(q).H)
+    assert relative_error(identified.sms.at(q, v).C_bm, true_arm().at(q, v).C_bm) < 1e-5
+    np.testing.assert_array_equal(arm().with_inertias(identified).at(q).H, identified.sms.at(q).H)
 
 
 def test_a_momentum_that_is_not_zero_changes_nothing() -> None:
     momentum = (3.0, -2.0, 1.0, 0.4, 0.5, -0.6)
     tracking = recording_of(true_arm(), arm(), momentum=momentum)
     assert np.linalg.norm(tracking.momentum[0]) > 3.0
-    base_of(identify(arm(), tracking), true_arm(), 1e-5)
+    check_base(identify(arm(), tracking), true_arm(), 1e-5)
 
 
 def test_the_recursion_equals_dense_least_squares() -> None:
@@ -122,11 +122,13 @@ def test_confidence_intervals_contain_the_true_parameters() -> None:
     tracking, true = recording_of(true_arm(), arm()), true_arm().inertial_parameters[:10]
     inside, count, residuals = 0, 0, []
     for seed in range(12):
-        found = identify(arm(), recording=measured(tracking, NOISE, seed), sensors=NOISE)
-        base_of(found, true_arm(), 0.02)
-        inside += int((np.abs(found["base"].parameters - true) < 1.96 * found["base"].deviation).sum())
+        identified = identify(arm(), recording=measured(tracking, NOISE, seed), sensors=NOISE)
+        check_base(identified, true_arm(), 0.02)
+        inside += int(
+            (np.abs(identified["base"].parameters - true) < 1.96 * identified["base"].deviation).sum()
+        )
         count += 10
-        residuals.append(found.residual)
+        residuals.append(identified.residual)
     assert 0.85 <= inside / count <= 1.0
     assert 0.5 <= np.mean(residuals) < 1.0  # the weights assume slightly more noise
 
@@ -156,70 +158,61 @@ def test_base_and_payload_together() -> None:
     last = int(arm().model.frames[arm().frame_id].parentJoint) - 1
     bodies[last] = bodies[last] + payload
     plant = arm().with_inertias(bodies)
-    found = identify(arm(), recording_of(plant, arm()), unknown=["base", "payload"])
-    base_of(found, true_arm(), 1e-3)
-    assert found["payload"].mass == pytest.approx(10.0, rel=1e-3)
-    np.testing.assert_allclose(found["payload"].com, payload.lever, atol=1e-3)
-    np.testing.assert_allclose(found["payload"].inertia, payload.inertia, atol=5e-3)
-    np.testing.assert_allclose(found.inertias[last].mass, bodies[last].mass, rtol=1e-3)
+    identified = identify(arm(), recording_of(plant, arm()), unknown=["base", "payload"])
+    check_base(identified, true_arm(), 1e-3)
+    assert identified["payload"].mass == pytest.approx(10.0, rel=1e-3)
+    np.testing.assert_allclose(identified["payload"].com, payload.lever, atol=1e-3)
+    np.testing.assert_allclose(identified["payload"].inertia, payload.inertia, atol=5e-3)
+    np.testing.assert_allclose(identified.inertias[last].mass, bodies[last].mass, rtol=1e-3)
 
 
 def test_a_missing_payload_is_estimated_as_zero() -> None:
-    found = identify(arm(), recording_of(arm(), arm()), unknown=["payload"])
-    assert abs(found["payload"].mass) < 1e-3
-    assert np.linalg.eigvalsh(pseudo_inertia(found["payload"].parameters))[0] > 0.0
+    identified = identify(arm(), recording_of(arm(), arm()), unknown=["payload"])
+    assert abs(identified["payload"].mass) < 1e-3
+    assert np.linalg.eigvalsh(pseudo_inertia(identified["payload"].parameters))[0] > 0.0
 
 
 def test_without_a_known_mass_only_ratios_are_identified() -> None:
     everything = ["base", *arm().joint_names]
     plant = simulation.perturb(true_arm(), arm_mass=[1.1, 0.9, 1.05, 0.95, 1.1, 0.9, 1.08])
     tracking = recording_of(plant, arm())
-    found = identify(arm(), tracking, unknown=everything, spread=0.15)
-    assert "only ratios" in found.note
-    assert max(direction.left for direction in found.directions) > 0.9
+    identified = identify(arm(), tracking, unknown=everything, spread=0.15)
+    assert "only ratios" in identified.note
+    assert max(direction.left for direction in identified.directions) > 0.9
     # The base motion is right although the scale is unknown.
     q, v = tracking.q[400], tracking.v[400]
-    twists = [sms.velocity(q, v[6:])[:6] for sms in (found.sms, plant, arm())]
-    assert relative(twists[0], twists[1]) < 1e-4
-    assert relative(twists[2], twists[1]) > 0.02
+    twists = [sms.velocity(q, v[6:])[:6] for sms in (identified.sms, plant, arm())]
+    assert relative_error(twists[0], twists[1]) < 1e-4
+    assert relative_error(twists[2], twists[1]) > 0.02
     mass = float(plant.model.inertias[1].mass)
-    told = identify(arm(), tracking, unknown=everything, spread=0.15, known={"base": mass})
-    assert "only ratios" not in told.note
-    assert told["base"].mass == pytest.approx(mass)
-    assert relative(told["base"].inertia, plant.model.inertias[1].inertia) < 1e-2
+    with_known_mass = identify(arm(), tracking, unknown=everything, spread=0.15, known={"base": mass})
+    assert "only ratios" not in with_known_mass.note
+    assert with_known_mass["base"].mass == pytest.approx(mass)
+    assert relative_error(with_known_mass["base"].inertia, plant.model.inertias[1].inertia) < 1e-2
 
 
 def test_torques_identify_the_scale() -> None:
-    bodies = [1.2 * body for body in map(_scaled, list(arm().model.inertias)[1:])]
+    inertias = list(arm().model.inertias)[1:]
+    bodies = [pin.Inertia(1.2 * body.mass, body.lever, 1.2 * body.inertia) for body in inertias]
     plant = arm().with_inertias(bodies)
     tracking, everything = recording_of(plant, arm()), ["base", *arm().joint_names]
     ratios = identify(arm(), tracking, unknown=everything, spread=0.3)
     assert "only ratios" in ratios.note
     assert ratios["base"].mass == pytest.approx(arm().model.inertias[1].mass, rel=0.02)
-    found = identify(arm(), tracking, unknown=everything, spread=0.3, use_torques=True)
-    assert found["base"].mass == pytest.approx(bodies[0].mass, rel=0.01)
+    identified = identify(arm(), tracking, unknown=everything, spread=0.3, use_torques=True)
+    assert identified["base"].mass == pytest.approx(bodies[0].mass, rel=0.01)
     t, q, v, tau = tracking.t, tracking.q, tracking.v, tracking.tau
     again = identify(arm(), recording=(t, q, v, tau), unknown=everything, spread=0.3)
-    np.testing.assert_allclose(again["base"].parameters, found["base"].parameters, rtol=1e-9)
-
-
-class _scaled:  # noqa: N801 - reads as a factor
-    """An inertia times a factor."""
-
-    def __init__(self, body: Any) -> None:
-        self.body = body
-
-    def __rmul__(self, factor: float) -> Any:
-        return pin.Inertia(factor * self.body.mass, self.body.lever, factor * self.body.inertia)
+    np.testing.assert_allclose(again["base"].parameters, identified["base"].parameters, rtol=1e-9)
 
 
 def test_exact_momenta_and_torques_together_leave_unobservable_parameters_alone() -> None:
     """The information of exact data exceeds that of the prior by sixteen orders of magnitude."""
     tracking = recording_of(true_arm(), arm())
     recording = tracking.t, tracking.q, tracking.v, tracking.tau
-    found = identify(arm(), recording=recording, unknown=["base", *arm().joint_names], spread=0.3)
-    assert found.residual < 2.0
-    for body, inertia in zip(found.bodies.values(), list(true_arm().model.inertias)[1:], strict=True):
+    identified = identify(arm(), recording=recording, unknown=["base", *arm().joint_names], spread=0.3)
+    assert identified.residual < 2.0
+    for body, inertia in zip(identified.bodies.values(), list(true_arm().model.inertias)[1:], strict=True):
         off = body.parameters - np.array(inertia.toDynamicParameters())
         assert (np.abs(off) < 3.0 * body.deviation + 1e-6).all()
         assert body.mass == pytest.approx(inertia.mass, rel=0.5)
@@ -231,11 +224,11 @@ def test_gyros_and_encoders_identify_the_base(momentum: Any) -> None:
     tracking = recording_of(true_arm(), arm(), momentum=tuple(momentum))
     q, v = tracking.q[::4].copy(), tracking.v[::4].copy()
     v[:, :3] = np.nan
-    base_of(identify(arm(), recording=(tracking.t[::4], q, v)), true_arm(), 1e-5)
+    check_base(identify(arm(), recording=(tracking.t[::4], q, v)), true_arm(), 1e-5)
     q[:, :3] = np.nan
-    base_of(identify(arm(), recording=(tracking.t[::4], q, v)), true_arm(), 1e-5)
+    check_base(identify(arm(), recording=(tracking.t[::4], q, v)), true_arm(), 1e-5)
     v[:, :3] = tracking.v[::4, :3]
-    base_of(identify(arm(), recording=(tracking.t[::4], q, v)), true_arm(), 1e-5)
+    check_base(identify(arm(), recording=(tracking.t[::4], q, v)), true_arm(), 1e-5)
 
 
 @pytest.mark.parametrize("first_measured", [True, False])
@@ -271,7 +264,7 @@ def test_a_low_sampling_rate_is_not_taken_for_noise() -> None:
     """Third differences alone would take the motion for noise of 2 % of the rates."""
     tracking = recording_of(true_arm(), arm())
     rows = slice(None, None, 40)  # 5 Hz
-    base_of(
+    check_base(
         identify(arm(), recording=(tracking.t[rows], tracking.q[rows], tracking.v[rows])), true_arm(), 1e-3
     )
 
@@ -308,15 +301,15 @@ def test_the_momentum_of_wheels_is_included() -> None:
         conditions=simulation.Conditions(wheel_momentum=[1.0, -2.0, 1.5], guards=None),
     )
     assert np.ptp(tracking.wheel_momentum, axis=0).max() > 0.5
-    base_of(identify(model, tracking), plant, 1e-3)
-    given = identify(
+    check_base(identify(model, tracking), plant, 1e-3)
+    with_array = identify(
         model, recording=(tracking.t, tracking.q, tracking.v), wheel_momentum=tracking.wheel_momentum
     )
-    base_of(given, plant, 1e-3)
+    check_base(with_array, plant, 1e-3)
     late = Sensors(base_latency=0.05)  # of the base only; joints and wheels have no latency
     delayed = measured(tracking, late)
-    found = identify(model, recording=delayed, wheel_momentum=tracking.wheel_momentum, sensors=late)
-    base_of(found, plant, 5e-3)
+    identified = identify(model, recording=delayed, wheel_momentum=tracking.wheel_momentum, sensors=late)
+    check_base(identified, plant, 5e-3)
 
 
 def test_a_recording_of_mujoco() -> None:
@@ -333,28 +326,28 @@ def test_a_recording_of_mujoco() -> None:
         engine.data.ctrl[:] = law.torque(q, v, *wave.sample(2e-3 * k))
         mujoco.mj_step(engine.model, engine.data)
     t, q, v = map(np.array, zip(*rows, strict=True))
-    found = identify(arm(), recording=(t, q, v), unknown=["base"])
-    base_of(found, true_arm(), 1e-4)
+    identified = identify(arm(), recording=(t, q, v), unknown=["base"])
+    check_base(identified, true_arm(), 1e-4)
 
 
 def test_the_note_of_a_planar_motion_names_unobservable_parameters(planar: ffsms.SpaceManipulator) -> None:
     plant = simulation.perturb(planar, base_mass=1.1, base_inertia=0.9)
-    found = identify(planar, recording_of(plant, planar))
-    assert found["base"].mass == pytest.approx(plant.model.inertias[1].mass, rel=1e-4)
-    assert found["base"].inertia[2, 2] == pytest.approx(plant.model.inertias[1].inertia[2, 2], rel=1e-4)
+    identified = identify(planar, recording_of(plant, planar))
+    assert identified["base"].mass == pytest.approx(plant.model.inertias[1].mass, rel=1e-4)
+    assert identified["base"].inertia[2, 2] == pytest.approx(plant.model.inertias[1].inertia[2, 2], rel=1e-4)
     # A rotation about z does not depend on Ixx, Ixy and Iyy; the other parameters affect the momentum.
-    assert len(found.observable) == 7
-    assert "which affects Ixx, Ixy, Iyy of base" in found.note
-    assert np.linalg.eigvalsh(pseudo_inertia(found["base"].parameters))[0] > 0.0
+    assert len(identified.observable) == 7
+    assert "which affects Ixx, Ixy, Iyy of base" in identified.note
+    assert np.linalg.eigvalsh(pseudo_inertia(identified["base"].parameters))[0] > 0.0
 
 
 def test_a_recording_at_rest_has_no_observable_parameters() -> None:
     t = np.linspace(0.0, 2.0, 101)
     q = np.tile(arm().configuration(np.full(7, 0.2)), (101, 1))
-    found = identify(arm(), recording=(t, q, np.zeros((101, 13))))
-    assert found.observable == ()
-    assert "not observable" in found.note
-    np.testing.assert_array_equal(found["base"].parameters, arm().inertial_parameters[:10])
+    identified = identify(arm(), recording=(t, q, np.zeros((101, 13))))
+    assert identified.observable == ()
+    assert "not observable" in identified.note
+    np.testing.assert_array_equal(identified["base"].parameters, arm().inertial_parameters[:10])
 
 
 def test_estimates_are_consistent_where_least_squares_are_not() -> None:
@@ -362,11 +355,11 @@ def test_estimates_are_consistent_where_least_squares_are_not() -> None:
     tracking, projected = recording_of(true_arm(), arm()), 0
     for seed in range(6):
         recording = measured(tracking, rough, seed)
-        found = identify(arm(), recording=recording, sensors=rough, unknown=["base", "payload"])
-        projected += found.projected
-        for body in found.values():
+        identified = identify(arm(), recording=recording, sensors=rough, unknown=["base", "payload"])
+        projected += identified.projected
+        for body in identified.values():
             assert np.linalg.eigvalsh(pseudo_inertia(body.parameters))[0] > 0.0
-        assert found.sms.n == 7
+        assert identified.sms.n == 7
     assert projected > 0
 
 
@@ -388,7 +381,7 @@ def test_pseudo_inertias_are_parameters(rng: Any) -> None:
 def test_latency_of_the_base_is_undone() -> None:
     late = Sensors(base_latency=0.05)
     recording = measured(recording_of(true_arm(), arm()), late)
-    base_of(identify(arm(), recording=recording, sensors=late), true_arm(), 5e-3)
+    check_base(identify(arm(), recording=recording, sensors=late), true_arm(), 5e-3)
     assert (
         abs(identify(arm(), recording=recording)["base"].mass / true_arm().model.inertias[1].mass - 1) > 5e-3
     )
@@ -403,7 +396,7 @@ def test_a_push_between_samples_starts_another_momentum() -> None:
     identifier.pushed()
     for t, q, v in zip(pushed.t + 10.0, pushed.q, pushed.v, strict=True):
         identifier.update(t, q, v)
-    base_of(identifier.found, true_arm(), 1e-5)
+    check_base(identifier.found, true_arm(), 1e-5)
 
 
 @pytest.mark.parametrize("seed", [0, 1, 2])
@@ -420,10 +413,10 @@ def test_momenta_of_pure_noise_do_not_bias_the_estimate(seed: int, planar: ffsms
     rows = [measure(*row) for row in zip(q, v, strict=True)]
     recording = 0.01 * np.arange(len(rows)), *(np.array(column) for column in zip(*rows, strict=True))
     for passes in (1, 2, 3):
-        found = identify(planar, recording=recording, sensors=noise, passes=passes)
-        base, true = found["base"], plant.model.inertias[1]
-        assert found.residual < 2.0
-        assert "the sensors' noise" not in found.note
+        identified = identify(planar, recording=recording, sensors=noise, passes=passes)
+        base, true = identified["base"], plant.model.inertias[1]
+        assert identified.residual < 2.0
+        assert "the sensors' noise" not in identified.note
         assert base.mass == pytest.approx(true.mass, rel=0.02)
         assert base.inertia[2, 2] == pytest.approx(true.inertia[2, 2], rel=0.02)
         assert abs(base.mass - true.mass) < 4.0 * base.deviation[0]

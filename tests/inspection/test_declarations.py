@@ -54,12 +54,12 @@ UNUSED = {
 
 @pytest.mark.parametrize("case", UNUSED)
 def test_load_warns_once_of_each_kind(case: str, tmp_path: Path) -> None:
-    text, words = UNUSED[case]
-    with pytest.warns(FfsmsWarning) as told:
+    text, fragments = UNUSED[case]
+    with pytest.warns(FfsmsWarning) as recorded:
         ffsms.load(write(tmp_path, text))
-    (message,) = [str(warning.message) for warning in told]
-    assert [warning.filename for warning in told] == [__file__]
-    for word in words:
+    (message,) = [str(warning.message) for warning in recorded]
+    assert [warning.filename for warning in recorded] == [__file__]
+    for word in fragments:
         assert word in message
     report = inspect(write(tmp_path, text))
     assert report.loads
@@ -104,9 +104,9 @@ def test_the_error_for_a_xacro_formula_names_xacro(refused: Refused, tmp_path: P
 
 def test_a_root_link_with_little_mass_causes_a_warning() -> None:
     path, _ = find_arm("ur5")
-    with pytest.warns(FfsmsWarning) as told:
+    with pytest.warns(FfsmsWarning) as recorded:
         sms = ffsms.load(path)
-    (message,) = [str(warning.message) for warning in told]
+    (message,) = [str(warning.message) for warning in recorded]
     assert "root link 'world' is read as the satellite and has 19% of the mass (4 of 21 kg)" in message
     assert message.endswith(f"ffsms_pin.mount('{path}')")
     assert sms.model.inertias[1].mass == pytest.approx(4.0)
@@ -181,9 +181,9 @@ def test_info_reads_a_file_without_joints(tmp_path: Path, capsys: pytest.Capture
     assert main(["info", str(path)]) == 1  # no rigid body has its inertia
     capsys.readouterr()
     assert main(["info", str(path), "--repair", str(tmp_path / "mended.urdf")]) == 0
-    words = capsys.readouterr().out
-    assert "one rigid body of 10 kg, a client" in words
-    assert "Principal inertias 1.25, 1.25, 2.5 kg m²; centre of mass at (0.1, 0, 0) m" in words
+    output = capsys.readouterr().out
+    assert "one rigid body of 10 kg, a client" in output
+    assert "Principal inertias 1.25, 1.25, 2.5 kg m²; centre of mass at (0.1, 0, 0) m" in output
     assert ffsms.Client.from_urdf(tmp_path / "mended.urdf").mass == 10.0
 
 

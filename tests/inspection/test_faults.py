@@ -24,7 +24,7 @@ def body(sms: ffsms.SpaceManipulator, joint: str) -> Any:
 PI = np.pi
 USUAL = [-2.827433388230814, 2.827433388230814, 0.40002946455710037, 1.5]
 # The damaged text, the element and a word of its fault, and a check of the repaired robot.
-MENDED: dict[str, tuple[str, str, str, Callable[[ffsms.SpaceManipulator], bool]]] = {
+REPAIRED: dict[str, tuple[str, str, str, Callable[[ffsms.SpaceManipulator], bool]]] = {
     "blank": (
         in_link_2('<mass value="0.569"/>', '<mass value="0.569 "/>'),
         "link 'link_2'",
@@ -202,14 +202,14 @@ MENDED: dict[str, tuple[str, str, str, Callable[[ffsms.SpaceManipulator], bool]]
 LENIENT = {"no limit", "mimic"}  # `load` assumes the same as a repair, with a warning
 
 
-@pytest.mark.parametrize("case", MENDED)
+@pytest.mark.parametrize("case", REPAIRED)
 def test_faults_are_found_and_repaired(case: str, tmp_path: Path) -> None:
-    text, where, words, as_wanted = MENDED[case]
+    text, where, fragment, is_repaired = REPAIRED[case]
     path, out = write(tmp_path, text), tmp_path / "mended.urdf"
     lenient = case in LENIENT
     if lenient:
         with pytest.warns(FfsmsWarning, match=where.split()[1]):
-            assert as_wanted(ffsms.load(path))
+            assert is_repaired(ffsms.load(path))
     else:
         with pytest.raises(FfsmsError):
             ffsms.load(path)
@@ -217,7 +217,7 @@ def test_faults_are_found_and_repaired(case: str, tmp_path: Path) -> None:
     assert report.loads is lenient
     assert bool(report.refusal) is not lenient
     assert report.repairable
-    faults = [fault for fault in report.faults if fault.where == where and words in fault.problem]
+    faults = [fault for fault in report.faults if fault.where == where and fragment in fault.problem]
     assert faults
     assert faults[0].blocks is not lenient
     assert faults[0].remedy
@@ -231,7 +231,7 @@ def test_faults_are_found_and_repaired(case: str, tmp_path: Path) -> None:
     for change in changes:
         assert str(change).replace("--", "- -").replace("<", "&lt;") in mended.replace("<", "&lt;")
     sms = ffsms.load(out)
-    assert as_wanted(sms)
+    assert is_repaired(sms)
     again = inspect(out)
     assert again.loads
     assert not [fault for fault in again.faults if fault.blocks]
@@ -256,16 +256,16 @@ STUCK: dict[str, tuple[str, tuple[str, ...]]] = {
 
 @pytest.mark.parametrize("case", STUCK)
 def test_faults_that_cannot_be_repaired_are_reported(refused: Refused, case: str, tmp_path: Path) -> None:
-    text, words = STUCK[case]
+    text, fragments = STUCK[case]
     path, out = write(tmp_path, text), tmp_path / "out.urdf"
     report = inspect(path)
     assert not report.loads
     assert not report.repairable
     stuck = [fault for fault in report.faults if fault.blocks and fault.remedy is None]
     assert stuck
-    for word in words:
+    for word in fragments:
         assert any(word in str(fault) for fault in stuck)
-    refused(lambda: repair(path, out), InvalidUrdf, "cannot be repaired", *words)
+    refused(lambda: repair(path, out), InvalidUrdf, "cannot be repaired", *fragments)
     assert not out.exists()
 
 

@@ -132,7 +132,7 @@ def test_info_lists_the_faults_and_repairs_them(tmp_path: Path, capsys: pytest.C
 
 
 @pytest.mark.parametrize(
-    ("arguments", "words"),
+    ("arguments", "fragment"),
     [
         (["BROKEN", "--repair", "OUT"], "cannot be repaired"),
         (["BROKEN", "--rate", "0.2"], "--rate needs --repair OUT, because it is for the repaired file"),
@@ -144,10 +144,10 @@ def test_info_lists_the_faults_and_repairs_them(tmp_path: Path, capsys: pytest.C
     ],
 )
 def test_files_that_info_cannot_repair(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], arguments: list[str], words: str
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], arguments: list[str], fragment: str
 ) -> None:
     broken, out = write(tmp_path, PLANAR.replace("31.015", "-1")), tmp_path / "out.urdf"
     names = {"BROKEN": str(broken), "OUT": str(out)}
     assert main(["info", *(names.get(word, word) for word in arguments)]) == 2
-    assert words in capsys.readouterr().err
+    assert fragment in capsys.readouterr().err
     assert not out.exists()

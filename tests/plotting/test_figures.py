@@ -47,8 +47,8 @@ def test_no_panel_of_torques_is_a_flat_line(outcome: Outcome) -> None:
 
 def test_a_stop_by_a_guard_is_a_line_in_every_panel_of_the_flight(outcome: Outcome) -> None:
     assert outcome.tracking.stop_time == np.inf
-    words = "stopped at 1.25 s: joint 'joint_1' at its torque limit for 0.3 s (0.02 N m)"
-    stopped = replace(outcome, tracking=replace(outcome.tracking, stopped=words))
+    reason = "stopped at 1.25 s: joint 'joint_1' at its torque limit for 0.3 s (0.02 N m)"
+    stopped = replace(outcome, tracking=replace(outcome.tracking, stopped=reason))
     assert stopped.tracking.stop_time == 1.25
 
     def marks(run: Outcome, name: str) -> list[int]:

@@ -39,9 +39,9 @@ def labels(ax: Axes) -> list[str]:
 def thin(ax: Axes) -> list[Any]:
     """Return the data of the thin lines, which show the plan."""
     return [
-        np.asarray(one.get_ydata())
-        for one in ax.get_lines()
-        if one.get_linewidth() == PLANNED["linewidth"] and len(np.asarray(one.get_ydata())) > 2
+        np.asarray(line.get_ydata())
+        for line in ax.get_lines()
+        if line.get_linewidth() == PLANNED["linewidth"] and len(np.asarray(line.get_ydata())) > 2
     ]
 
 
@@ -65,9 +65,9 @@ def test_the_flight_is_drawn_if_it_differs_from_the_plan(outcome: Outcome) -> No
 
 def test_only_limits_near_the_motion_are_drawn(outcome: Outcome) -> None:
     def dotted(ax: Axes) -> list[float]:
-        lines = [one for one in ax.get_lines() if one.get_linestyle() == ":"]
+        lines = [line for line in ax.get_lines() if line.get_linestyle() == ":"]
         return sorted(
-            {float(np.asarray(one.get_ydata())[0]) for one in lines if len(np.asarray(one.get_ydata()))}
+            {float(np.asarray(line.get_ydata())[0]) for line in lines if len(np.asarray(line.get_ydata()))}
         )
 
     tight = outcome.sms.limits

@@ -69,7 +69,7 @@ def test_a_panel_without_axes_makes_its_own_figure(outcome: Outcome, name: str) 
 def test_lines_are_the_data(outcome: Outcome) -> None:
     plan, tracking = outcome.trajectory, outcome.tracking
     yaw = np.degrees(2.0 * np.arctan2(plan.q[:, 5], plan.q[:, 6]))
-    wanted: dict[str, list[Any]] = {
+    expected: dict[str, list[Any]] = {
         "joint positions": list(np.degrees(plan.q[:, 7:]).T),
         "joint rates": list(np.degrees(plan.v[:, 6:]).T),
         "cost": [plan.cost],
@@ -82,7 +82,7 @@ def test_lines_are_the_data(outcome: Outcome) -> None:
         "tracked position error": [tracking.position_error],
         "torques": list(tracking.tau.T),
     }
-    for name, columns in wanted.items():
+    for name, columns in expected.items():
         lines = curves(PANELS[name](outcome, None))
         assert len(lines) == len(columns), name
         for curve, column in zip(lines, columns, strict=True):

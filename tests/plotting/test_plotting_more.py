@@ -50,10 +50,10 @@ def test_bands_of_sigma_are_as_wide_as_the_singular_values(
 ) -> None:
     ax = plot_sigma_bands(planar, plan)
     middle = len(plan.t) // 2
-    wanted = np.linalg.svd(planar.at(plan.q[middle]).C_bm, compute_uv=False)
+    expected = np.linalg.svd(planar.at(plan.q[middle]).C_bm, compute_uv=False)
     lines = [np.array(line.get_data(), dtype=np.float64) for line in ax.get_lines()[:3]]
     edges = [float(np.interp(plan.t[middle], t, values)) for t, values in lines]
-    np.testing.assert_allclose(np.diff([0.0, *edges]), wanted, atol=1e-9)
+    np.testing.assert_allclose(np.diff([0.0, *edges]), expected, atol=1e-9)
     assert "m/rad" in ax.get_ylabel()
     assert ax.get_xlabel() == "time [s]"
 

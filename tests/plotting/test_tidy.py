@@ -99,8 +99,8 @@ def test_prismatic_joints_have_their_own_axis(eight: Outcome) -> None:
     ratio = np.ptp(ax.get_ylim()) / np.ptp(right.get_ylim())
     for line, column, turn in zip(lines, eight.trajectory.joint_positions.T, turns, strict=True):
         assert str(line.get_label()).endswith("(right)") is not bool(turn)
-        wanted = np.degrees(column) if turn else ratio * column
-        np.testing.assert_allclose(points(line)[:, 1], wanted, rtol=1e-9)
+        expected = np.degrees(column) if turn else ratio * column
+        np.testing.assert_allclose(points(line)[:, 1], expected, rtol=1e-9)
     tallest = [
         max(abs(points(line)[:, 1]).max() for line in itertools.compress(lines, kind))
         for kind in (turns, ~turns)
@@ -115,17 +115,17 @@ def test_a_capture_is_drawn_with_its_phases_and_its_prediction(caught: Outcome) 
     assert "motion" not in figure_names(caught)  # the figure of the capture has the drawing
     figure = plotting.figure(caught, "capture")
     (drawing,), (states, distance, base, grip) = (part.axes for part in figure.subfigs)
-    assert [text.get_text() for text in states.get_yticklabels()] == [one.name for one in capture.phases]
+    assert [text.get_text() for text in states.get_yticklabels()] == [phase.name for phase in capture.phases]
     starts = [patch.get_extents().x0 for patch in states.patches]
-    marks = states.transData.transform([[one.time, 0.0] for one in capture.phases])[:, 0]
+    marks = states.transData.transform([[phase.time, 0.0] for phase in capture.phases])[:, 0]
     np.testing.assert_allclose(starts, marks)
-    words = {text.get_text() for text in states.texts}
-    assert words == {f"hold point, {capture.phases[1].time:.4g} s", f"contact, {capture.contact_at:.4g} s"}
+    texts = {text.get_text() for text in states.texts}
+    assert texts == {f"hold point, {capture.phases[1].time:.4g} s", f"contact, {capture.contact_at:.4g} s"}
     assert "distance" in distance.get_ylabel()
-    said = [points(line) for line in base.get_lines() if line.get_color() == "black"]
-    after = said[0][:, 0] - capture.contact_at
-    wanted = np.degrees([capture.planned.rate(t) for t in after])
-    np.testing.assert_allclose(np.column_stack([one[:, 1] for one in said]), wanted, atol=1e-12)
+    predicted = [points(line) for line in base.get_lines() if line.get_color() == "black"]
+    after = predicted[0][:, 0] - capture.contact_at
+    expected = np.degrees([capture.planned.rate(t) for t in after])
+    np.testing.assert_allclose(np.column_stack([curve[:, 1] for curve in predicted]), expected, atol=1e-12)
     assert points(base.get_lines()[0])[-1, 1] == pytest.approx(np.degrees(capture.found_rate[0]), abs=1e-9)
     assert points(grip.get_lines()[0])[:, 1].max() == pytest.approx(
         np.linalg.norm(capture.whole.contact_wrench[:, :3], axis=1).max(), rel=1e-3

@@ -99,6 +99,6 @@ def test_wheels_at_rest_have_no_figure(held: Outcome, tmp_path: Path) -> None:
 def test_the_summary_has_planned_and_simulated_wheel_values(held: Outcome) -> None:
     numbers = summary(held)
     assert numbers["wheel_energy_J"] == pytest.approx(numbers["tracking"]["wheel_energy_J"], rel=0.01)
-    for planned, found in zip(numbers["wheels"], numbers["tracking"]["wheels"], strict=True):
-        assert planned["name"] == found["name"]
-        assert planned["momentum_max_Nms"] == pytest.approx(found["momentum_max_Nms"], rel=0.01, abs=1e-9)
+    for planned, simulated in zip(numbers["wheels"], numbers["tracking"]["wheels"], strict=True):
+        assert planned["name"] == simulated["name"]
+        assert planned["momentum_max_Nms"] == pytest.approx(simulated["momentum_max_Nms"], rel=0.01, abs=1e-9)

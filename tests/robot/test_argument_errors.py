@@ -99,8 +99,8 @@ def test_bad_models_in_memory(refused: Refused, random_tree: Callable[..., Any])
 def test_limits_are_checked(
     refused: Refused,
 ) -> None:
-    one = np.ones(2)
-    good = {"lower": -one, "upper": one, "velocity": one, "acceleration": one, "torque": one}
+    ones = np.ones(2)
+    good = {"lower": -ones, "upper": ones, "velocity": ones, "acceleration": ones, "torque": ones}
     ffsms.RobotLimits(**good)
     for name, value in (
         ("upper", [1.0]),

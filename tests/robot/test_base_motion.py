@@ -141,9 +141,9 @@ def test_finite_differences_of_the_motion_have_the_momentum(random_tree: Callabl
     q, _ = roll_out(sms, q0, rng.uniform(-1, 1, size=4), accelerations, dt, MOMENTUM)
     data = sms.model.createData()
     for k in range(2, steps - 1, 20):
-        one = pin.difference(sms.model, q[k], q[k + 1]) - pin.difference(sms.model, q[k], q[k - 1])
-        two = pin.difference(sms.model, q[k], q[k + 2]) - pin.difference(sms.model, q[k], q[k - 2])
-        v = (8.0 * one - two) / (12.0 * dt)
+        inner = pin.difference(sms.model, q[k], q[k + 1]) - pin.difference(sms.model, q[k], q[k - 1])
+        outer = pin.difference(sms.model, q[k], q[k + 2]) - pin.difference(sms.model, q[k], q[k - 2])
+        v = (8.0 * inner - outer) / (12.0 * dt)
         h = pin.computeCentroidalMomentum(sms.model, data, q[k], v).vector
         np.testing.assert_allclose(h, MOMENTUM, rtol=0.0, atol=1e-6)
 
@@ -151,12 +151,12 @@ def test_finite_differences_of_the_motion_have_the_momentum(random_tree: Callabl
 def test_zero_momentum_gives_the_same_bits_as_no_momentum(planar: ffsms.SpaceManipulator) -> None:
     q = planar.configuration([0.2, -0.4, 0.6])
     rates, accelerations = np.array([0.3, -0.2, 0.4]), np.tile([0.1, 0.2, -0.3], (5, 1))
-    wanted = roll_out(planar, q, rates, accelerations, 0.05)
-    for a, b in zip(roll_out(planar, q, rates, accelerations, 0.05, np.zeros(6)), wanted, strict=True):
+    expected = roll_out(planar, q, rates, accelerations, 0.05)
+    for a, b in zip(roll_out(planar, q, rates, accelerations, 0.05, np.zeros(6)), expected, strict=True):
         np.testing.assert_array_equal(a, b)
     # A tiny momentum selects the other code path, which has another integration error.
     other, _ = roll_out(planar, q, rates, accelerations, 0.05, np.full(6, 1e-12))
-    np.testing.assert_allclose(other, wanted[0], rtol=0.0, atol=1e-9)
+    np.testing.assert_allclose(other, expected[0], rtol=0.0, atol=1e-9)
 
 
 def test_twists_with_momentum(random_tree: Callable[..., Any]) -> None:
@@ -176,8 +176,8 @@ def test_twists_with_momentum(random_tree: Callable[..., Any]) -> None:
     data = sms.model.createData()
     pin.forwardKinematics(sms.model, data, q, state.v)
     axes = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
-    wanted = pin.getFrameVelocity(sms.model, data, sms.frame_id, axes).vector
-    np.testing.assert_allclose(state.end_effector_twist, wanted, rtol=0.0, atol=1e-13)
+    expected = pin.getFrameVelocity(sms.model, data, sms.frame_id, axes).vector
+    np.testing.assert_allclose(state.end_effector_twist, expected, rtol=0.0, atol=1e-13)
     np.testing.assert_allclose(sms.at(q, sms.velocity(q, rates)).drift_twist, 0.0, atol=1e-14)
 
 

@@ -61,21 +61,23 @@ def placed(sms: ffsms.SpaceManipulator, kind: ShapeKind, q: Array) -> list[Array
 def test_shapes_of_a_model_equal_those_of_its_urdf(locked: dict[str, float]) -> None:
     model, shapes = model_with_shapes("xarm7")
     base = ffsms.SatelliteBase(300.0, (1.2, 1.0, 0.8), panels=(2.0, 0.8))
-    found = ffsms.mount(model, base, PLACE, locked=locked, velocity=0.4, **shapes)
-    wanted = ffsms.mount("xarm7", base, PLACE, locked=locked, velocity=0.4)
-    q = wanted.configuration(np.linspace(-0.4, 0.7, wanted.n))
+    from_model = ffsms.mount(model, base, PLACE, locked=locked, velocity=0.4, **shapes)
+    from_urdf = ffsms.mount("xarm7", base, PLACE, locked=locked, velocity=0.4)
+    q = from_urdf.configuration(np.linspace(-0.4, 0.7, from_urdf.n))
     for kind in KINDS:
-        np.testing.assert_allclose(placed(found, kind, q), placed(wanted, kind, q), atol=1e-9)
-    sent = pickle.dumps(found)
-    assert len(sent) < 100_000  # a pickle has the names of meshes, not their triangles
-    again = pickle.loads(sent)
+        np.testing.assert_allclose(placed(from_model, kind, q), placed(from_urdf, kind, q), atol=1e-9)
+    pickled = pickle.dumps(from_model)
+    assert len(pickled) < 100_000  # a pickle has the names of meshes, not their triangles
+    again = pickle.loads(pickled)
     for kind in KINDS:
-        np.testing.assert_allclose(placed(again, kind, q), placed(found, kind, q), atol=1e-12)
-        pairs = zip(again.geometry(kind).geometryObjects, found.geometry(kind).geometryObjects, strict=True)
-        for one, other in pairs:
-            np.testing.assert_array_equal(one.meshColor, other.meshColor)
-            assert (one.name, one.meshPath) == (other.name, other.meshPath)
-            assert one.overrideMaterial == other.overrideMaterial
+        np.testing.assert_allclose(placed(again, kind, q), placed(from_model, kind, q), atol=1e-12)
+        pairs = zip(
+            again.geometry(kind).geometryObjects, from_model.geometry(kind).geometryObjects, strict=True
+        )
+        for first, second in pairs:
+            np.testing.assert_array_equal(first.meshColor, second.meshColor)
+            assert (first.name, first.meshPath) == (second.name, second.meshPath)
+            assert first.overrideMaterial == second.overrideMaterial
 
 
 def test_collision_checks_use_the_shapes_of_a_model() -> None:
@@ -127,25 +129,27 @@ def test_a_model_of_a_whole_robot_equals_its_urdf(locked: dict[str, float]) -> N
     model = pin.buildModelFromUrdf(str(path), pin.JointModelFreeFlyer())
     shapes = {k: pin.buildGeomFromUrdf(model, str(path), kind) for k, kind in KINDS.items()}
     before = list(model.upperVelocityLimit)
-    wanted = ffsms.load("space_arm_7", locked=locked, velocity=0.2)
-    found = ffsms.load(
+    from_urdf = ffsms.load("space_arm_7", locked=locked, velocity=0.2)
+    from_model = ffsms.load(
         model,
         "end_effector",
-        wanted.base_size,
+        from_urdf.base_size,
         locked=locked,
         velocity=0.2,
         visual=shapes["visual"],
         collision=shapes["collision"],
     )
-    assert found.joint_names == wanted.joint_names
+    assert from_model.joint_names == from_urdf.joint_names
     assert list(model.upperVelocityLimit) == before  # the user's own model stays as it is
-    q = wanted.configuration(np.linspace(-0.4, 0.7, wanted.n))
-    v = np.linspace(-0.2, 0.3, 6 + wanted.n)
+    q = from_urdf.configuration(np.linspace(-0.4, 0.7, from_urdf.n))
+    v = np.linspace(-0.2, 0.3, 6 + from_urdf.n)
     for name in ("H", "C_m", "J_star"):
-        np.testing.assert_allclose(getattr(found.at(q, v), name), getattr(wanted.at(q, v), name), atol=1e-12)
+        np.testing.assert_allclose(
+            getattr(from_model.at(q, v), name), getattr(from_urdf.at(q, v), name), atol=1e-12
+        )
     for kind in KINDS:
-        np.testing.assert_allclose(placed(found, kind, q), placed(wanted, kind, q), atol=1e-9)
-    assert found.limits.velocity.tolist() == wanted.limits.velocity.tolist()
+        np.testing.assert_allclose(placed(from_model, kind, q), placed(from_urdf, kind, q), atol=1e-9)
+    assert from_model.limits.velocity.tolist() == from_urdf.limits.velocity.tolist()
 
 
 def test_options_for_files_are_refused_for_models(refused: Refused) -> None:

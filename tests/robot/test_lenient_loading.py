@@ -55,7 +55,7 @@ def limit(velocity: float = 0.3, effort: float = 9.0) -> str:
 LIMITED = (limit(), limit(), limit())
 
 
-def quiet(path: Path, **options: Any) -> ffsms.SpaceManipulator:
+def load_without_warning(path: Path, **options: Any) -> ffsms.SpaceManipulator:
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         return ffsms.load(path, **options)
@@ -63,10 +63,12 @@ def quiet(path: Path, **options: Any) -> ffsms.SpaceManipulator:
 
 def test_joints_without_limits(tmp_path: Path) -> None:
     path = write(tmp_path, satellite(("", limit(), "")))
-    with pytest.warns(FfsmsWarning, match=r"-pi to pi rad, velocity 0.5 rad/s.*'joint1', 'joint3'") as said:
+    with pytest.warns(
+        FfsmsWarning, match=r"-pi to pi rad, velocity 0.5 rad/s.*'joint1', 'joint3'"
+    ) as recorded:
         sms = ffsms.load(path)
-    assert len(said) == 1
-    assert said[0].filename == __file__
+    assert len(recorded) == 1
+    assert recorded[0].filename == __file__
     np.testing.assert_array_equal(sms.limits.upper, [np.pi, 2.0, np.pi])
     np.testing.assert_array_equal(sms.limits.lower, [-np.pi, -2.0, -np.pi])
     np.testing.assert_array_equal(sms.limits.velocity, [0.5, 0.3, 0.5])
@@ -81,10 +83,10 @@ def test_joints_without_limits(tmp_path: Path) -> None:
 
 def test_missing_limits_equal_the_default_limits(tmp_path: Path) -> None:
     full = '<limit lower="-3.141592653589793" upper="3.141592653589793" velocity="0.5" effort="100"/>'
-    wanted = quiet(write(tmp_path, satellite((full, full, full))))
+    expected = load_without_warning(write(tmp_path, satellite((full, full, full))))
     with pytest.warns(FfsmsWarning, match="without <limit>"):
-        found = ffsms.load(write(tmp_path, satellite()))
-    assert found.model == wanted.model
+        loaded = ffsms.load(write(tmp_path, satellite()))
+    assert loaded.model == expected.model
 
 
 @pytest.mark.parametrize(("key", "argument"), [("velocity", "velocity"), ("effort", "torque")])
@@ -92,7 +94,7 @@ def test_arguments_replace_zero_limits(key: str, argument: str, tmp_path: Path) 
     path = write(tmp_path, satellite((limit(**{key: 0.0}), limit(), limit())))
     with pytest.raises(InvalidUrdf, match=rf"joint1.*{argument}="):
         ffsms.load(path)
-    sms = quiet(path, **{argument: 0.25})
+    sms = load_without_warning(path, **{argument: 0.25})
     np.testing.assert_array_equal(getattr(sms.limits, argument), 0.25)
     other = sms.limits.torque if key == "velocity" else sms.limits.velocity
     np.testing.assert_array_equal(other, 9.0 if key == "velocity" else 0.3)
@@ -102,13 +104,13 @@ def test_a_tilde_in_a_path_is_the_home_folder(tmp_path: Path, monkeypatch: pytes
     write(tmp_path, satellite(LIMITED))
     monkeypatch.setenv("HOME", str(tmp_path))
     monkeypatch.setenv("USERPROFILE", str(tmp_path))
-    assert quiet(Path("~/published.urdf")).n == 3
+    assert load_without_warning(Path("~/published.urdf")).n == 3
     assert ffsms.mount("~/published.urdf").n == 3
 
 
 def test_a_locked_joint_is_fixed_at_its_position(tmp_path: Path) -> None:
     path = write(tmp_path, satellite(LIMITED))
-    free, held = quiet(path), quiet(path, locked={"joint2": 0.7})
+    free, held = load_without_warning(path), load_without_warning(path, locked={"joint2": 0.7})
     assert held.joint_names == ["joint1", "joint3"]
     a = free.at(free.configuration([0.2, 0.7, -0.4], pin.SE3.Identity()))
     b = held.at(held.configuration([0.2, -0.4], pin.SE3.Identity()))
@@ -124,7 +126,7 @@ MIMIC = '<mimic joint="{}" multiplier="{}" offset="{}"/>'
 
 
 @pytest.mark.parametrize(
-    ("locked", "mimics", "as_locked", "warned"),
+    ("locked", "mimics", "as_locked", "pattern"),
     [
         # The mimicked joint is locked, so the joint is locked at its mimicking position.
         ({"joint1": 0.3}, {3: ("joint1", -2.0, 0.1)}, {"joint1": 0.3, "joint3": -0.5}, None),
@@ -145,7 +147,7 @@ def test_joints_that_mimic(
     locked: dict[str, float],
     mimics: dict[int, tuple[str, float, float]],
     as_locked: dict[str, float],
-    warned: str | None,
+    pattern: str | None,
     tmp_path: Path,
 ) -> None:
     parts = [MIMIC.format(*mimics[i]) if i in mimics else "" for i in (1, 2, 3)]
@@ -157,17 +159,17 @@ def test_joints_that_mimic(
     plain = satellite(LIMITED).replace("</robot>", fourth + "</robot>")
     text = satellite((limit() + parts[0], limit() + parts[1], limit() + parts[2]))
     text = text.replace("</robot>", fourth + "</robot>")
-    wanted = quiet(write(tmp_path, plain), locked=as_locked)
+    expected = load_without_warning(write(tmp_path, plain), locked=as_locked)
     path = write(tmp_path, text)
-    if warned is None:
-        found = quiet(path, locked=locked)
+    if pattern is None:
+        loaded = load_without_warning(path, locked=locked)
     else:
-        with pytest.warns(FfsmsWarning, match=warned):
-            found = ffsms.load(path, locked=locked)
-    assert found.joint_names == wanted.joint_names
-    assert (found.joint_names == ["joint4"]) is locked_all
-    joints = np.linspace(0.2, 0.6, found.n)
-    state, same = (sms.at(sms.configuration(joints)) for sms in (found, wanted))
+        with pytest.warns(FfsmsWarning, match=pattern):
+            loaded = ffsms.load(path, locked=locked)
+    assert loaded.joint_names == expected.joint_names
+    assert (loaded.joint_names == ["joint4"]) is locked_all
+    joints = np.linspace(0.2, 0.6, loaded.n)
+    state, same = (sms.at(sms.configuration(joints)) for sms in (loaded, expected))
     assert_near("H", state.H, same.H)
     assert_near("pose", state.end_effector_pose.homogeneous, same.end_effector_pose.homogeneous)
 
@@ -176,7 +178,7 @@ def test_a_mimic_of_a_fixed_joint_is_fixed_at_its_offset(tmp_path: Path) -> None
     mimic = MIMIC.format("joint1", 3.0, 0.2)
     text = satellite((limit(), limit(), limit() + mimic))
     text = text.replace('"joint1" type="revolute"', '"joint1" type="fixed"')
-    assert quiet(write(tmp_path, text)).joint_names == ["joint2"]
+    assert load_without_warning(write(tmp_path, text)).joint_names == ["joint2"]
 
 
 def test_published_inertias(tmp_path: Path) -> None:
@@ -221,4 +223,8 @@ def test_a_planar_tensor_can_only_be_repaired(tmp_path: Path) -> None:
 
 def test_valid_inertias_stay_as_they_are(tmp_path: Path) -> None:
     path = write(tmp_path, satellite(LIMITED))
-    assert quiet(path).model == quiet(path, inertias="keep").model == quiet(path, inertias="repair").model
+    assert (
+        load_without_warning(path).model
+        == load_without_warning(path, inertias="keep").model
+        == load_without_warning(path, inertias="repair").model
+    )

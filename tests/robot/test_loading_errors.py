@@ -134,10 +134,10 @@ BAD_FILES: dict[str, tuple[str, type[FfsmsError], tuple[str, ...]]] = {
 
 @pytest.mark.parametrize("case", BAD_FILES)
 def test_bad_file(refused: Refused, case: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
-    text, kind, words = BAD_FILES[case]
+    text, kind, fragments = BAD_FILES[case]
     path = tmp_path / "bad.urdf"
     path.write_text(text, encoding="utf-8")
-    error = refused(lambda: ffsms.load(path), kind, *words)
+    error = refused(lambda: ffsms.load(path), kind, *fragments)
     if isinstance(error, InvalidUrdf) and "positive definite" not in str(error):
         assert str(path) in str(error)
     assert capfd.readouterr().err == ""  # the C++ parser prints nothing
@@ -198,7 +198,7 @@ def test_bad_acceleration(refused: Refused, acceleration: Any) -> None:
 
 
 @pytest.mark.parametrize(
-    ("options", "words"),
+    ("options", "fragments"),
     [
         ({"velocity": 0.0}, "limits.velocity"),
         ({"velocity": (1, 2)}, "velocity"),
@@ -210,8 +210,8 @@ def test_bad_acceleration(refused: Refused, acceleration: Any) -> None:
         ({"inertias": "any"}, "inertias"),
     ],
 )
-def test_bad_options(refused: Refused, options: dict[str, Any], words: str) -> None:
-    refused(lambda: ffsms.load("planar_3r", **options), InvalidValue, words)
+def test_bad_options(refused: Refused, options: dict[str, Any], fragments: str) -> None:
+    refused(lambda: ffsms.load("planar_3r", **options), InvalidValue, fragments)
 
 
 def test_helical_joints_are_refused() -> None:

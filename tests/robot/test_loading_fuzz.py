@@ -125,27 +125,27 @@ def respelled(draw: Any) -> str:
     return "".join(tokens)
 
 
-def quiet(work: Callable[[Path], None], text: str, folder: Path) -> None:
+def check_quietly(work: Callable[[Path], None], text: str, folder: Path) -> None:
     """Call `work` with a file of the text; check that it prints nothing and raises at most one line."""
     path = folder / "damaged.urdf"
     path.write_text(text, encoding="utf-8", errors="surrogatepass")
-    line, kept = "", os.dup(2)
-    with tempfile.TemporaryFile() as spoken:
-        os.dup2(spoken.fileno(), 2)
+    line, stderr = "", os.dup(2)
+    with tempfile.TemporaryFile() as printed:
+        os.dup2(printed.fileno(), 2)
         try:
             work(path)
         except FfsmsError as error:
             line = str(error)
         finally:
-            os.dup2(kept, 2)
-            os.close(kept)
+            os.dup2(stderr, 2)
+            os.close(stderr)
         assert "\n" not in line
         assert "Pinocchio" not in line  # the library's checks find the fault before the parser does
-        spoken.seek(0)
-        assert spoken.read() == b""  # the parser prints nothing
+        printed.seek(0)
+        assert printed.read() == b""  # the parser prints nothing
 
 
-def use(sms: ffsms.SpaceManipulator) -> None:
+def evaluate(sms: ffsms.SpaceManipulator) -> None:
     state = sms.at(sms.configuration(np.full(sms.n, 0.1)), np.ones(sms.nv))
     for name in ("H_q", "C_q", "C_bm", "J_star"):
         assert np.isfinite(getattr(state, name)).all(), name
@@ -157,7 +157,7 @@ def test_damaged_files_are_loaded_or_refused(damaged: Callable[[Any], str], tmp_
     @given(data=st.data())
     def check(data: st.DataObject) -> None:
         text, tool = damaged(data.draw), data.draw(st.sampled_from(TOOLS))
-        quiet(lambda path: use(ffsms.load(path, end_effector=tool)), text, tmp_path)
+        check_quietly(lambda path: evaluate(ffsms.load(path, end_effector=tool)), text, tmp_path)
 
     check()
 
@@ -167,13 +167,13 @@ def test_damaged_shapes_are_all_loaded_or_refused(damaged: Callable[[Any], str],
     def shapes(path: Path) -> None:
         sms = ffsms.load(path, end_effector=None)
         for kind in ("visual", "collision"):
-            wanted = len(ElementTree.parse(path).getroot().findall(f"link/{kind}"))
-            assert sms.geometry("visual" if kind == "visual" else "collision").ngeoms == wanted
+            expected = len(ElementTree.parse(path).getroot().findall(f"link/{kind}"))
+            assert sms.geometry("visual" if kind == "visual" else "collision").ngeoms == expected
 
     @settings(FUZZ, max_examples=EXAMPLES // 3)
     @given(data=st.data())
     def check(data: st.DataObject) -> None:
-        quiet(shapes, damaged(data.draw), tmp_path)
+        check_quietly(shapes, damaged(data.draw), tmp_path)
 
     check()
 
@@ -185,7 +185,9 @@ def test_damaged_arms_are_mounted_or_refused(damaged: Callable[[Any], str], tmp_
     def check(data: st.DataObject) -> None:
         text, tool = damaged(data.draw), data.draw(st.sampled_from(TOOLS))
         locked = data.draw(st.sampled_from([{}, {"joint_2": 0.3}, {"elbow_pitch": -0.1}]))
-        quiet(lambda path: use(ffsms.mount(path, end_effector=tool, locked=locked)), text, tmp_path)
+        check_quietly(
+            lambda path: evaluate(ffsms.mount(path, end_effector=tool, locked=locked)), text, tmp_path
+        )
 
     check()
 
@@ -210,6 +212,6 @@ def test_damaged_files_are_repaired_or_refused(damaged: Callable[[Any], str], tm
     @settings(FUZZ, max_examples=EXAMPLES // 3)
     @given(data=st.data())
     def check(data: st.DataObject) -> None:
-        quiet(mend, damaged(data.draw), tmp_path)
+        check_quietly(mend, damaged(data.draw), tmp_path)
 
     check()

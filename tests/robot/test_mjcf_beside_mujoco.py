@@ -34,7 +34,7 @@ def compiled_by_mujoco(path: Path) -> mujoco.MjModel:
         return mujoco.MjSpec.from_file(str(path)).compile()
 
 
-def full_matrix(compiled: mujoco.MjModel, qpos: Array) -> Array:
+def mujoco_inertia_matrix(compiled: mujoco.MjModel, qpos: Array) -> Array:
     """Return MuJoCo's inertia matrix at a configuration."""
     data = mujoco.MjData(compiled)
     data.qpos[:] = qpos
@@ -47,7 +47,7 @@ def full_matrix(compiled: mujoco.MjModel, qpos: Array) -> Array:
     return np.array(columns)
 
 
-def disagreement(path: Path, floating: bool) -> float:
+def largest_difference(path: Path, floating: bool) -> float:
     """Return the largest relative difference from MuJoCo's inertia matrix at three configurations.
 
     The joint block of a mounted arm is compared with the arm on a fixed base in MuJoCo. A whole robot is
@@ -57,7 +57,7 @@ def disagreement(path: Path, floating: bool) -> float:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", FfsmsWarning)
         sms = ffsms.load(path) if floating else ffsms.mount(path)
-    rng, worst = np.random.default_rng(5), 0.0
+    rng, largest = np.random.default_rng(5), 0.0
     ours = [compiled.joint(name).dofadr[0] for name in sms.joint_names]
     for _ in range(3):
         qpos = rng.uniform(-1.5, 1.5, compiled.nq)
@@ -66,7 +66,7 @@ def disagreement(path: Path, floating: bool) -> float:
         if base is not None:
             x, y, z, w = pin.SE3ToXYZQUAT(base)[3:]
             qpos[:7] = [*base.translation, w, x, y, z]
-        expected = full_matrix(compiled, qpos)
+        expected = mujoco_inertia_matrix(compiled, qpos)
         M = pin.crba(sms.model, sms.model.createData(), sms.configuration(joints, base))
         M = np.triu(M) + np.triu(M, 1).T
         if base is None:
@@ -77,11 +77,11 @@ def disagreement(path: Path, floating: bool) -> float:
             expected = turn @ expected @ turn.T
             order = [*range(6), *(6 + np.argsort(ours))]
             M = M[np.ix_(order, order)]
-        worst = max(worst, float(np.abs(M - expected).max() / np.abs(expected).max()))
-    return worst
+        largest = max(largest, float(np.abs(M - expected).max() / np.abs(expected).max()))
+    return largest
 
 
-def _agrees(seed: int, folder: Path) -> None:
+def _check_against_mujoco(seed: int, folder: Path) -> None:
     """Compare a random file with MuJoCo, or check that it is refused if MuJoCo refuses it."""
     floating = seed % 3 == 0
     path = draw(folder, seed, floating)
@@ -91,18 +91,18 @@ def _agrees(seed: int, folder: Path) -> None:
         with pytest.raises(FfsmsError, match=r"MuJoCo|inertia"):
             ffsms.load(path) if floating else ffsms.mount(path)
         return
-    assert disagreement(path, floating) < 1e-12
+    assert largest_difference(path, floating) < 1e-12
 
 
 @pytest.mark.parametrize("seed", range(60))
 def test_a_random_file_has_mujocos_inertia_matrix(seed: int, tmp_path: Path) -> None:
-    _agrees(seed, tmp_path)
+    _check_against_mujoco(seed, tmp_path)
 
 
 @pytest.mark.slow
 def test_more_random_files_have_mujocos_inertia_matrix(tmp_path: Path) -> None:
     for seed in range(60, 200):
-        _agrees(seed, tmp_path)
+        _check_against_mujoco(seed, tmp_path)
 
 
 BODY = '<joint name="a" axis="0 0 1"/><inertial pos="0.1 0 0.02" mass="2" diaginertia="0.01 0.03 0.03"/>'
@@ -123,7 +123,7 @@ def written(folder: Path, world: str, rest: str = "", compiler: str = 'angle="ra
 
 
 @pytest.mark.parametrize(
-    ("world", "rest", "words"),
+    ("world", "rest", "fragment"),
     [
         (ARM.replace('name="a"', 'name="a" stiffness="40"'), "", "springs of the joints ('a')"),
         (ARM, '<equality><joint name="gear" joint1="a" joint2="c"/></equality>', "constraints ('gear')"),
@@ -139,16 +139,16 @@ def written(folder: Path, world: str, rest: str = "", compiler: str = 'angle="ra
     ],
 )
 def test_unsupported_elements_are_named_in_a_warning(
-    world: str, rest: str, words: str, tmp_path: Path
+    world: str, rest: str, fragment: str, tmp_path: Path
 ) -> None:
     path = written(tmp_path, world, rest)
-    with warnings.catch_warnings(record=True) as told:
+    with warnings.catch_warnings(record=True) as recorded:
         warnings.simplefilter("always")
         ffsms.mount(path)
-    texts = [str(item.message) for item in told]
+    texts = [str(item.message) for item in recorded]
     assert len(texts) == 1
-    assert words in texts[0]
-    assert told[0].filename == __file__
+    assert fragment in texts[0]
+    assert recorded[0].filename == __file__
 
 
 def test_files_that_are_no_robots_are_refused(refused: Refused, tmp_path: Path) -> None:
@@ -164,9 +164,9 @@ def test_files_that_are_no_robots_are_refused(refused: Refused, tmp_path: Path) 
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", FfsmsWarning)
         refused(lambda: ffsms.mount(written(tmp_path, line)), InvalidInertia, "positive definite")
-    for option, given in (("package_dirs", ["."]), ("wheels", ["a"]), ("srdf", "a.srdf")):
+    for option, value in (("package_dirs", ["."]), ("wheels", ["a"]), ("srdf", "a.srdf")):
         path = written(tmp_path, base.format("1", ARM))
-        refused(lambda o=option, g=given, p=path: ffsms.load(p, **{o: g}), InvalidValue, option)
+        refused(lambda o=option, g=value, p=path: ffsms.load(p, **{o: g}), InvalidValue, option)
 
 
 def test_inertias_of_mjcf_files_and_models_are_checked(refused: Refused, tmp_path: Path) -> None:
@@ -218,36 +218,36 @@ def test_torque_limits_come_from_actuators(tmp_path: Path) -> None:
     ],
 )
 def test_an_exported_mjcf_file_is_the_same_robot(name: str, tmp_path: Path) -> None:
-    wanted = ffsms.load(name)
-    model = wanted.model.copy()
-    model.armature[6:] = np.linspace(0.01, 0.2, wanted.n)
-    model.damping[6:], model.upperDryFrictionLimit[6:] = np.linspace(0.1, 2.0, wanted.n), 0.3
-    wanted = ffsms.load(
-        model, wanted.end_effector, **{kind: wanted.geometry(kind) for kind in ("visual", "collision")}
+    original = ffsms.load(name)
+    model = original.model.copy()
+    model.armature[6:] = np.linspace(0.01, 0.2, original.n)
+    model.damping[6:], model.upperDryFrictionLimit[6:] = np.linspace(0.1, 2.0, original.n), 0.3
+    original = ffsms.load(
+        model, original.end_effector, **{kind: original.geometry(kind) for kind in ("visual", "collision")}
     )
     path = tmp_path / "robot.xml"
-    path.write_text(ffsms.export.to_mjcf(wanted))
-    assert disagreement(path, floating=True) < 1e-12
-    found = ffsms.load(path)
-    assert found.joint_names == wanted.joint_names
+    path.write_text(ffsms.export.to_mjcf(original))
+    assert largest_difference(path, floating=True) < 1e-12
+    loaded = ffsms.load(path)
+    assert loaded.joint_names == original.joint_names
     for limit in ("lower", "upper", "torque"):
-        np.testing.assert_allclose(getattr(found.limits, limit), getattr(wanted.limits, limit), rtol=1e-12)
-    joints = np.linspace(-0.3, 0.6, wanted.n)
-    a, b = (sms.at(sms.configuration(joints)) for sms in (found, wanted))
+        np.testing.assert_allclose(getattr(loaded.limits, limit), getattr(original.limits, limit), rtol=1e-12)
+    joints = np.linspace(-0.3, 0.6, original.n)
+    a, b = (sms.at(sms.configuration(joints)) for sms in (loaded, original))
     np.testing.assert_allclose(a.H, b.H, rtol=1e-12, atol=1e-11)
     np.testing.assert_allclose(a.H_q, b.H_q, rtol=1e-11, atol=1e-11)
     np.testing.assert_allclose(
         a.end_effector_pose.homogeneous, b.end_effector_pose.homogeneous, rtol=1e-12, atol=1e-12
     )
-    np.testing.assert_allclose(found.model.armature, wanted.model.armature)
-    np.testing.assert_allclose(found.joint_damping, wanted.joint_damping)
-    np.testing.assert_allclose(found.joint_friction, np.full(wanted.n, 0.3))
+    np.testing.assert_allclose(loaded.model.armature, original.model.armature)
+    np.testing.assert_allclose(loaded.joint_damping, original.joint_damping)
+    np.testing.assert_allclose(loaded.joint_friction, np.full(original.n, 0.3))
     shapes = {
         sms: [
             (item.parentJoint, *np.round(item.meshColor, 5))
             for item in sms.geometry("visual").geometryObjects
         ]
-        for sms in (found, wanted)
+        for sms in (loaded, original)
     }
-    assert sorted(shapes[found]) == sorted(shapes[wanted])
-    assert found.geometry("collision").ngeoms == wanted.geometry("collision").ngeoms
+    assert sorted(shapes[loaded]) == sorted(shapes[original])
+    assert loaded.geometry("collision").ngeoms == original.geometry("collision").ngeoms

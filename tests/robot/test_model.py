@@ -73,8 +73,8 @@ def test_shapes_are_boxes_of_the_papers_sizes() -> None:
         for kind in ("visual", "collision"):
             box = link.find(f"{kind}/geometry/box")
             assert box is not None
-            wanted = "0.464 0.464 0.483" if link.attrib["name"] == "base" else "0.3 0.03 0.03"
-            assert box.attrib["size"] == wanted
+            expected = "0.464 0.464 0.483" if link.attrib["name"] == "base" else "0.3 0.03 0.03"
+            assert box.attrib["size"] == expected
 
 
 def test_initial_values_of_the_paper(planar: ffsms.SpaceManipulator) -> None:
@@ -117,8 +117,8 @@ def test_loading_prints_nothing(tmp_path: Path, capfd: pytest.CaptureFixture[str
 
 def test_acceleration_option() -> None:
     np.testing.assert_array_equal(ffsms.load("planar_3r", acceleration=2.0).limits.acceleration, 2.0)
-    given = ffsms.load("planar_3r", acceleration=[1.0, 2.0, 3.0]).limits.acceleration
-    np.testing.assert_array_equal(given, [1.0, 2.0, 3.0])
+    acceleration = ffsms.load("planar_3r", acceleration=[1.0, 2.0, 3.0]).limits.acceleration
+    np.testing.assert_array_equal(acceleration, [1.0, 2.0, 3.0])
 
 
 def test_base_size_option(tmp_path: Path) -> None:
@@ -150,8 +150,8 @@ def test_a_link_and_a_joint_of_the_same_name(tmp_path: Path, planar: ffsms.Space
     # Link and joint are both frames in Pinocchio; the end effector is the link.
     swapped = rewritten(tmp_path / "a.urdf", ('joint name="joint_2"', 'joint name="end_effector"'))
     sms, joints = ffsms.load(swapped), [0.4, -0.3, 0.9]
-    wanted = planar.at(planar.configuration(joints)).end_effector_pose
-    assert sms.at(sms.configuration(joints)).end_effector_pose.isApprox(wanted, 1e-15)
+    expected = planar.at(planar.configuration(joints)).end_effector_pose
+    assert sms.at(sms.configuration(joints)).end_effector_pose.isApprox(expected, 1e-15)
 
 
 def test_without_limits(random_tree: Builder) -> None:
@@ -180,15 +180,15 @@ def test_joint_order_that_pinocchio_gets_wrong(random_tree: Builder) -> None:
 
 
 def test_models_that_do_not_float(random_tree: Builder) -> None:
-    one = pin.JointModelRX()
+    joint = pin.JointModelRX()
     fixed = pin.Model()
-    fixed.addJoint(0, one, pin.SE3.Identity(), "joint_1")
+    fixed.addJoint(0, joint, pin.SE3.Identity(), "joint_1")
     with pytest.raises(UnsupportedJoint, match="free-flyer"):
         ffsms.SpaceManipulator(fixed, "joint_1")
-    beside = random_tree(1, 2).model()
-    beside.addJoint(0, one, pin.SE3.Identity(), "other")
+    with_second_root = random_tree(1, 2).model()
+    with_second_root.addJoint(0, joint, pin.SE3.Identity(), "other")
     with pytest.raises(UnsupportedJoint, match="other"):
-        ffsms.SpaceManipulator(beside, "tip")
+        ffsms.SpaceManipulator(with_second_root, "tip")
     with pytest.raises(FrameNotFound):
         ffsms.SpaceManipulator(random_tree(1, 2).model(), "universe")  # it does not move with the robot
 
@@ -225,14 +225,16 @@ def test_fixed_links_are_one_body(random_tree: Builder, tmp_path: Path) -> None:
         d = c - com
         inertia += tensor + m * (d @ d * np.eye(3) - np.outer(d, d))
     whole = [base._replace(mass=mass, com=com, inertia=inertia), *tree.bodies[1:]]
-    one = ffsms.SpaceManipulator(type(tree)(whole, tree.tip_rotation, tree.tip_position).model(), "tip")
+    merged = ffsms.SpaceManipulator(type(tree)(whole, tree.tip_rotation, tree.tip_position).model(), "tip")
     np.testing.assert_allclose(sms.base_com, com, rtol=0.0, atol=1e-15)
     rng = np.random.default_rng(0)
-    q = one.configuration(rng.uniform(-1, 1, size=5), pin.SE3(mast.rotation, np.array([1.0, 2.0, 3.0])))
+    q = merged.configuration(rng.uniform(-1, 1, size=5), pin.SE3(mast.rotation, np.array([1.0, 2.0, 3.0])))
     v = rng.uniform(-1, 1, size=11)
     for name in ("H", "H_q", "C_bm", "J_star", "C_b", "C_m", "C_q", "base_twist", "momentum"):
-        got, wanted = getattr(sms.at(q, v), name), getattr(one.at(q, v), name)
-        np.testing.assert_allclose(got, wanted, rtol=0.0, atol=1e-12 * max(1.0, np.abs(wanted).max()))
+        computed, expected = getattr(sms.at(q, v), name), getattr(merged.at(q, v), name)
+        np.testing.assert_allclose(
+            computed, expected, rtol=0.0, atol=1e-12 * max(1.0, np.abs(expected).max())
+        )
 
 
 # -- configurations, velocities, copies -------------------------------------------------------------------
@@ -284,9 +286,9 @@ def test_velocity_of_joints_at_rest(planar: ffsms.SpaceManipulator) -> None:
     np.testing.assert_array_equal(planar.velocity(q, np.zeros(3)), np.zeros(9))
 
 
-@pytest.mark.parametrize("how", [copy.copy, copy.deepcopy, lambda sms: pickle.loads(pickle.dumps(sms))])
-def test_copies_of_a_robot_are_equal(planar: ffsms.SpaceManipulator, how: Callable[[Any], Any]) -> None:
-    again = how(planar)
+@pytest.mark.parametrize("copy_of", [copy.copy, copy.deepcopy, lambda sms: pickle.loads(pickle.dumps(sms))])
+def test_copies_of_a_robot_are_equal(planar: ffsms.SpaceManipulator, copy_of: Callable[[Any], Any]) -> None:
+    again = copy_of(planar)
     assert again.model == planar.model
     assert (again.n, again.joint_names, again.end_effector) == (3, planar.joint_names, "end_effector")
     assert again.base_size == planar.base_size

@@ -64,7 +64,7 @@ def test_an_arm_with_a_link_named_satellite_is_mounted() -> None:
 
 
 @pytest.mark.parametrize(
-    ("options", "words"),
+    ("options", "fragment"),
     [
         ({"base": "cube"}, "base must be a SatelliteBase"),
         ({"placement": np.eye(3)}, "placement must be a pinocchio.SE3"),
@@ -78,8 +78,8 @@ def test_an_arm_with_a_link_named_satellite_is_mounted() -> None:
         ({"base_size": (1, 2)}, "base_size"),
     ],
 )
-def test_bad_mounts(refused: Refused, options: dict[str, Any], words: str) -> None:
-    refused(lambda: ffsms.mount("xarm7", **options), InvalidValue, words)
+def test_bad_mounts(refused: Refused, options: dict[str, Any], fragment: str) -> None:
+    refused(lambda: ffsms.mount("xarm7", **options), InvalidValue, fragment)
 
 
 @pytest.mark.parametrize(

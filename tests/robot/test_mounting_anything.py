@@ -86,10 +86,10 @@ def test_a_continuous_joint_of_a_model_can_be_locked() -> None:
 def test_an_mjcf_file_equals_its_urdf(name: str, tmp_path: Path) -> None:
     (tmp_path / name).write_text(MJCF)
     (tmp_path / "two.urdf").write_text(URDF)
-    found, wanted = ffsms.mount(tmp_path / name), ffsms.mount(tmp_path / "two.urdf")
-    assert found.end_effector == wanted.end_effector == "tool"
-    assert_same(found, wanted)
-    assert found.model.gravity.linear[2] == 0.0
+    from_mjcf, from_urdf = ffsms.mount(tmp_path / name), ffsms.mount(tmp_path / "two.urdf")
+    assert from_mjcf.end_effector == from_urdf.end_effector == "tool"
+    assert_same(from_mjcf, from_urdf)
+    assert from_mjcf.model.gravity.linear[2] == 0.0
     assert ffsms.mount(tmp_path / name, torque=5.0).limits.torque.tolist() == [5.0, 5.0]
 
 

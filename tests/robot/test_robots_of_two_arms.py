@@ -44,7 +44,7 @@ def test_two_arms_load_with_both_end_effectors(both: ffsms.SpaceManipulator) -> 
 
 
 @pytest.mark.parametrize(
-    "ask",
+    "call",
     [
         lambda sms, q: sms.end_effector,
         lambda sms, q: sms.at(q).J_star,
@@ -54,11 +54,11 @@ def test_two_arms_load_with_both_end_effectors(both: ffsms.SpaceManipulator) -> 
     ],
 )
 def test_quantities_of_the_end_effector_require_a_choice(
-    both: ffsms.SpaceManipulator, refused: Refused, ask: Callable[[Any, Any], Any]
+    both: ffsms.SpaceManipulator, refused: Refused, call: Callable[[Any, Any], Any]
 ) -> None:
     q = both.configuration([0.1] * 14)
-    words = ("left_tool", "right_tool", "load(..., end_effector=NAME)", "sms.with_end_effector(NAME)")
-    refused(lambda: ask(both, q), AmbiguousEndEffector, *words)
+    fragments = ("left_tool", "right_tool", "load(..., end_effector=NAME)", "sms.with_end_effector(NAME)")
+    refused(lambda: call(both, q), AmbiguousEndEffector, *fragments)
 
 
 def test_an_end_effector_can_be_chosen_after_loading(both: ffsms.SpaceManipulator, refused: Refused) -> None:
@@ -89,9 +89,9 @@ def test_arms_are_mounted_side_by_side(mixed: ffsms.SpaceManipulator) -> None:
     joints = np.linspace(-0.5, 0.7, 13) + np.array([0.0] * 3 + [-1.5] + [0.0] * 9)
     here = pin.SE3.Identity()
     state = mixed.at(mixed.configuration(joints, here))
-    for alone, part, aside in ((panda, joints[:7], 0.25), (ur5, joints[7:], -0.25)):
+    for alone, part, offset in ((panda, joints[:7], 0.25), (ur5, joints[7:], -0.25)):
         expected = alone.at(alone.configuration(part, here)).end_effector_pose
-        expected.translation += np.array([0.0, aside, 0.0])
+        expected.translation += np.array([0.0, offset, 0.0])
         assert state.frame(alone.end_effector).pose.isApprox(expected, 1e-12)
     masses = [sum(body.mass for body in sms.model.inertias) for sms in (mixed, panda, ur5)]
     assert masses[0] == pytest.approx(masses[1] + masses[2] - 200.0)
@@ -118,10 +118,10 @@ def test_a_model_mounted_beside_a_urdf_equals_its_urdf(mixed: ffsms.SpaceManipul
     sms = ffsms.mount(["panda", pin.buildModelFromUrdf(str(find_arm("ur5")[0]))])
     assert sms.joint_names == mixed.joint_names
     joints = np.linspace(-0.5, 0.7, 13) + np.array([0.0] * 3 + [-1.5] + [0.0] * 9)
-    found, expected = (robot.at(robot.configuration(joints)) for robot in (sms, mixed))
-    np.testing.assert_allclose(found.H, expected.H, rtol=0.0, atol=1e-12)
-    np.testing.assert_allclose(found.H_q, expected.H_q, rtol=0.0, atol=1e-12)
-    assert found.frame("tool0").pose.isApprox(expected.frame("tool0").pose, 1e-12)
+    computed, expected = (robot.at(robot.configuration(joints)) for robot in (sms, mixed))
+    np.testing.assert_allclose(computed.H, expected.H, rtol=0.0, atol=1e-12)
+    np.testing.assert_allclose(computed.H_q, expected.H_q, rtol=0.0, atol=1e-12)
+    assert computed.frame("tool0").pose.isApprox(expected.frame("tool0").pose, 1e-12)
     assert sms.base_size == mixed.base_size
     np.testing.assert_allclose(sms.limits.lower, mixed.limits.lower)
     assert sms.geometry("collision").ngeoms == ffsms.mount("panda").geometry("collision").ngeoms
@@ -152,12 +152,12 @@ def test_mjcf_files_are_mounted_beside_other_arms(tmp_path: Path) -> None:
     assert (sms.joint_damping[-1], sms.joint_friction[-1]) == (0.5, 0.1)
     here, joints = pin.SE3.Identity(), np.linspace(-0.5, 0.7, 7)
     state = sms.at(sms.configuration(joints, here))
-    for alone, part, frame, aside in (
+    for alone, part, frame, offset in (
         (ur5, joints[:6], "tool0", 0.25),
         (boom, joints[6:], "boom_tip", -0.25),
     ):
         expected = alone.at(alone.configuration(part, here)).frame(frame).pose
-        expected.translation += np.array([0.0, aside, 0.0])
+        expected.translation += np.array([0.0, offset, 0.0])
         assert state.frame(frame).pose.isApprox(expected, 1e-12)
     masses = [sum(body.mass for body in robot.model.inertias) for robot in (sms, boom, ur5)]
     assert masses[0] == pytest.approx(masses[1] + masses[2] - 200.0)
@@ -187,7 +187,7 @@ def test_a_plan_with_goals_for_both_tools_reaches(mixed: ffsms.SpaceManipulator)
 
 
 @pytest.mark.parametrize(
-    ("arms", "options", "kind", "words"),
+    ("arms", "options", "kind", "fragments"),
     [
         ([], {}, InvalidValue, "arm must name at least one arm"),
         (["panda", 3], {}, InvalidValue, "arm[1] must be the name of an arm, a path or a pinocchio.Model"),
@@ -204,6 +204,6 @@ def test_a_plan_with_goals_for_both_tools_reaches(mixed: ffsms.SpaceManipulator)
     ],
 )
 def test_arms_that_cannot_be_mounted(
-    arms: list[Any], options: dict[str, Any], kind: type[FfsmsError], words: str, refused: Refused
+    arms: list[Any], options: dict[str, Any], kind: type[FfsmsError], fragments: str, refused: Refused
 ) -> None:
-    refused(lambda: ffsms.mount(arms, **options), kind, words)
+    refused(lambda: ffsms.mount(arms, **options), kind, fragments)

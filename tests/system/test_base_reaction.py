@@ -36,8 +36,8 @@ def test_the_reaction_is_the_papers(setting: tuple[Any, ...]) -> None:
     reaction = dynamics.root_reaction(M)
     sums = paper(tree, case.root, case.joints, case.twist, case.rates)
     # Express the motion at the base's centre of mass in inertial axes.
-    seen = dynamics.base_to_root(q, sms.base_com).actionInverse @ reaction
-    assert_near("C_bm", seen, sums.C_bm)
+    at_base = dynamics.base_to_root(q, sms.base_com).actionInverse @ reaction
+    assert_near("C_bm", at_base, sums.C_bm)
     np.testing.assert_array_equal(dynamics.floating_motion(M), np.vstack([reaction, np.eye(sms.n)]))
 
 
@@ -85,10 +85,10 @@ def test_modes_hold_their_directions_and_have_no_momentum_in_the_free_ones(setti
 
 def test_the_drift_has_the_momentum(setting: tuple[Any, ...]) -> None:
     _, sms, case, q, _ = setting
-    M, wanted = dynamics.inertia_matrix(sms, q), np.array([1.0, -2.0, 3.0, 0.5, -0.4, 0.3])
+    M, expected = dynamics.inertia_matrix(sms, q), np.array([1.0, -2.0, 3.0, 0.5, -0.4, 0.3])
     v = dynamics.floating_motion(M) @ case.rates
-    v[:6] += dynamics.root_drift(M, q, wanted, sms.base_com)
-    np.testing.assert_allclose(differences(sms, q, v, 1e-6), wanted, atol=1e-5)
+    v[:6] += dynamics.root_drift(M, q, expected, sms.base_com)
+    np.testing.assert_allclose(differences(sms, q, v, 1e-6), expected, atol=1e-5)
 
 
 @pytest.mark.parametrize("mode", dynamics.MODES)
@@ -97,8 +97,8 @@ def test_the_velocity_of_a_mode_is_that_of_its_rollout(setting: tuple[Any, ...],
     momentum, h = np.array([1.0, -2.0, 3.0, 0.5, -0.4, 0.3]), 1e-5
     v = sms.velocity(q, case.rates, momentum, mode)
     ends, _ = roll_out(sms, q, case.rates, np.zeros((1, sms.n)), h, momentum, mode)
-    found = pin.difference(sms.model, q, ends[1]) / h
-    np.testing.assert_allclose(found, v, atol=1e-4 * max(1.0, np.abs(v).max()))
+    velocity = pin.difference(sms.model, q, ends[1]) / h
+    np.testing.assert_allclose(velocity, v, atol=1e-4 * max(1.0, np.abs(v).max()))
 
 
 def test_joint_torques_on_a_floating_base_give_the_same_joint_accelerations(setting: tuple[Any, ...]) -> None:

@@ -47,13 +47,15 @@ def differences(sms: ffsms.SpaceManipulator, q: Array, v: Array) -> dict[str, Ar
 
 def check(sms: ffsms.SpaceManipulator, q: Array, v: Array) -> None:
     state = sms.at(q, v)
-    for name, wanted in differences(sms, q, v).items():
-        got = getattr(state, name)
-        assert got.shape == (6,)
-        assert not got.flags.writeable
+    for name, expected in differences(sms, q, v).items():
+        computed = getattr(state, name)
+        assert computed.shape == (6,)
+        assert not computed.flags.writeable
         for rows in (slice(0, 3), slice(3, 6)):
-            size = max(np.abs(wanted[rows]).max(), 1e-3)
-            np.testing.assert_allclose(got[rows], wanted[rows], rtol=0.0, atol=1e-8 * size, err_msg=name)
+            size = max(np.abs(expected[rows]).max(), 1e-3)
+            np.testing.assert_allclose(
+                computed[rows], expected[rows], rtol=0.0, atol=1e-8 * size, err_msg=name
+            )
 
 
 def random_motion(sms: ffsms.SpaceManipulator, seed: int, momentum: Array | None) -> tuple[Array, Array]:
@@ -108,14 +110,14 @@ def test_accelerations_of_a_driven_arm(random_tree: Callable[..., Any]) -> None:
         return np.concatenate([moved.base_twist, moved.end_effector_twist])
 
     d1, d2, d4 = ((after(h) - after(-h)) / (2.0 * h) for h in (2e-3, 4e-3, 8e-3))
-    wanted = (64.0 * d1 - 20.0 * d2 + d4) / 45.0
-    got = np.concatenate(
+    expected = (64.0 * d1 - 20.0 * d2 + d4) / 45.0
+    computed = np.concatenate(
         [
             state.C_bm @ a[6:] + state.base_bias_acceleration,
             state.J_star @ a[6:] + state.end_effector_bias_acceleration,
         ]
     )
-    np.testing.assert_allclose(got, wanted, rtol=0.0, atol=1e-9 * np.abs(wanted).max())
+    np.testing.assert_allclose(computed, expected, rtol=0.0, atol=1e-9 * np.abs(expected).max())
 
 
 def test_bias_accelerations_at_rest_are_zero(planar: ffsms.SpaceManipulator) -> None:
@@ -126,9 +128,9 @@ def test_bias_accelerations_at_rest_are_zero(planar: ffsms.SpaceManipulator) -> 
 
 def test_another_state_in_between_changes_nothing(planar: ffsms.SpaceManipulator) -> None:
     q, v = random_motion(planar, 3, MOMENTUM)
-    wanted = {name: np.array(getattr(planar.at(q, v), name)) for name in NAMES}
+    expected = {name: np.array(getattr(planar.at(q, v), name)) for name in NAMES}
     state = planar.at(q, v)
     for k, name in enumerate(NAMES):
         other = planar.at(*random_motion(planar, 10 + k, None))
         assert np.isfinite(other.J_star_dot_qd).all()
-        np.testing.assert_array_equal(getattr(state, name), wanted[name], err_msg=name)
+        np.testing.assert_array_equal(getattr(state, name), expected[name], err_msg=name)

@@ -46,9 +46,9 @@ def test_the_estimate_equals_dense_least_squares(at_rest: bool, planar: ffsms.Sp
     constants = np.kron(halves[:, 1:] if at_rest else halves, -ROOT)
     x, misfit, *_ = np.linalg.lstsq(np.hstack([rows, constants]), -momenta, rcond=None)
     sums = information.without_momentum(False)
-    found = -np.linalg.solve(sums[:-1, :-1], sums[:-1, -1])
-    np.testing.assert_allclose(found, x[:5], rtol=1e-7, atol=1e-9)
-    assert sums[-1, -1] + sums[:-1, -1] @ found == pytest.approx(float(misfit[0]), rel=1e-7)
+    estimate = -np.linalg.solve(sums[:-1, :-1], sums[:-1, -1])
+    np.testing.assert_allclose(estimate, x[:5], rtol=1e-7, atol=1e-9)
+    assert sums[-1, -1] + sums[:-1, -1] @ estimate == pytest.approx(float(misfit[0]), rel=1e-7)
     assert information.count(False) == 72 - constants.shape[1]
 
 

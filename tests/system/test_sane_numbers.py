@@ -31,9 +31,9 @@ def test_huge_limits_are_infinite(tmp_path: Path) -> None:
         start = text.index(f'{key}="') + len(key) + 2
         text = text[:start] + value + text[text.index('"', start) :]
     limits = ffsms.load(file(tmp_path, text)).limits
-    for found in (limits.velocity, limits.acceleration, limits.torque, limits.upper):
-        assert found[0] == np.inf
-        assert np.isfinite(found[1:]).all()
+    for limit in (limits.velocity, limits.acceleration, limits.torque, limits.upper):
+        assert limit[0] == np.inf
+        assert np.isfinite(limit[1:]).all()
     assert limits.lower[0] == -np.inf
 
 
@@ -46,8 +46,8 @@ def test_a_limit_of_30_rad_is_infinite_and_one_of_30_m_is_kept(random_tree: Any)
         model.upperPositionLimit = upper
         read = ffsms.SpaceManipulator(model, "tip")
         np.testing.assert_array_equal(read.limits.upper, [far, 1.0])
-        given = ffsms.RobotLimits(np.array([-30.0, -1.0]), np.array([30.0, 1.0]), *np.ones((3, 2)))
-        limits = read.with_limits(given).limits
+        limits_of_30 = ffsms.RobotLimits(np.array([-30.0, -1.0]), np.array([30.0, 1.0]), *np.ones((3, 2)))
+        limits = read.with_limits(limits_of_30).limits
         np.testing.assert_array_equal(limits.lower, [-far, -1.0])
         np.testing.assert_array_equal(limits.upper, [far, 1.0])
 

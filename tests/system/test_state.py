@@ -18,16 +18,16 @@ import ffsms_pin as ffsms
 def check_all(tree: Any, sms: ffsms.SpaceManipulator, case: Any) -> None:
     q, v = pinocchio_state(tree, sms, case)
     state = sms.at(q, v)
-    wanted = paper(tree, case.root, case.joints, case.twist, case.rates)
+    expected = paper(tree, case.root, case.joints, case.twist, case.rates)
     for name in ARRAYS:
         if name != "C_be":
-            assert_near(name, getattr(state, name), getattr(wanted, name))
-    assert_near("kinetic_energy", state.kinetic_energy, wanted.kinetic_energy)
-    assert_near("base position", state.base_pose.translation, wanted.r_b)
-    assert_near("base attitude", state.base_pose.rotation, wanted.R_b)
-    assert_near("end effector position", state.end_effector_pose.translation, wanted.r_e)
-    assert_near("end effector attitude", state.end_effector_pose.rotation, wanted.R_e)
-    assert_near("sigma", state.coupling.sigma, np.linalg.svd(wanted.C_bm, compute_uv=False))
+            assert_near(name, getattr(state, name), getattr(expected, name))
+    assert_near("kinetic_energy", state.kinetic_energy, expected.kinetic_energy)
+    assert_near("base position", state.base_pose.translation, expected.r_b)
+    assert_near("base attitude", state.base_pose.rotation, expected.R_b)
+    assert_near("end effector position", state.end_effector_pose.translation, expected.r_e)
+    assert_near("end effector attitude", state.end_effector_pose.rotation, expected.R_e)
+    assert_near("sigma", state.coupling.sigma, np.linalg.svd(expected.C_bm, compute_uv=False))
 
 
 def test_planar_arm_is_the_papers_sums(planar: ffsms.SpaceManipulator, planar_tree: Any, rng: Any) -> None:
@@ -134,8 +134,8 @@ def test_end_to_base_coupling_uses_the_pseudo_inverse(
     for _ in range(10):
         for robot in (planar, sms):
             state = robot.at(robot.configuration(rng.uniform(-1.0, 1.0, robot.n)))
-            wanted = state.C_bm @ np.linalg.pinv(state.J_star, rcond=1e-10)
-            assert_near("C_be", state.C_be, wanted, 1e-9)
+            expected = state.C_bm @ np.linalg.pinv(state.J_star, rcond=1e-10)
+            assert_near("C_be", state.C_be, expected, 1e-9)
             np.testing.assert_array_equal(robot.at(state.q).C_be, state.C_be)
 
 

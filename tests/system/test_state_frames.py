@@ -16,12 +16,12 @@ def test_the_frame_of_the_end_effector_equals_the_state(model: str) -> None:
     sms = ffsms.load(model)
     rng = np.random.default_rng(3)
     state = sms.at(sms.configuration(0.2 * rng.normal(size=sms.n)), 0.1 * rng.normal(size=sms.nv))
-    found = state.frame(sms.end_effector)
-    np.testing.assert_array_equal(found.pose.homogeneous, state.end_effector_pose.homogeneous)
-    np.testing.assert_array_equal(found.J, state.J_m)
-    np.testing.assert_array_equal(found.J_star, state.J_star)
+    frame = state.frame(sms.end_effector)
+    np.testing.assert_array_equal(frame.pose.homogeneous, state.end_effector_pose.homogeneous)
+    np.testing.assert_array_equal(frame.J, state.J_m)
+    np.testing.assert_array_equal(frame.J_star, state.J_star)
     with pytest.raises(ValueError, match="read-only"):
-        found.J[0, 0] = 1.0
+        frame.J[0, 0] = 1.0
 
 
 @pytest.mark.parametrize("name", ["panda_link4", "panda_joint3", "panda_leftfinger"])
@@ -35,8 +35,8 @@ def test_jacobians_of_frames_by_differences(name: str) -> None:
         before, after = (
             sms.at(pin.integrate(sms.model, q, s * dt * v)).frame(name).pose for s in (-1.0, 1.0)
         )
-        way = (after.translation - before.translation) / (2.0 * dt)
-        return np.concatenate([way, pin.log3(after.rotation @ before.rotation.T) / (2.0 * dt)])
+        velocity = (after.translation - before.translation) / (2.0 * dt)
+        return np.concatenate([velocity, pin.log3(after.rotation @ before.rotation.T) / (2.0 * dt)])
 
     held = np.concatenate([np.zeros(6), rates])
     np.testing.assert_allclose(state.frame(name).J @ rates, twist(held), atol=1e-8)

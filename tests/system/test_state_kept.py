@@ -19,7 +19,7 @@ from ffsms_pin.system.mechanism import scratch
 
 def test_a_state_stays_valid_when_others_are_computed(planar: ffsms.SpaceManipulator, rng: Any) -> None:
     first, *others = random_states(planar, rng, 6)
-    wanted = quantities(planar.at(first.q, first.v))
+    expected = quantities(planar.at(first.q, first.v))
     base, end = planar.at(first.q).base_pose, planar.at(first.q).end_effector_pose
     quantities(others[0])  # the scratch data belongs to another state when `first` is evaluated
     # Half of the quantities are evaluated before other states, half after them. They are compared at the
@@ -28,7 +28,7 @@ def test_a_state_stays_valid_when_others_are_computed(planar: ffsms.SpaceManipul
     for other in others:
         quantities(other)
     for name in ARRAYS:
-        np.testing.assert_array_equal(getattr(first, name), wanted[name], err_msg=name)
+        np.testing.assert_array_equal(getattr(first, name), expected[name], err_msg=name)
     assert first.base_pose == base
     assert first.end_effector_pose == end
 
@@ -78,10 +78,10 @@ def test_states_in_threads(planar: ffsms.SpaceManipulator, rng: Any) -> None:
     names = ("com", "J_star", "C_q")
 
     def work(state: ffsms.State) -> None:
-        wanted = quantities(state, names)
+        expected = quantities(state, names)
         for _ in range(400):
-            for name, got in quantities(planar.at(state.q, state.v), names).items():
-                np.testing.assert_array_equal(got, wanted[name], err_msg=name)
+            for name, values in quantities(planar.at(state.q, state.v), names).items():
+                np.testing.assert_array_equal(values, expected[name], err_msg=name)
 
     interval = sys.getswitchinterval()
     sys.setswitchinterval(1e-6)  # threads switch within the evaluation of a state
@@ -123,15 +123,15 @@ def test_quantities_do_not_depend_on_the_order_of_access(random_tree: Callable[.
     q, v = pinocchio_state(tree, sms, random_case(tree, np.random.default_rng(2)))
     other = sms.configuration(np.ones(4))
     names = (*ARRAYS, "kinetic_energy", "end_effector_twist", "C_q_matrix", "base_bias_acceleration")
-    wanted = quantities(sms.at(q, v), names)
+    expected = quantities(sms.at(q, v), names)
     for name in names:
-        assert not np.shape(wanted[name]) or not getattr(sms.at(q, v), name).flags.writeable, name
+        assert not np.shape(expected[name]) or not getattr(sms.at(q, v), name).flags.writeable, name
         state = sms.at(q, v)
         quantities(sms.at(other), names)  # Pinocchio's data now belong to another state
-        np.testing.assert_array_equal(getattr(state, name), wanted[name], err_msg=name)
+        np.testing.assert_array_equal(getattr(state, name), expected[name], err_msg=name)
         quantities(sms.at(other), names)
         for rest, value in quantities(state, names).items():
-            np.testing.assert_array_equal(value, wanted[rest], err_msg=f"{rest} after {name}")
+            np.testing.assert_array_equal(value, expected[rest], err_msg=f"{rest} after {name}")
 
 
 def test_quantities_far_from_the_origin_have_the_same_bits(random_tree: Callable[..., Any]) -> None:
@@ -157,15 +157,15 @@ def test_quantities_far_from_the_origin_have_the_same_bits(random_tree: Callable
 
 def test_states_without_shared_memory_of_pinocchio(planar: ffsms.SpaceManipulator, rng: Any) -> None:
     state = random_states(planar, rng, 1)[0]
-    wanted = quantities(state)
+    expected = quantities(state)
     pin.sharedMemory(False)
     try:
-        got = quantities(ffsms.load("planar_3r").at(state.q, state.v))
+        values = quantities(ffsms.load("planar_3r").at(state.q, state.v))
         assert not pin.sharedMemory()
     finally:
         pin.sharedMemory(True)
     for name in ARRAYS:
-        np.testing.assert_array_equal(got[name], wanted[name], err_msg=name)
+        np.testing.assert_array_equal(values[name], expected[name], err_msg=name)
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])

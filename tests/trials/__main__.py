@@ -26,14 +26,14 @@ def main() -> int:
     parser.add_argument(
         "--first", type=int, default=0, help="seed of the first trial; the test suite begins with 0"
     )
-    given = parser.parse_args()
+    arguments = parser.parse_args()
     bad = 0
     print("| trials | number | " + " | ".join(_COLUMNS) + " | time [s] |")
     print("|---|" + "---|" * (len(_COLUMNS) + 2))
-    for kind in given.kinds or WHOLE:
-        count, began = max(1, round(given.share * WHOLE[kind])), time.monotonic()
+    for kind in arguments.kinds or WHOLE:
+        count, began = max(1, round(arguments.share * WHOLE[kind])), time.monotonic()
         ended: Counter[str] = Counter()
-        for verdict in run(kind, count, given.first):
+        for verdict in run(kind, count, arguments.first):
             ended[verdict.outcome] += 1
             if verdict.outcome not in GOOD:
                 bad += 1

@@ -51,23 +51,27 @@ def trial(seed: int) -> Trial:
     name = rng.choice(sorted(_calls()))
     call, good = _calls()[name]
     arguments = _spoiled(rng, call, good)
-    told = ", ".join(f"{key}={_short(value)}" for key, value in arguments.items())
-    return Trial(f"{name}({told})", lambda: call(**arguments))
+    shown_arguments = ", ".join(f"{key}={_short(value)}" for key, value in arguments.items())
+    return Trial(f"{name}({shown_arguments})", lambda: call(**arguments))
 
 
 def _spoiled(rng: random.Random, call: Callable[..., Any], good: dict[str, Any]) -> dict[str, Any]:
     """Return arguments of which one or two are wrong; half of the optional arguments are omitted."""
     parameters = inspect.signature(call).parameters.values()
-    named = [one for one in parameters if one.kind in (one.POSITIONAL_OR_KEYWORD, one.KEYWORD_ONLY)]
-    wrong = rng.sample([one.name for one in named], k=min(len(named), rng.choice((1, 1, 1, 2))))
+    named = [
+        parameter
+        for parameter in parameters
+        if parameter.kind in (parameter.POSITIONAL_OR_KEYWORD, parameter.KEYWORD_ONLY)
+    ]
+    wrong = rng.sample([parameter.name for parameter in named], k=min(len(named), rng.choice((1, 1, 1, 2))))
     arguments: dict[str, Any] = {}
-    for one in named:
-        needed = one.default is one.empty
-        value = good.get(one.name, None if needed else one.default)
-        if one.name in wrong:
-            arguments[one.name] = bad_value(rng, value)
-        elif needed or (one.name in good and rng.random() < 0.5):
-            arguments[one.name] = value
+    for parameter in named:
+        needed = parameter.default is parameter.empty
+        value = good.get(parameter.name, None if needed else parameter.default)
+        if parameter.name in wrong:
+            arguments[parameter.name] = bad_value(rng, value)
+        elif needed or (parameter.name in good and rng.random() < 0.5):
+            arguments[parameter.name] = value
     if arguments.get("progress") is int:  # errors of a custom function are passed on
         del arguments["progress"]
     return arguments
@@ -106,7 +110,7 @@ def _calls() -> dict[str, tuple[Callable[..., Any], dict[str, Any]]]:
         "plant": sms, "v0": np.zeros(9), "momentum": [1e-3] * 6, "substeps": 2, "client": body,
         "progress": lambda *_: None,
     }  # fmt: skip
-    found: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
+    calls: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
         "load": (ffsms.load, {"robot": "planar_3r", **robot}),
         "mount": (ffsms.mount, {"arm": "planar_3r", "base": SatelliteBase(), "placement": pose, **robot}),
         "SatelliteBase": (
@@ -147,8 +151,8 @@ def _calls() -> dict[str, tuple[Callable[..., Any], dict[str, Any]]]:
         "read_csv": (lambda path: export.read_csv(sms, path), {"path": "plan.csv"}),
     }
     for key, (kind, good) in CONDITIONS.items():
-        found[f"simulate with {kind.__name__}"] = _with_signature(partial(_loop_under, key, kind), kind), good
-    return found
+        calls[f"simulate with {kind.__name__}"] = _with_signature(partial(_loop_under, key, kind), kind), good
+    return calls
 
 
 @cache
@@ -175,10 +179,10 @@ def _loop(**options: Any) -> simulation.Tracking:
 
 _loop.__signature__ = inspect.Signature(  # type: ignore[attr-defined]
     [
-        one.replace(kind=one.KEYWORD_ONLY)
+        parameter.replace(kind=parameter.KEYWORD_ONLY)
         for function in (ffsms.simulate, ffsms.Conditions)
-        for one in inspect.signature(function).parameters.values()
-        if one.name != "conditions"
+        for parameter in inspect.signature(function).parameters.values()
+        if parameter.name != "conditions"
     ]
 )
 

@@ -36,12 +36,12 @@ def main(kind: str, first: int, last: int, limit: float) -> None:
     for seed in range(first, last):
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # creating wrong values may warn
-            one = trial(seed)
-        lines.write(json.dumps([seed, one.what]) + "\n")
+            trial_of_seed = trial(seed)
+        lines.write(json.dumps([seed, trial_of_seed.what]) + "\n")
         faulthandler.dump_traceback_later(limit, exit=True)
-        verdict = judged(one.work)
+        verdict = judged(trial_of_seed.work)
         faulthandler.cancel_dump_traceback_later()
-        lines.write(json.dumps([seed, one.what, *verdict]) + "\n")
+        lines.write(json.dumps([seed, trial_of_seed.what, *verdict]) + "\n")
 
 
 def _limit_memory() -> None:

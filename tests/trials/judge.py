@@ -65,9 +65,9 @@ def _library_error(error: FfsmsError) -> tuple[str, str]:
     if not line.strip() or "\n" in line:
         return "other error", f"the text of {type(error).__name__} is not one line: {line!r}"
     if isinstance(error, TasksFailed):
-        for one in error.failures.values():
-            if not isinstance(one, FfsmsError):
-                return "other error", f"in another process: {type(one).__name__}: {one}"
+        for failure in error.failures.values():
+            if not isinstance(failure, FfsmsError):
+                return "other error", f"in another process: {type(failure).__name__}: {failure}"
     return "our error", f"{type(error).__name__}: {line}"
 
 

@@ -46,14 +46,14 @@ def _kill(delay: float) -> None:
 
 
 def _check_plan(plan: Trajectory) -> None:
-    wanted = plan_by_steps()
-    if not (np.array_equal(plan.q, wanted.q) and np.array_equal(plan.v, wanted.v)):
+    expected = plan_by_steps()
+    if not (np.array_equal(plan.q, expected.q) and np.array_equal(plan.v, expected.v)):
         raise RuntimeError("plan.npz holds another plan")
 
 
-def _check_run(run: Tracking, wanted: Tracking) -> None:
+def _check_run(run: Tracking, expected: Tracking) -> None:
     """Raise an error unless the recording is that of the run."""
-    if not (np.array_equal(run.q, wanted.q) and np.array_equal(run.v, wanted.v)):
+    if not (np.array_equal(run.q, expected.q) and np.array_equal(run.v, expected.v)):
         raise RuntimeError("the recording is not that of the run")
 
 

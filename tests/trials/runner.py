@@ -33,30 +33,32 @@ def _run_chunk(kind: str, first: int, last: int, limit: float) -> Iterator[Verdi
     """Yield verdicts until all trials are done, or until the process ends within a trial."""
     threads = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
     path = os.pathsep.join([str(_TESTS), str(_TESTS.parent)])
-    with tempfile.TemporaryDirectory() as outer, tempfile.TemporaryFile("w+") as said:
+    with tempfile.TemporaryDirectory() as outer, tempfile.TemporaryFile("w+") as stderr_file:
         folder = Path(outer, "in", "it")  # files that are written to "../.." are also removed
         folder.mkdir(parents=True)
         command = [sys.executable, "-m", "trials.child", kind, str(first), str(last), str(limit)]
         environment = os.environ | threads | {"PYTHONPATH": path}
         with subprocess.Popen(
-            command, cwd=folder, env=environment, stdout=subprocess.PIPE, stderr=said, text=True
+            command, cwd=folder, env=environment, stdout=subprocess.PIPE, stderr=stderr_file, text=True
         ) as child:
             assert child.stdout is not None
             begun, what, done = first - 1, "the start of a child", first - 1
             for line in child.stdout:
-                found = json.loads(line)
-                if len(found) == 2:
-                    begun, what = found
+                row = json.loads(line)
+                if len(row) == 2:
+                    begun, what = row
                     continue
-                done = found[0]
-                yield Verdict(kind, *found)
+                done = row[0]
+                yield Verdict(kind, *row)
         if done == last - 1:
             return
-        said.seek(0)
-        words = said.read()
-    hung = "Timeout (" in words
+        stderr_file.seek(0)
+        printed = stderr_file.read()
+    hung = "Timeout (" in printed
     if begun <= done and not hung:
-        raise RuntimeError(f"the trials of {kind} cannot run after seed {done}: {words[-2000:]}")
-    told = words.partition("Timeout (")[2].splitlines()[:8] if hung else words.strip().splitlines()[-12:]
-    outcome, detail = "hang" if hung else "crash", f"exit {child.returncode}: {' | '.join(told)}"
+        raise RuntimeError(f"the trials of {kind} cannot run after seed {done}: {printed[-2000:]}")
+    detail_lines = (
+        printed.partition("Timeout (")[2].splitlines()[:8] if hung else printed.strip().splitlines()[-12:]
+    )
+    outcome, detail = "hang" if hung else "crash", f"exit {child.returncode}: {' | '.join(detail_lines)}"
     yield Verdict(kind, max(begun, first), what, outcome, detail)

@@ -117,24 +117,24 @@ def trial(seed: int) -> Trial:
     text = rng.choice((WHOLE, REPLANNED))
     for _ in range(rng.randint(0, 12)):  # with fewer tables, later tables are reached
         text = _without_a_table(rng, text)
-    told = []
+    damages = []
     for _ in range(rng.choice((1, 1, 1, 2))):
         damage = rng.choice((_number, _number, _number, _number, _number, _value, _key, _line, _signs))
-        text, words = damage(rng, text)
-        told.append(words)
-    return Trial("; ".join(told)[:300], lambda: _use(text))
+        text, description = damage(rng, text)
+        damages.append(description)
+    return Trial("; ".join(damages)[:300], lambda: _use(text))
 
 
 def _use(text: str) -> None:
     path = Path("damaged.toml")
     path.write_bytes(text.encode("utf-8", "surrogatepass"))
-    found = scenario(path)
-    sms = found.load()
-    with found.named():
-        prepared(found, sms, found.start_configuration(sms))
-    planned = found.arrival / float(found.plan.get("dt", 0.01))
-    if found.duration / found.control.get("dt", 1e-3) <= 2_000 and planned <= 100:
-        run(found)
+    chosen = scenario(path)
+    sms = chosen.load()
+    with chosen.named():
+        prepared(chosen, sms, chosen.start_configuration(sms))
+    planned = chosen.arrival / float(chosen.plan.get("dt", 0.01))
+    if chosen.duration / chosen.control.get("dt", 1e-3) <= 2_000 and planned <= 100:
+        run(chosen)
 
 
 def _number(rng: random.Random, text: str) -> tuple[str, str]:

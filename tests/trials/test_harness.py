@@ -17,9 +17,9 @@ from trials.runner import run
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="reads /proc")
 def test_every_kind_of_failure_is_detected_and_later_trials_run() -> None:
     verdicts = list(run("rogue", len(ENDS), limit=2.0))
-    assert [one.outcome for one in verdicts] == [outcome for outcome, _ in ENDS]
-    assert [one.seed for one in verdicts] == list(range(len(ENDS)))
-    assert [one.what for one in verdicts] == [f"number {seed}" for seed in range(len(ENDS))]
+    assert [verdict.outcome for verdict in verdicts] == [outcome for outcome, _ in ENDS]
+    assert [verdict.seed for verdict in verdicts] == list(range(len(ENDS)))
+    assert [verdict.what for verdict in verdicts] == [f"number {seed}" for seed in range(len(ENDS))]
 
 
 def raising(error: BaseException) -> Callable[[], Any]:

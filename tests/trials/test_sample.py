@@ -28,7 +28,7 @@ pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="re
 def test_every_trial_ends_in_a_result_or_in_a_library_error(kind: str, first: int, count: int) -> None:
     verdicts = list(run(kind, count, first))
     assert [verdict.seed for verdict in verdicts] == list(range(first, first + count))
-    bad = [one for one in verdicts if one.outcome not in GOOD]
+    bad = [verdict for verdict in verdicts if verdict.outcome not in GOOD]
     assert not bad, "\n".join(map(str, bad))
     if kind != "kills":  # trials that are all refused would test little
-        assert {one.outcome for one in verdicts} >= set(GOOD)
+        assert {verdict.outcome for verdict in verdicts} >= set(GOOD)

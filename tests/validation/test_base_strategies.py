@@ -33,20 +33,20 @@ def test_turning_back_keeps_the_total_momentum() -> None:
     """Halfway the base rotates at 1.5 times the mean rate; Pinocchio computes its momentum."""
     sms = robot()
     q, start = turned(sms, 0.4)
-    found, moved = modes.turn_back(sms, q, start, 10.0)
-    assert found.t[-1] == 10.0
+    use, moved = modes.turn_back(sms, q, start, 10.0)
+    assert use.t[-1] == 10.0
     whole = sms.at(q)
     spin = np.array([0.0, 0.0, -1.5 * 0.4 / 10.0])
     v = np.concatenate([np.cross(spin, q[:3] - whole.com), spin, np.zeros(3)])
     v[:3] = whole.base_pose.rotation.T @ v[:3]
     momentum = pin.computeCentroidalMomentum(sms.model, sms.model.createData(), q, v)
     assert sms.wheels is not None
-    half = len(found.t) // 2
+    half = len(use.t) // 2
     np.testing.assert_allclose(momentum.linear, 0.0, atol=1e-12)
-    np.testing.assert_allclose(sms.wheels.total(found.momentum[half]), -momentum.angular, atol=1e-12)
+    np.testing.assert_allclose(sms.wheels.total(use.momentum[half]), -momentum.angular, atol=1e-12)
     # From rest to rest, each wheel needs its peak energy twice: for acceleration and for braking.
-    peak = np.abs(found.momentum).max(axis=0)
-    assert found.energy == pytest.approx(float((peak**2 / sms.wheels.inertia).sum()), rel=1e-3)
+    peak = np.abs(use.momentum).max(axis=0)
+    assert use.energy == pytest.approx(float((peak**2 / sms.wheels.inertia).sum()), rel=1e-3)
     # The end effector turns about the system's centre of mass.
     arm = whole.end_effector_pose.translation - whole.com
     assert moved == pytest.approx(2.0 * np.sin(0.2) * np.linalg.norm(arm[:2]), rel=1e-9)
@@ -57,9 +57,9 @@ def test_turning_back_takes_the_time_that_wheels_need() -> None:
     free, _ = modes.turn_back(robot(), q, start, 10.0)
     for limit, peak in (("momentum", np.abs(free.momentum).max()), ("torque", np.abs(free.torque).max())):
         weak = robot(**{limit: 0.5 * peak})
-        found, _ = modes.turn_back(weak, q, start, 10.0)
-        assert found.t[-1] > 12.0
-        assert np.abs(getattr(found, limit)).max() < 0.5 * peak
+        use, _ = modes.turn_back(weak, q, start, 10.0)
+        assert use.t[-1] > 12.0
+        assert np.abs(getattr(use, limit)).max() < 0.5 * peak
 
 
 def test_the_predicted_wheel_energy_equals_the_simulated_energy() -> None:

@@ -53,10 +53,10 @@ def test_the_judge_is_short_and_does_not_import_the_library() -> None:
 
 
 def test_there_are_500_problems_for_six_robots(judge: Any) -> None:
-    problems = [one for family in judge.FAMILIES for one in judge.load(family)]
+    problems = [problem for family in judge.FAMILIES for problem in judge.load(family)]
     assert {family: len(judge.load(family)) for family in judge.FAMILIES} == COUNTS
-    assert len({one["name"] for one in problems}) == 500
-    assert len({one["robot"] for one in problems}) == 6
+    assert len({problem["name"] for problem in problems}) == 500
+    assert len({problem["robot"] for problem in problems}) == 6
     assert sum((PROBLEMS / f"{family}.jsonl").stat().st_size for family in COUNTS) < 1_000_000
 
 
@@ -73,10 +73,10 @@ def test_the_problem_files_are_reproducible(judge: Any, drawn: dict[str, tuple[P
 
 @pytest.mark.parametrize("family", COUNTS)
 def test_a_witness_solves_its_problem(judge: Any, drawn: dict[str, tuple[Plan, Plan]], family: str) -> None:
-    found = judge.judge(*drawn[family])
-    assert found["solved"]
-    assert found["exact"]
-    assert not found["broken"]
+    verdict = judge.judge(*drawn[family])
+    assert verdict["solved"]
+    assert verdict["exact"]
+    assert not verdict["broken"]
 
 
 def rippled(plan: Plan) -> Plan:
@@ -105,9 +105,13 @@ def hurried(plan: Plan) -> Plan:
 def direct(plan: Plan) -> Plan:
     """Return a straight joint motion to the same end."""
     s = plan["t"] / plan["t"][-1]
-    way = plan["joints"][-1] - plan["joints"][0]
-    joints = plan["joints"][0] + (s**2 * (3.0 - 2.0 * s))[:, None] * way
-    return {"t": plan["t"], "joints": joints, "rates": (6.0 * s * (1.0 - s))[:, None] * way / plan["t"][-1]}
+    displacement = plan["joints"][-1] - plan["joints"][0]
+    joints = plan["joints"][0] + (s**2 * (3.0 - 2.0 * s))[:, None] * displacement
+    return {
+        "t": plan["t"],
+        "joints": joints,
+        "rates": (6.0 * s * (1.0 - s))[:, None] * displacement / plan["t"][-1],
+    }
 
 
 def beyond(plan: Plan) -> Plan:
@@ -153,11 +157,11 @@ def test_a_plan_that_breaks_a_limit(
     judge: Any, drawn: dict[str, tuple[Plan, Plan]], family: str, change: Callable[[Plan], Plan], limit: str
 ) -> None:
     problem, witness = drawn[family]
-    found = judge.judge(problem, change(witness))
-    assert limit in found["broken"]
-    assert not found["solved"]
+    verdict = judge.judge(problem, change(witness))
+    assert limit in verdict["broken"]
+    assert not verdict["solved"]
     if change is rippled:
-        assert found["broken"].keys() <= {"acceleration", "torque"}
+        assert verdict["broken"].keys() <= {"acceleration", "torque"}
 
 
 def test_rates_between_nodes_count(judge: Any, drawn: dict[str, tuple[Plan, Plan]]) -> None:
@@ -175,10 +179,10 @@ def test_goals_that_are_missed(judge: Any, drawn: dict[str, tuple[Plan, Plan]]) 
     assert slow["misses"][0] < 1e-3
     turned = copy.deepcopy(problem)
     turned["goals"][0]["quaternion"][0] += 0.03
-    found = judge.judge(turned, witness)
-    assert not found["arrived"]
-    assert not found["broken"]
-    assert found["misses"][0] < 1e-6 < 0.02 < found["misses"][1]
+    verdict = judge.judge(turned, witness)
+    assert not verdict["arrived"]
+    assert not verdict["broken"]
+    assert verdict["misses"][0] < 1e-6 < 0.02 < verdict["misses"][1]
     both, moves = drawn["two_arms"]
     other = copy.deepcopy(both)
     other["goals"][1]["position"][0] += 2e-3  # within reach, not within the tolerance
@@ -192,10 +196,10 @@ def test_the_velocity_at_contact_is_judged(judge: Any, drawn: dict[str, tuple[Pl
     client = faster["client"]
     client["twist"] = (np.array(client["twist"]) + np.append(knock, np.zeros(3))).tolist()
     client["position"] = (np.array(client["position"]) - problem["duration"] * knock).tolist()
-    found = judge.judge(faster, witness)
-    assert found["misses"][0] < 1e-5
-    assert found["misses"][2] == pytest.approx(0.004, rel=1e-3)
-    assert not found["arrived"]
+    verdict = judge.judge(faster, witness)
+    assert verdict["misses"][0] < 1e-5
+    assert verdict["misses"][2] == pytest.approx(0.004, rel=1e-3)
+    assert not verdict["arrived"]
 
 
 @pytest.mark.slow
@@ -204,19 +208,20 @@ def test_the_judge_agrees_with_the_library(judge: Any, family: str) -> None:
     problem = judge.load(family)[SAMPLE[family]]
     library = module(".baselines.library")
     plan = library.planned(problem, 60.0)
-    found = judge.judge(problem, plan)
-    assert {"reached": found["solved"], "exact": found["exact"], "kept": not found["broken"]} == plan["said"]
+    verdict = judge.judge(problem, plan)
+    judged = {"reached": verdict["solved"], "exact": verdict["exact"], "kept": not verdict["broken"]}
+    assert judged == plan["said"]
     made = library.plan_problem(library.stated(problem))
-    assert found["cost"] == pytest.approx(made.cost_integral, rel=0.02, abs=1e-5)
-    assert found["base_turn"] == pytest.approx(float(made.base_rotation.max()), abs=1e-5)
-    assert found["travel"] == pytest.approx(made.joint_travel, rel=1e-3)
+    assert verdict["cost"] == pytest.approx(made.cost_integral, rel=0.02, abs=1e-5)
+    assert verdict["base_turn"] == pytest.approx(float(made.base_rotation.max()), abs=1e-5)
+    assert verdict["travel"] == pytest.approx(made.joint_travel, rel=1e-3)
 
 
 def test_the_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     command, out = module(".__main__"), tmp_path / "rows.jsonl"
-    words = ["--families", "held", "clients", "--limit", "1", "--out", str(out), "--solvers"]
+    options = ["--families", "held", "clients", "--limit", "1", "--out", str(out), "--solvers"]
     for solvers in (["null-space"], ["null-space", "resolved-rate"]):
-        monkeypatch.setattr(sys, "argv", ["problems", *words, *solvers])
+        monkeypatch.setattr(sys, "argv", ["problems", *options, *solvers])
         command.main()
     rows = [json.loads(line) for line in out.read_text().splitlines()]
     assert [(row["solver"], row["problem"]) for row in rows] == [

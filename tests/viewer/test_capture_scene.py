@@ -64,7 +64,7 @@ def test_a_flight_is_shown_with_client_obstacles_and_events(latched: capture.Fli
         assert mark["t"] == pytest.approx(times[name], abs=1e-4)
     assert page.facts["marks"][1]["reason"].startswith("inside the envelope")
     # The ball of the contact is at the end effector's position at that time.
-    (node,) = [one for one in page.of("set_transform") if one["path"] == "/ffsms/events/1"]
+    (node,) = [item for item in page.of("set_transform") if item["path"] == "/ffsms/events/1"]
     row = int(np.searchsorted(latched.tracking.t, times["contact"] - 1e-9))
     tip = latched.plant.at(latched.tracking.q[row]).end_effector_pose.translation
     np.testing.assert_allclose(np.array(node["matrix"]).reshape(4, 4).T[:3, 3], tip, atol=1e-6)
@@ -75,7 +75,7 @@ def test_a_flight_is_shown_with_client_obstacles_and_events(latched: capture.Fli
 
 def test_the_distance_is_to_the_moving_grasp_until_it_is_latched(latched: capture.Flight) -> None:
     page = ExportedPage(ffsms.view(latched, fps=10.0).html())
-    (distance,) = [one for one in page.facts["readings"] if one["label"] == "to grasp"]
+    (distance,) = [item for item in page.facts["readings"] if item["label"] == "to grasp"]
     flown, times = latched.tracking, {name: time for time, name, _ in latched.states}
     for t, value in zip(page.facts["t"], distance["values"], strict=True):
         if t > times["braking"] - 1e-6:

@@ -52,6 +52,6 @@ def test_layers_and_drawings(planar: ffsms.SpaceManipulator, moved: opt.Trajecto
     assert "obstacles" not in view(planar, moved).layers
     ax = plot_motion(planar, moved, obstacles=obstacles)
     plain = plot_motion(planar, moved)
-    count = [sum(isinstance(patch, Polygon) for patch in one.patches) for one in (ax, plain)]
+    count = [sum(isinstance(patch, Polygon) for patch in axes.patches) for axes in (ax, plain)]
     assert count[0] - count[1] == 3  # the obstacle on the base is drawn at the start and at the end
     plt.close("all")

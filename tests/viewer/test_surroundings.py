@@ -99,8 +99,8 @@ def test_a_client_moves_with_the_motion(equipped: ffsms.SpaceManipulator, moved:
     _, turns = track(scene, "client", "quaternion")
     for t, row, turn in zip(times, rows, turns, strict=True):
         np.testing.assert_allclose(row, client.pose(t).translation, atol=1e-12)
-        found = pin.Quaternion(*turn[[3, 0, 1, 2]]).toRotationMatrix()
-        np.testing.assert_allclose(found, client.pose(t).rotation, atol=1e-9)
+        rotation = pin.Quaternion(*turn[[3, 0, 1, 2]]).toRotationMatrix()
+        np.testing.assert_allclose(rotation, client.pose(t).rotation, atol=1e-9)
     # The camera includes the client.
     far = ffsms.Client(5.0, [1.0, 2.0, 2.5], pin.SE3(np.eye(3), np.array([9.0, 0.0, 0.0])))
     assert view(equipped, moved, client=far)._stage.size > 4.0 > scene._stage.size
@@ -153,6 +153,6 @@ def test_the_contact_force_is_an_arrow_during_contact(
     assert lengths[hard] == pytest.approx(2.0 * lengths[soft])
     _, turns = track(scene, "contact force", "quaternion")
     np.testing.assert_allclose(pin.Quaternion(turns[hard]).matrix()[:, 2], [0.0, -1.0, 0.0], atol=1e-12)
-    said = scene._facts["readings"][-1]
-    assert (said["label"], max(said["values"])) == ("contact", 8.0)
+    reading = scene._facts["readings"][-1]
+    assert (reading["label"], max(reading["values"])) == ("contact", 8.0)
     assert "contact" not in view(equipped, flown).layers

@@ -91,10 +91,10 @@ def test_base_arrow_is_the_dominant_motion_with_the_sign_of_the_joint_rates(
         C = planar.at(tracking.q[row]).C_bm
         U, sigma, Vt = np.linalg.svd(C)
         sign = 1.0 if Vt[0] @ tracking.v[row, 6:] > 0.0 else -1.0
-        wanted = sign * sigma[0] * U[:3, 0]
+        expected = sign * sigma[0] * U[:3, 0]
         pointing = pin.Quaternion(*turns[k][[3, 0, 1, 2]]).normalized().toRotationMatrix()[:, 2]
-        np.testing.assert_allclose(pointing, wanted / np.linalg.norm(wanted), atol=1e-4)
-        ratios.append(scales[k, 2] / np.linalg.norm(wanted))
+        np.testing.assert_allclose(pointing, expected / np.linalg.norm(expected), atol=1e-4)
+        ratios.append(scales[k, 2] / np.linalg.norm(expected))
     np.testing.assert_allclose(ratios, ratios[0], rtol=1e-4)  # the scale is constant
 
 

@@ -70,9 +70,9 @@ def test_errors_of_the_view_command_are_single_lines(
 ) -> None:
     def line(*arguments: str) -> str:
         assert main(["view", *arguments]) == 2
-        said = capsys.readouterr().err
-        assert said.count("\n") == 1
-        return said
+        printed_error = capsys.readouterr().err
+        assert printed_error.count("\n") == 1
+        return printed_error
 
     assert "not a folder" in line(str(tmp_path / "nothing"))
     assert "trajectory.npz" in line(str(tmp_path))
@@ -87,8 +87,8 @@ def test_errors_of_the_view_command_are_single_lines(
 
 def test_the_result_may_come_first(planar: ffsms.SpaceManipulator) -> None:
     plan = ffsms.opt.plan(planar, planar.configuration([0.4, 0.7, -0.5]), [0.75, 0.5, 0.0], 2.0, 0.1)
-    one, other = ffsms.view(plan, planar).html(), ffsms.view(planar, plan).html()
-    assert abs(len(one) - len(other)) < 100  # the names of the scene's objects are random
+    result_first, robot_first = ffsms.view(plan, planar).html(), ffsms.view(planar, plan).html()
+    assert abs(len(result_first) - len(robot_first)) < 100  # the names of the scene's objects are random
     with pytest.raises(InvalidValue, match="must be a SpaceManipulator"):
         ffsms.view(plan, plan)
 

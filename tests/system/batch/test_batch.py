@@ -22,9 +22,9 @@ def load(name: str) -> ffsms.SpaceManipulator:
     return ffsms.load(name, end_effector="left_tool" if name == "two_arms" else None)
 
 
-def close(found: Array, expected: Array) -> bool:
+def close(computed: Array, expected: Array) -> bool:
     """Return whether arrays are equal to 1e-12, relative if the largest entry exceeds one."""
-    return bool(np.abs(found - expected).max() <= 1e-12 * max(1.0, float(np.abs(expected).max())))
+    return bool(np.abs(computed - expected).max() <= 1e-12 * max(1.0, float(np.abs(expected).max())))
 
 
 def test_h_q_includes_the_inertia_of_rotors() -> None:
@@ -98,8 +98,8 @@ def test_a_row_does_not_depend_on_the_other_rows(rng: np.random.Generator) -> No
         "manipulability",
         "end_effector_position",
     ):
-        found = np.concatenate([getattr(part, name) for part in parts])
-        np.testing.assert_array_equal(found, getattr(whole, name))
+        computed = np.concatenate([getattr(part, name) for part in parts])
+        np.testing.assert_array_equal(computed, getattr(whole, name))
 
 
 def test_an_empty_batch_and_one_row() -> None:
