@@ -63,7 +63,7 @@ def test_coriolis_matrix_of_the_reduced_system(
 
 
 def test_neglected_term_of_the_paper_shows(planar: ffsms.SpaceManipulator) -> None:
-    # In a fast motion the paper's V rises with a small gain K_s; it never rises if K_s outweighs the term.
+    # V of the paper rises in a fast motion with a small gain K_s; it never rises if K_s outweighs the term.
     reference = Swing(planar, (1.2, 2.0, -2.0), duration=1.5)
     q0 = planar.configuration(START + np.array([0.2, -0.1, 0.15]))
     rises = []

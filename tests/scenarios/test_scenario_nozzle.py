@@ -51,7 +51,7 @@ def test_a_plant_that_is_off_by_a_tenth_is_guided_into_the_throat(
     guided = record.whole.t[: len(forces)] < record.contact_at - 1e-6
     assert 0.1 < forces[guided].max() < 20.0
     assert np.abs(record.whole.tau).max() < 150.0
-    # In the throat: the rod has a play of 1.4 mm across it, and bends.
+    # The rod has a play of 1.4 mm in the throat, and bends.
     (closing,) = record.closings
     assert closing.miss[0] < 0.04
     assert record.momentum_error < 1e-6
