@@ -11,6 +11,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from engines import ROBOTS, Mujoco, ours, random_state, relative_differences, robot
+from motions import random_pose
 
 import ffsms_pin as ffsms
 from ffsms_pin.cli import main
@@ -74,17 +75,17 @@ def test_changed_inertias_are_exported(tmp_path: Path) -> None:
 
 def model_of_shapes() -> ffsms.SpaceManipulator:
     """Return a robot from a Pinocchio model, with a prismatic joint, a capsule and an ellipsoid."""
-    model, shapes = pin.Model(), pin.GeometryModel()
+    model, shapes, rng = pin.Model(), pin.GeometryModel(), np.random.default_rng(1)
     joints = (pin.JointModelFreeFlyer(), pin.JointModelRY(), pin.JointModelPrismaticUnaligned(0.6, 0.0, 0.8))
     parent, place = 0, pin.SE3.Identity()
     for k, joint in enumerate(joints):
         parent = model.addJoint(parent, joint, place, f"joint {k} & <{k}>")
         model.addJointFrame(parent)
-        model.appendBodyToJoint(parent, pin.Inertia.FromBox(3.0, 0.3, 0.4, 0.5), pin.SE3.Random())
-        place = pin.SE3.Random()
+        model.appendBodyToJoint(parent, pin.Inertia.FromBox(3.0, 0.3, 0.4, 0.5), random_pose(rng))
+        place = random_pose(rng)
     round_one, solid = coal.Capsule(0.1, 0.4), coal.Ellipsoid(0.1, 0.2, 0.3)
     for k, shape in enumerate((round_one, solid)):
-        shapes.addGeometryObject(pin.GeometryObject(f"shape {k}", k + 1, pin.SE3.Random(), shape))
+        shapes.addGeometryObject(pin.GeometryObject(f"shape {k}", k + 1, random_pose(rng), shape))
     rates = np.array(model.upperVelocityLimit)
     rates[6:] = 0.3
     model.upperVelocityLimit = rates

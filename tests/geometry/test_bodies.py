@@ -135,7 +135,11 @@ def test_rows_omit_only_inactive_pairs(robot: ffsms.SpaceManipulator) -> None:
 @pytest.mark.parametrize("mode", ["hulls", "shapes"])
 def test_a_single_configuration_equals_a_row_of_a_stack(robot: ffsms.SpaceManipulator, mode: str) -> None:
     """Distances agree to 1e-14 and gradients to 1e-9, for a random base pose."""
-    stack, joints, base = BodyStack(robot, mode, 0.01), random_joints(robot, 8, 9), pin.SE3.Random()
+    stack, joints, base = (
+        BodyStack(robot, mode, 0.01),
+        random_joints(robot, 8, 9),
+        random_pose(np.random.default_rng(9)),
+    )
     poses = Poses.of(joints)
     every = stack.every(poses)
     nearest = stack.nearest(poses, every)

@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from drawn_mjcf import draw
-from motions import Array
+from motions import Array, random_pose
 
 import ffsms_pin as ffsms
 import ffsms_pin.export
@@ -62,7 +62,7 @@ def largest_difference(path: Path, floating: bool) -> float:
     for _ in range(3):
         qpos = rng.uniform(-1.5, 1.5, compiled.nq)
         joints = qpos[[compiled.joint(name).qposadr[0] for name in sms.joint_names]]
-        base = pin.SE3.Random() if floating else None
+        base = random_pose(rng) if floating else None
         if base is not None:
             x, y, z, w = pin.SE3ToXYZQUAT(base)[3:]
             qpos[:7] = [*base.translation, w, x, y, z]
