@@ -52,7 +52,7 @@ def test_the_reaction_has_no_momentum(setting: tuple[Any, ...]) -> None:
     np.testing.assert_allclose(momentum, 0.0, atol=1e-6 * np.abs(still).max())
 
 
-def test_modes_hold_their_directions_and_have_no_momentum_in_the_free_ones(setting: tuple[Any, ...]) -> None:
+def test_modes_have_no_twist_in_held_and_no_momentum_in_free_directions(setting: tuple[Any, ...]) -> None:
     """Held directions have no twist; by finite differences of poses, free directions have no momentum."""
     _, sms, case, q, _ = setting
     state, h = sms.at(q), 1e-6
