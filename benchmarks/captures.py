@@ -31,9 +31,9 @@ import json
 import re
 import sys
 import tempfile
-from importlib import import_module
 from pathlib import Path
 from typing import Any
+from unittest import mock
 
 import coal
 import numpy as np
@@ -47,6 +47,7 @@ from ffsms_pin.capture.estimate import ClientEstimate
 from ffsms_pin.capture.prediction import predicted
 from ffsms_pin.errors import FfsmsError
 from ffsms_pin.robot.base_motion import straight_end
+from ffsms_pin.scenarios import closed_loop
 from ffsms_pin.scenarios.definition import packaged_path
 from ffsms_pin.scenarios.problems import rendezvous
 
@@ -358,7 +359,7 @@ def main() -> None:
     if unknown := set(arguments.kinds) - set(KINDS):
         parser.error(f"KIND must be among {', '.join(KINDS)}, got {', '.join(sorted(unknown))}")
     # Skip the simulation of the first plan without re-planning.
-    import_module("ffsms_pin.scenarios.closed_loop").attempt = lambda _: None
+    mock.patch.object(closed_loop, "attempt", return_value=None).start()
     kept = arguments.resume
     lines = kept.read_text("utf-8").splitlines() if kept is not None and kept.exists() else []
     rows = [json.loads(line) for line in lines]

@@ -18,9 +18,9 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable
-from importlib import import_module
 from pathlib import Path
 from typing import Any
+from unittest import mock
 
 import numpy as np
 from nozzle_in_mujoco import rates_off
@@ -29,6 +29,7 @@ from table import markdown
 from ffsms_pin import scenarios
 from ffsms_pin.errors import FfsmsError
 from ffsms_pin.opt.replan.rest import RestPlanner
+from ffsms_pin.scenarios import closed_loop
 from ffsms_pin.scenarios.definition import packaged_path
 
 WORDS = {
@@ -113,10 +114,10 @@ def main() -> None:
     parser.add_argument("--mujoco", action="store_true")
     parser.add_argument("--resume", type=Path, help="file of the runs so far")
     arguments = parser.parse_args()
-    timed(import_module("ffsms_pin.scenarios.closed_loop"), "planned", PLANNING)
+    timed(closed_loop, "planned", PLANNING)
     timed(RestPlanner, "plan", REPLANNING)
     # Skip the simulation of the first plan without re-planning.
-    import_module("ffsms_pin.scenarios.closed_loop").attempt = lambda _: None
+    mock.patch.object(closed_loop, "attempt", return_value=None).start()
     kept = arguments.resume
     lines = kept.read_text("utf-8").splitlines() if kept is not None and kept.exists() else []
     rows = [json.loads(line) for line in lines]
