@@ -75,11 +75,13 @@ def held_torque(sms: ffsms.SpaceManipulator, plan: opt.Trajectory) -> FloatArray
 def use_along(sms: ffsms.SpaceManipulator, plan: opt.Trajectory) -> WheelUse:
     """Compute the use of the wheels along a plan, which is zero if the base floats."""
     held = (plan.base_rotation < 1e-9).all() and (np.abs(plan.v[:, 3:6]) < 1e-12).all()
+    wheels = sms.wheels
+    assert wheels is not None
     if not held:
-        zero = np.zeros((len(plan.t), len(sms.wheels.axes)))
-        return WheelUse(plan.t, zero, zero, sms.wheels)
-    rise = -held_torque(sms, plan) @ np.linalg.pinv(sms.wheels.axes)
-    return WheelUse(plan.t, plan.wheel_momentum, rise, sms.wheels)
+        zero = np.zeros((len(plan.t), len(wheels.axes)))
+        return WheelUse(plan.t, zero, zero, wheels)
+    rise = -held_torque(sms, plan) @ np.linalg.pinv(wheels.axes)
+    return WheelUse(plan.t, plan.wheel_momentum, rise, wheels)
 
 
 def turn_back(
@@ -91,6 +93,7 @@ def turn_back(
     the wheels' limits require it. Return the use of the wheels and the displacement of the end effector [m].
     """
     wheels, data = sms.wheels, sms.model.createData()
+    assert wheels is not None
     pin.ccrba(sms.model, data, q, np.zeros(sms.nv))  # data.Ig: the locked robot about its centre of mass
     now, goal = (pin.Quaternion(one).toRotationMatrix() for one in (q[3:7], attitude))
     # Angular momentum of the robot per unit of the normalized rate, root axes, and the share of each wheel.
@@ -124,6 +127,7 @@ def strategies(problem: opt.Problem, options: opt.SearchOptions | None = None) -
         return Strategy(plan, use_along(sms, plan), after, carried)
 
     used = turned_back(opt.solve(floating, options))
+    assert used.after is not None
     straight = opt.plan(sms, problem.q0, problem.goal, problem.duration, problem.dt, method="resolved-rate")
     return {
         "held": kept(held),

@@ -18,7 +18,7 @@ from ffsms_pin import opt
 
 TARGET, DURATION = [0.45, 0.65, 0.0], 12.0  # [m], [s] as in Case 2
 HALF, FORCE = 0.5, 50.0  # [m] half of the cube's side, [N] largest force of a thruster
-HELD: dict[str, tuple[str, tuple[opt.Term, ...]]] = {
+HELD: dict[str, tuple[str, tuple[opt.WheelMomentum | opt.WheelEnergy | opt.Propellant, ...]]] = {
     "rotation-floating": (
         "attitude, by wheels",
         (opt.WheelMomentum(1.0), opt.WheelEnergy(0.01), opt.WheelEnergy(0.1)),

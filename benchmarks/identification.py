@@ -50,7 +50,7 @@ CLASS = simulation.Sensors(
 )
 WITHIN = 2e-3  # [m]
 # Noise of the camera that measures a client before the capture.
-EXACT = {"position_noise": 1e-4, "attitude_noise": 1e-4, "velocity_noise": 1e-5, "rate_noise": 1e-5}
+EXACT = capture.Camera(position_noise=1e-4, attitude_noise=1e-4, velocity_noise=1e-5, rate_noise=1e-5)
 
 
 def case(name: str) -> tuple[ffsms.SpaceManipulator, Any, Any, float]:
@@ -142,8 +142,8 @@ def payload(seed: int) -> dict[str, Any]:
     plant = sms.with_inertias(bodies)
     for learn in (None, identification.Identifier(sms, ["payload"])):
         law = control.ComputedTorque(sms)
-        known = {} if learn is None else {"learn": learn, "law": law}
-        reference = opt.Replanning(opt.Problem(sms, q0, target, duration), **known)
+        known = None if learn is None else law
+        reference = opt.Replanning(opt.Problem(sms, q0, target, duration), learn=learn, law=known)
         try:
             run = simulation.simulate(sms, reference, law, dt=5e-3, q0=q0, plant=plant)
         except FfsmsError:
@@ -193,7 +193,8 @@ def base(seed: int) -> dict[str, Any]:
     sms = case("panda")[0]
     mass, inertia = 1.0 + OFF * np.random.default_rng(seed).uniform(-1, 1, 2)
     plant = simulation.perturb(sms, base_mass=mass, base_inertia=inertia)
-    recording = measured(sms, *by_mujoco(plant, sms, teaching_base()), seed)
+    t, q, v = by_mujoco(plant, sms, teaching_base())
+    recording = measured(sms, t, q, v, seed)
     found = identification.identify(sms, recording=recording, sensors=CLASS, at_rest=True)
     true = plant.model.inertias[1].inertia
     bodies = {"without": sms.model.inertias[1], "with": found["base"]}
@@ -266,7 +267,7 @@ def client(seed: int) -> dict[str, Any]:
         q0,
         opt.Meet(body, grasp),
         duration,
-        camera=capture.Camera(**EXACT),
+        camera=EXACT,
         belief=believed,
         replan=False,
         control=capture.Control(partial(control.ComputedTorque, K_p=100.0, K_d=20.0), dt=5e-3),

@@ -131,7 +131,9 @@ def solve(
     limits, h, start, target = sms.limits, task.duration / steps, task.q0[7:], task.target[:2]
     symbols = ca.SX if expanded else ca.MX
     Q, U, Y = (symbols.sym(name, size, steps + 1) for name, size in (("Q", 3), ("U", 3), ("Y", 1)))
-    rows, low, high = [], [], []
+    rows: list[Any] = []
+    low: list[FloatArray] = []
+    high: list[FloatArray] = []
 
     def row(expression: Any, least: Any, most: Any) -> None:
         rows.append(ca.vec(expression))

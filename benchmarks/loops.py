@@ -29,7 +29,7 @@ import sys
 import time
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -40,6 +40,7 @@ from ffsms_pin import opt, simulation
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.control import ComputedTorque
 from ffsms_pin.errors import SimulationDiverged
+from ffsms_pin.geometry.shapes import Description
 
 FOLDER = Path(__file__).parent / "robots"
 ROBOTS = ("planar_3r", "satellite_panda", "satellite_ur5", "satellite_xarm7", "satellite_z1", "space_arm_7")
@@ -214,7 +215,7 @@ def conditions(
         )
         weak = simulation.Actuator(torque_limit=np.maximum(0.5 * peak, 1e-9))
         return {"conditions": ffsms.Conditions(actuator=weak)}
-    kind = "limp" if name == "limp" else "locked"
+    kind: Literal["locked", "limp"] = "limp" if name == "limp" else "locked"
     fault = simulation.JointFault(at, joint, kind, reported=name != "lock, not reported")
     return {} if name == "right" else {"conditions": ffsms.Conditions(events=fault)}
 
@@ -227,6 +228,7 @@ def flown(name: str, target: int, wanted: Sequence[str], done: set[tuple[str, in
     sms = robot(name)
     problem = task(sms, np.random.default_rng([target, *name.encode()]))
     plan, goal = opt.solve(problem), problem.place
+    assert isinstance(sms.description, Description)
     judge = Judge(sms.description.text, sms.end_effector)
     for condition in missing:
         begun = time.process_time()
@@ -243,9 +245,20 @@ def flown(name: str, target: int, wanted: Sequence[str], done: set[tuple[str, in
         lock = options["conditions"].events.time if condition.startswith("lock") else None
         errors = judge.errors(tracking.q[-1], goal.position, goal.rotation)
         excesses = judge.excesses(tracking.t, tracking.q, tracking.v, limp, lock)
-        verdict = tracking.arrived, tracking.stopped, tracking.note, diverged
         cpu, overlap = time.process_time() - begun, judge.overlap(tracking.t, tracking.q)
-        yield Flight(name, target, condition, *errors, *excesses, *verdict, cpu, overlap)
+        yield Flight(
+            name,
+            target,
+            condition,
+            *errors,
+            *excesses,
+            arrived=tracking.arrived,
+            stopped=tracking.stopped,
+            note=tracking.note,
+            diverged=diverged,
+            cpu=cpu,
+            overlap=overlap,
+        )
 
 
 def main() -> None:

@@ -126,7 +126,7 @@ def main() -> None:
         if plan.reached:
             met += 1
             found = judge.judge(plan, goal, bodies)
-            worst = Judged(*(max(pair) for pair in zip(worst, found, strict=True)))
+            worst = Judged._make(max(pair) for pair in zip(worst, found, strict=True))
             kept = not found.touches and found.limits <= SLIGHT and found.strayed <= goal.tolerance + SLIGHT
             broken += not kept
             row += (

@@ -151,6 +151,7 @@ class Judge:
 def _free_body(goal: opt.Meet, count: int, dt: float) -> tuple[list[pin.SE3], list[FloatArray]]:
     """Return poses and twists of the client at `count` instants, by Euler's equations."""
     client = goal.client
+    assert isinstance(client, ffsms.Client)
     inertia, start = client.inertia, client.start_pose
     inverse = np.linalg.inv(inertia)
     R, velocity = start.rotation.copy(), client.start_twist[:3]

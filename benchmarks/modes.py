@@ -125,7 +125,8 @@ def main() -> None:
     parser.add_argument("--time-limit", type=float, default=60.0, help="of each plan [s]")
     parser.add_argument("--out", default="results/modes.json", help="file for all numbers")
     arguments = parser.parse_args()
-    path, results = Path(arguments.out), {}
+    path = Path(arguments.out)
+    results: dict[str, list[dict[str, Any]]] = {}
     path.parent.mkdir(parents=True, exist_ok=True)
 
     def keep(rows: list[dict[str, Any]]) -> None:

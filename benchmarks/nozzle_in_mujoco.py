@@ -54,6 +54,8 @@ class Peer:
     def _add(self, spec: Any) -> None:
         """Add the client's body, the rod and the nozzle, and their contact pairs."""
         load, client = self.load, self.client
+        assert load is not None
+        assert client is not None
         spec.option.disableflags = int(mj.mjtDisableBit.mjDSBL_MULTICCD)  # one contact point per pair
         spec.option.cone, spec.option.impratio = mj.mjtCone.mjCONE_ELLIPTIC, 1000.0
         spec.option.tolerance, spec.option.ccd_tolerance = 1e-14, 1e-12
@@ -76,6 +78,7 @@ class Peer:
     def _set_contact(self) -> None:
         """Set stiffness and friction, times the sum of MuJoCo's inverse masses."""
         model, load = self.model, self.load
+        assert load is not None
         tool = model.site_bodyid[self.site]
         weight = model.body_invweight0[tool, 0] + model.body_invweight0[model.body("client").id, 0]
         spring = load.stiffness * weight
@@ -110,7 +113,8 @@ class Peer:
         model, data, nv = self.model, self.data, self.sms.nv
         J = np.zeros((6, model.nv))
         for _ in range(parts):
-            if data.ncon:  # MuJoCo's damping is constant; that of `SurfaceContact` grows with depth
+            # MuJoCo's damping is constant; that of `SurfaceContact` grows with depth.
+            if data.ncon and self.load is not None:
                 deepest = max(0.0, -float(data.contact.dist.min()))
                 slower = 1e-9 + 1.5 * self.load.damping * deepest  # in MuJoCo zero selects another format
                 model.pair_solref[:, 1] = slower * model.pair_solref[:, 0]

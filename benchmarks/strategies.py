@@ -190,7 +190,7 @@ def run(
     names: Sequence[str] = NAMES,
 ) -> list[dict[str, Any]]:
     """Return rows of all plans: `counts` targets of each kind for the planar arm and for seven joints."""
-    rows = []
+    rows: list[dict[str, Any]] = []
     for (model, poses), count in zip(SETS, counts, strict=True):
         for kind in kinds if model in models else ():
             for i, problem in enumerate(problems(model, poses, kind, count, seed)):

@@ -11,7 +11,7 @@ import argparse
 import json
 from itertools import islice
 from pathlib import Path
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 from motions import DT, DURATION, measured, tasks
@@ -19,6 +19,7 @@ from motions import DT, DURATION, measured, tasks
 import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.files import write_content
+from ffsms_pin.opt.plans import PlanOptions
 from ffsms_pin.plotting.style import applied, line
 
 BASE = (0.0, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 100.0)  # weights of opt.BaseTurn, with the default effort
@@ -30,7 +31,9 @@ LABELLED = {"base": BASE[5:], "effort": (1e-2, 1.0)}
 OTHERS = {"step": 'method="step"', "resolved-rate": 'method="resolved-rate"'}
 
 
-def planned(sms: ffsms.SpaceManipulator, q0: Any, target: Any, **weights: float) -> dict[str, float]:
+def planned(
+    sms: ffsms.SpaceManipulator, q0: Any, target: Any, **weights: Unpack[PlanOptions]
+) -> dict[str, float]:
     """Return cost [s], base rotation [rad] and joint travel [rad] of one plan."""
     plan = opt.plan(sms, q0, target, DURATION, DT, **weights)
     return {
@@ -101,9 +104,9 @@ def _families(ax: Any, found: dict[str, dict[str, float]], key: str) -> None:
                 color=line(i)["color"],
             )
     for (name, label), marker in zip(OTHERS.items(), "sD", strict=True):
-        at = found[name]
+        medians = found[name]
         style = {"marker": marker, "linestyle": "none", "color": "#555555"}
-        ax.plot([at["turn"]], [at[key]], label=label, **style)
+        ax.plot([medians["turn"]], [medians[key]], label=label, **style)
 
 
 def table(results: dict[str, dict[str, dict[str, float]]]) -> str:

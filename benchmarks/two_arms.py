@@ -7,6 +7,8 @@ Robot, start and position goal are those of docs/goals.md. The pose goal also ro
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pinocchio as pin
 from table import markdown
@@ -16,7 +18,7 @@ from ffsms_pin import opt
 
 HALF = [0.3, 0.5, 0.2, -1.0, 0.2, 0.6, 0.1]  # [rad] joint positions of each arm
 WAY, TURN, DURATION = np.array([-0.15, -0.1, 0.15]), np.array([0.0, 0.0, 0.25]), 15.0  # [m], [rad], [s]
-SETTINGS = {
+SETTINGS: dict[str, dict[str, Any]] = {
     "no penalty": {},
     "`base=1`": {"base": 1.0},
     "`base=100`": {"base": 100.0},
