@@ -167,9 +167,8 @@ def drawn(kind: str, seed: int, rng: np.random.Generator) -> str:
         joints = np.clip(
             joints, [-2.8, -1.7, -2.8, -3.0, -2.8, 0.1, -2.8], [2.8, 1.7, 2.8, -0.2, 2.8, 3.6, 2.8]
         )
-        text = re.sub(
-            r"(?m)^(\[client\][^[]*?)joints = .*$", rf"\g<1>joints = {joints.tolist()}", text, count=1
-        )
+        before, header, table = text.partition("[client]\n")
+        text = before + header + put(table, "joints", joints.tolist())
         text = swap(put(text, "duration", 20.0), "dt = 0.02 ", "dt = 0.05 ")
     text = swap(text, "dt = 0.002 ", "dt = 0.01 ")
     text = swap(text, 'kind = "re-planning"', 'kind = "re-planning"\nperiod = 0.5')
