@@ -90,13 +90,13 @@ def test_states_and_accelerations_of_a_plan_are_consistent(
 ) -> None:
     dt = trajectory.dt
     joints, rates, acc = trajectory.q[:, 7:], trajectory.v[:, 6:], trajectory.joint_accelerations
-    np.testing.assert_allclose(np.diff(rates, axis=0), dt * acc, rtol=0.0, atol=1e-15)
+    np.testing.assert_allclose(np.diff(rates, axis=0), dt * acc, rtol=0.0, atol=1e-14)
     np.testing.assert_allclose(
         np.diff(joints, axis=0), dt * rates[:-1] + 0.5 * dt**2 * acc, rtol=0.0, atol=1e-14
     )
     for q, v in zip(trajectory.q[::50], trajectory.v[::50], strict=True):
         assert abs(np.linalg.norm(q[3:7]) - 1.0) < 1e-14
-        np.testing.assert_allclose(v, sms.velocity(q, v[6:]), rtol=0.0, atol=1e-15)
+        np.testing.assert_allclose(v, sms.velocity(q, v[6:]), rtol=0.0, atol=1e-14)
         assert np.abs(sms.at(q, v).momentum).max() < 1e-14
         assert np.abs(sms.at(q).com).max() < 1e-13  # zero momentum: the centre of mass stays
 

@@ -37,7 +37,7 @@ def test_seeds_are_spread_over_the_joint_ranges_or_near_the_start(planar: ffsms.
     assert (np.ptp(seeds, axis=0) > 0.8 * (high - low)).all()
     assert (np.abs(near - problem.joints0) <= 0.3).all()
     locked = planar_problem(planar, locked=["joint_2"])
-    np.testing.assert_allclose(spread_postures(locked, 0, 8)[:, 1], problem.joints0[1], rtol=0.0, atol=1e-15)
+    np.testing.assert_allclose(spread_postures(locked, 0, 8)[:, 1], problem.joints0[1], rtol=0.0, atol=1e-14)
 
 
 @pytest.mark.parametrize("with_attitude", [False, True])
@@ -75,7 +75,7 @@ def test_straight_moves_begin_with_the_initial_rates(planar: ffsms.SpaceManipula
     goals = problem.joints0 + np.array([[0.2, -0.1, 0.15], [-0.2, 0.1, -0.3]])
     for p, goal in zip(straight_moves(problem, spline, goals), goals, strict=True):
         rates = node_rates(problem, spline, p)
-        np.testing.assert_allclose(rates[0], problem.joint_rates, rtol=0.0, atol=1e-15)
+        np.testing.assert_allclose(rates[0], problem.joint_rates, rtol=0.0, atol=1e-14)
         plan = trajectory_of(problem, rates)
         np.testing.assert_allclose(plan.joint_positions[-1], goal, atol=2e-3)
 
