@@ -19,6 +19,7 @@ import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.errors import FfsmsError
 from ffsms_pin.opt.plans import plan_problem
+from ffsms_pin.opt.step.stepper import StepSolver
 from ffsms_pin.threads import InUse
 
 THREADS = 3
@@ -162,8 +163,8 @@ def test_a_second_thread_may_not_continue_a_replanned_motion(
         np.testing.assert_array_equal(first, other)
 
 
-def test_a_step_planner_in_several_threads_works_or_refuses(planar: ffsms.SpaceManipulator) -> None:
-    """Concurrent calls are refused; all completed steps are correct."""
+def test_steps_of_one_planner_in_several_threads_are_correct(planar: ffsms.SpaceManipulator) -> None:
+    """Concurrent calls may be refused; all completed steps are correct."""
     q0, target, rates = planar.configuration([0.4, 0.7, -0.5]), np.array([0.7, 0.5, 0.0]), np.zeros(3)
     planner = opt.StepPlanner(planar)
     planner.step(q0, rates, target, 5.0)
@@ -180,7 +181,21 @@ def test_a_step_planner_in_several_threads_works_or_refuses(planar: ffsms.SpaceM
 
     attempts = [attempt for outcomes in run_in_threads(step) for attempt in outcomes]
     steps = [attempt for attempt in attempts if not isinstance(attempt, InUse)]
-    assert len(steps) < len(attempts)
     assert steps
     for joint_rates in steps:
         np.testing.assert_allclose(joint_rates, expected, rtol=0.0, atol=1e-9)
+
+
+def test_a_step_during_a_step_of_the_same_planner_is_refused(
+    planar: ffsms.SpaceManipulator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    q0, target = planar.configuration([0.4, 0.7, -0.5]), np.array([0.7, 0.5, 0.0])
+    planner, solve = opt.StepPlanner(planar), StepSolver.solve
+
+    def with_another_step(solver: StepSolver, qp: Any, start: Any) -> Any:
+        with ThreadPoolExecutor(1) as pool, pytest.raises(InUse):
+            pool.submit(planner.step, q0, np.zeros(3), target, 5.0).result()
+        return solve(solver, qp, start)
+
+    monkeypatch.setattr(StepSolver, "solve", with_another_step)
+    assert planner.step(q0, np.zeros(3), target, 5.0).solved

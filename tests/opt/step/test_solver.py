@@ -40,21 +40,17 @@ def random_problem(rng: np.random.Generator, n: int, rows: int) -> StepProblem:
 
 
 def test_unrelated_problems_with_warm_starts_are_solved_to_full_precision() -> None:
-    rng, solver, start, identical = np.random.default_rng(5), StepSolver(), None, 0
+    rng, solver, start = np.random.default_rng(5), StepSolver(), None
     for _ in range(200):
         problem = random_problem(rng, 5, 8)
-        solution, cold = (
-            solver.solve(with_bound_rows(problem), start),
-            StepSolver().solve(with_bound_rows(problem)),
-        )
+        solution = solver.solve(with_bound_rows(problem), start)
         assert solution.solved
         assert problem.violation(solution.x) < 1e-12
         assert optimality_gap(problem, solution.x) < 1e-10
         np.testing.assert_allclose(solution.x, by_daqp(problem), rtol=0.0, atol=1e-8)
-        identical += np.array_equal(solution.x, cold.x)
+        cold = StepSolver().solve(with_bound_rows(problem))
+        np.testing.assert_allclose(solution.x, cold.x, rtol=0.0, atol=1e-12)
         start = (solution.x, solution.z)
-    # Warm and cold solutions are identical unless a multiplier is as small as the tolerance.
-    assert identical >= 198
 
 
 @pytest.mark.parametrize("name", ["planar_3r", "satellite_panda"])
