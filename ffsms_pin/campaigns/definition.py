@@ -6,6 +6,7 @@ import hashlib
 import json
 import os
 import re
+import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib.metadata import version
@@ -14,7 +15,7 @@ from typing import Any
 
 from ffsms_pin.campaigns.draws import drawn_content, flat_draws
 from ffsms_pin.checks import whole
-from ffsms_pin.errors import ResultError
+from ffsms_pin.errors import FfsmsWarning, ResultError
 from ffsms_pin.files import LARGEST_DATA, read_content, read_json
 from ffsms_pin.geometry.shapes import find_mesh
 from ffsms_pin.scenarios import Scenario, scenario
@@ -45,11 +46,17 @@ class Campaign:
         compare: bool = False,
         allow_import: bool = False,
     ) -> Campaign:
-        """Read a campaign from a scenario file or packaged scenario; `seed` replaces the file's seed."""
+        """Read a campaign from a scenario file or packaged scenario; `seed` replaces the file's seed.
+
+        A `path` in [guards] gives a warning, because campaigns write no recordings.
+        """
         plain = scenario(name_or_path, allow_import=allow_import)
         content, source = read(plain.source), str(plain.source.absolute())
         first = whole("seed", plain.campaign.get("seed", 1) if seed is None else seed, 0)
         draws = dict(sorted(flat_draws(content.pop("campaign", {}).get("draw", {}))))
+        if "path" in content.get("guards", {}):
+            message = f"{plain.source}: a campaign writes no recordings, so [guards] path has no effect"
+            warnings.warn(message, FfsmsWarning, stacklevel=2)
         if compare:
             content.setdefault("reference", {})["kind"] = "re-planning"
         campaign = cls(source, content, draws, whole("runs", runs, 1), first, compare, allow_import)

@@ -375,7 +375,8 @@ def _add_robot(command: argparse.ArgumentParser, more: str = "") -> None:
     command.add_argument(
         "--end-effector",
         metavar="FRAME",
-        help="end-effector frame (default: the frame of the last link; needed if the arm has several ends)",
+        help="end-effector frame (default: the tool frame of known robots, else the frame of the last link; "
+        "needed if the arm has several ends)",
     )
 
 

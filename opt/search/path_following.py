@@ -471,6 +471,7 @@ def explain_path(problem: Problem, nodes: PathNodes, plan: Trajectory) -> Trajec
     elif not out_of_reach:
         shortest = _sufficient_duration(problem, nodes)
         slower = "" if path.geometric else ", if the curve is slowed down to this duration,"
+        slower = " at constant speed" if path.timing == "fastest" else slower
         sufficient = f"a duration of {shortest:.2f} s{slower} would suffice"
         reasons.append(sufficient if shortest else "no sufficient duration is known")
     return noted(plan, plan.note, *reasons, shortest_duration=shortest)

@@ -23,7 +23,14 @@ from ffsms_pin.analysis import wilson_interval
 from ffsms_pin.campaigns import Campaign, by_method, campaign, read_table, report
 from ffsms_pin.campaigns.rows import run_numbers
 from ffsms_pin.cli import main
-from ffsms_pin.errors import ClusterError, FfsmsError, InvalidScenario, InvalidValue, ResultError
+from ffsms_pin.errors import (
+    ClusterError,
+    FfsmsError,
+    FfsmsWarning,
+    InvalidScenario,
+    InvalidValue,
+    ResultError,
+)
 from ffsms_pin.plotting.comparisons import plot_campaign
 from ffsms_pin.scenarios import run as run_alone, scenario
 from ffsms_pin.simulation import perturb, simulate
@@ -186,6 +193,13 @@ def test_a_shared_plan_gives_the_same_results(tmp_path: Path) -> None:
     for row in (0, 1):
         alone = run_alone(chosen.scenario(100 + row))
         assert alone.tracking.position_error[-1] == table["final_error_m"][row]
+
+
+def test_a_recording_of_guards_has_no_effect_in_a_campaign(tmp_path: Path) -> None:
+    path = tmp_path / "guarded.toml"
+    path.write_text(CAMPAIGN + '[guards]\npath = "stopped.npz"\n')
+    with pytest.warns(FfsmsWarning, match=r"\[guards\] path has no effect"):
+        Campaign.read(path, RUNS)
 
 
 @pytest.mark.slow
