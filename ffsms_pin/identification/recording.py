@@ -243,7 +243,10 @@ def _check_axes(sms: SpaceManipulator, recording: Recording, base_velocity: str)
 
 
 def _disagreement(sms: SpaceManipulator, recording: Recording) -> float:
-    """Return the RMS difference of base positions and integrated velocities, 1 for the allowed difference."""
+    """Return the RMS difference between changes of the base's pose and integrated velocities.
+
+    Differences are divided by the expected differences, which are from noise and 0.1 % of the largest change.
+    """
     moved, integrated, noise = (x[..., :6] for x in _windows(sms, recording))
     expected = _NOISE * noise + 1e-3 * np.abs(moved).max(axis=0) + 1e-9
     return float(np.sqrt(np.nanmean(((moved - integrated) / expected) ** 2)))

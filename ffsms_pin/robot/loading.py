@@ -111,9 +111,9 @@ def load(
         name and the ending .srdf, if that file exists.
     velocity : array_like, optional
         Joint rate limits [rad/s or m/s], one number or (n,). They replace the limits in the file, which may
-        then be zero. Default: the file's limits. A joint without a rate limit gets 0.5 rad/s or 0.5 m/s,
-        but a continuous joint of a URDF is then unlimited, unless the URDF is an arm on a satellite of this
-        library.
+        then be zero. Default: the file's limits. Joints of MJCF files and of Pinocchio models without a rate
+        limit get 0.5 rad/s or 0.5 m/s. A continuous joint of a URDF without <limit> is unlimited, except on a
+        satellite of this library, where it gets 0.5 rad/s.
     torque : array_like, optional
         Joint torque limits [N m or N], one number or (n,). They replace the limits in the file, which may
         then be zero. Default: the file's limits.

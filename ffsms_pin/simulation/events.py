@@ -59,9 +59,10 @@ class Wrench:
     def force(self, plant: SpaceManipulator) -> GeneralisedForce:
         """Return a function of t, q and v that returns the generalised force conjugate to Pinocchio's v."""
         one_of("wrench.on", self.on, ("base", "end-effector"))
-        start, end = number("wrench.start", self.start), self.end
-        if not (isinstance(end, (int, float)) and end > start):
-            raise InvalidValue("wrench.end", end, f"must be after its start at {start:g} s")
+        start = number("wrench.start", self.start)
+        endless = isinstance(self.end, float) and self.end == math.inf
+        if not endless and number("wrench.end", self.end) <= start:
+            raise InvalidValue("wrench.end", self.end, f"must be after its start at {start:g} s")
         if not callable(self.wrench):
             vector("wrench", self.wrench, 6, "N, N m")
         model, data = plant.model, plant.model.createData()

@@ -127,7 +127,7 @@ class Trip(NamedTuple):
 
 @runtime_checkable
 class TorqueLimited(Protocol):
-    """A controller that has the largest torques (n,) of its commands [N m]."""
+    """A controller with the attribute `torque_limit` (n,), the limits of its torques [N m or N]."""
 
     torque_limit: FloatArray
 

@@ -297,7 +297,10 @@ def check_robots(sms: Any, plant: Any) -> None:
 def check_kinds(
     reference: Any, controller: Any, progress: Any, supervisor: Any, base_controller: Any
 ) -> None:
-    """Raise `InvalidValue`, with the argument's name, for a class or an object without required methods."""
+    """Raise `InvalidValue`, with the argument's name, for a class, or for an object of a wrong kind.
+
+    `BaseActuators` checks the method of a `base_controller`.
+    """
     for name, value, example in (
         ("reference", reference, "an instance"),
         ("controller", controller, "an instance, such as ComputedTorque(sms)"),

@@ -225,7 +225,8 @@ def check_jumps(curve: Curve, parameters: FloatArray, unit: str) -> None:
         middle = 0.5 * (low + high)
         first, second = np.diff(lengths(curve(np.array([low, middle, high]))))
         low, high = (low, middle) if first >= second else (middle, high)
-    jump = float(lengths(curve(np.array([low, high])))[-1])
+    sides = curve(np.array([low, high]))  # the points before and after the jump
+    jump = float(lengths(sides)[-1])
     if jump > 0.5 * steps[k]:
         size = length_text(jump)
         if points.rotations is not None:
@@ -234,4 +235,4 @@ def check_jumps(curve: Curve, parameters: FloatArray, unit: str) -> None:
             f"must be continuous, but it jumps near {low:.6g} {unit} by {size}; "
             "plan its parts as separate motions"
         )
-        raise InvalidValue("curve", round(jump, 6), remedy)
+        raise InvalidValue("curve", np.round(sides.positions.T, 6).tolist(), remedy)

@@ -47,8 +47,8 @@ class ControlQP:
     The control points (M n,) are flattened with the joints as the last axis. `matrix` (k, M) has the rows of
     one joint, which are the same for all joints. `kinds` (k,) has the kind of each row: "rate",
     "acceleration", "position", "rest" (at the end) or "stop" (after the end). The first `moving` rows of the
-    QP have the first three kinds. Bounds are widened so that the control points of an arm that brakes from
-    the start are feasible, or zero control points if `RateSpline.changes`.
+    QP have the first three kinds. Bounds are widened so that zero control points are feasible if
+    `RateSpline.changes`, and otherwise those of an arm that brakes from the start.
     """
 
     def __init__(self, problem: Problem, spline: RateSpline) -> None:

@@ -241,7 +241,8 @@ def test_initial_momentum(planar: ffsms.SpaceManipulator, law: ComputedTorque, r
         ({"disturbances": Wrench(np.zeros(3))}, ("wrench",)),
         ({"disturbances": Wrench(lambda t: np.zeros(5))}, ("wrench at t = 0",)),
         ({"disturbances": Wrench(np.zeros(6), on="link_2")}, ("wrench.on",)),  # type: ignore[arg-type]
-        ({"disturbances": Wrench(np.zeros(6), start=2.0, end=1.0)}, ("wrench.end",)),
+        ({"disturbances": Wrench(np.zeros(6), start=2.0, end=1.0)}, ("wrench.end", "after its start at 2 s")),
+        ({"disturbances": Wrench(np.zeros(6), end="5")}, ("wrench.end", "numbers")),  # type: ignore[arg-type]
         ({"events": JointFault(0.5, "joint_9")}, ("fault.joint", "joint_9", "joint_1, joint_2, joint_3")),
         ({"events": JointFault(0.5, 0, "stuck")}, ("fault.kind",)),  # type: ignore[arg-type]
         ({"events": JointFault(2.5, 0)}, ("event.time", "2 s")),
