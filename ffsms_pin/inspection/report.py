@@ -74,7 +74,7 @@ def examine(robot: ElementTree.Element, settings: Settings) -> Examination:
                 if fault.mend is not None:
                     fault.mend()
                     mends += 1
-                elif (fault.where, fault.problem) in lasting:  # each pass finds faults without repair again
+                elif (fault.where, fault.problem) in lasting:  # found again, because it has no repair
                     continue
                 else:
                     lasting.add((fault.where, fault.problem))

@@ -1,4 +1,4 @@
-"""Figures of motions. A function `plot_*` draws one panel on existing or new axes and returns the axes."""
+"""Figures of motions. Each function `plot_*` of this package draws one panel on existing or new axes."""
 
 from ffsms_pin.errors import require
 

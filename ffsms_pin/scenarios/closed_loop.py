@@ -353,7 +353,8 @@ def run(
 ) -> Outcome:
     """Plan the scenario's motion and follow it in closed loop under the scenario's conditions.
 
-    A missed target is no error: `outcome.trajectory.reached` is then False.
+    A missed target is no error. If the plan misses it, `outcome.trajectory.reached` is False; if the
+    simulated motion misses it, `outcome.tracking.arrived` is False.
 
     Parameters
     ----------
