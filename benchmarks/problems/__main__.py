@@ -66,7 +66,7 @@ def run(solver: str, problem: Problem, seconds: float) -> dict[str, Any]:
         signal.setitimer(signal.ITIMER_VIRTUAL, 0.0)
     row["seconds"] = time.process_time() - begin
     if solution is not None:
-        row |= {key: solution[key] for key in ("said", "note") if key in solution} | judge(problem, solution)
+        row |= {key: solution[key] for key in ("claimed", "note") if key in solution} | judge(problem, solution)
     return {"solved": False, "exact": False, **row}
 
 
@@ -103,16 +103,16 @@ def table(rows: list[dict[str, Any]]) -> str:
         half, most = np.percentile([row["seconds"] for row in asked], [50, 90])
         cells.append(f"{half:.2g}, {most:.2g}")
         lines.append(f"| {' | '.join(cells)} |")
-    said = [row for row in rows if row.get("said")]
-    sure = [row for row in said if row["said"]["kept"] is not None]
-    if said:
+    claimed = [row for row in rows if row.get("claimed")]
+    sure = [row for row in claimed if row["claimed"]["kept"] is not None]
+    if claimed:
         agree = sum(
-            row["said"] == {"reached": row["solved"], "exact": row["exact"], "kept": not row["broken"]}
+            row["claimed"] == {"reached": row["solved"], "exact": row["exact"], "kept": not row["broken"]}
             for row in sure
         )
         lines.append(
             f"\nThe library and the judge agree on {agree} of {len(sure)} plans: reached, exact, limits kept."
-            f" For {len(said) - len(sure)} more, the library could not prove the clearance between instants."
+            f" For {len(claimed) - len(sure)} more, the library could not prove the clearance between instants."
         )
     return "\n".join(lines)
 

@@ -80,12 +80,12 @@ def test_the_client_moves_freely_and_then_with_the_arm(outcome: Any, tmp_path: P
     step = motion.pose(6.0).translation - motion.pose(5.996).translation
     assert np.linalg.norm(step) < 1e-3
     rows = np.flatnonzero(whole.t >= 6.0)[[0, 300, -1]]
-    in_hand = [
+    relative_poses = [
         outcome.plant.at(whole.q[row]).end_effector_pose.actInv(motion.pose(float(whole.t[row])))
         for row in rows
     ]
-    for pose in in_hand[1:]:
-        np.testing.assert_allclose(pose.homogeneous, in_hand[0].homogeneous, atol=1e-9)
+    for pose in relative_poses[1:]:
+        np.testing.assert_allclose(pose.homogeneous, relative_poses[0].homogeneous, atol=1e-9)
     late = float(whole.t[-1])
     assert np.linalg.norm(motion.pose(late).translation - free.pose(late).translation) > 1e-3
 

@@ -210,7 +210,7 @@ def test_the_judge_agrees_with_the_library(judge: Any, family: str) -> None:
     plan = library.planned(problem, 60.0)
     verdict = judge.judge(problem, plan)
     judged = {"reached": verdict["solved"], "exact": verdict["exact"], "kept": not verdict["broken"]}
-    assert judged == plan["said"]
+    assert judged == plan["claimed"]
     made = library.plan_problem(library.stated(problem))
     assert verdict["cost"] == pytest.approx(made.cost_integral, rel=0.02, abs=1e-5)
     assert verdict["base_turn"] == pytest.approx(float(made.base_rotation.max()), abs=1e-5)
@@ -242,5 +242,5 @@ def test_an_unproven_clearance_is_not_counted_as_violated(judge: Any) -> None:
     problem = judge.find("obstacles-015")
     plan = module(".baselines.library").planned(problem, 30.0, method="resolved-rate")
     assert "a clearance is not proven: wrist_yaw_body - cylinder 2 is at least 9.7 mm" in plan["note"]
-    assert plan["said"] == {"reached": False, "exact": False, "kept": None}
+    assert plan["claimed"] == {"reached": False, "exact": False, "kept": None}
     assert judge.judge(problem, plan)["broken"] == {}

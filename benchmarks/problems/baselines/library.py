@@ -65,17 +65,17 @@ def planned(problem: Problem, seconds: float, method: str = "horizon") -> dict[s
     if method != "horizon" and problem["client"]:
         return None
     plan = plan_problem(stated(problem), method, opt.SearchOptions(time_limit=0.8 * seconds))
-    said: dict[str, bool | None] = {
+    claimed: dict[str, bool | None] = {
         "reached": plan.reached,
         "exact": plan.reached and plan.within_tolerance,
     }
     # The judge does not count goals as limits. A clearance that is not proven may still be kept.
     unsure = "a clearance is not proven" in plan.note
-    said["kept"] = None if unsure else all(name.startswith("also ") for name in plan.broken)
+    claimed["kept"] = None if unsure else all(name.startswith("also ") for name in plan.broken)
     return {
         "t": plan.t,
         "joints": plan.joint_positions,
         "rates": plan.joint_rates,
-        "said": said,
+        "claimed": claimed,
         "note": plan.note,
     }
