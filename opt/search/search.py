@@ -359,17 +359,29 @@ def within_limits(search: Search) -> None:
     if not nearest.plan.broken:
         return
     model = replace(nearest.model, problem=problem, goal=problem.goal)
-    if not search.keep(prefer_limits(linearise(model, nearest.p, LAST_WEIGHTS))).plan.broken:
+    if not _keep_within(search, prefer_limits(linearise(model, nearest.p, LAST_WEIGHTS))).plan.broken:
         return
     for share in (0.7, 0.4, 0.2, 0.0):
         motion = search.keep(linearise(model, share * nearest.p, LAST_WEIGHTS))
         for softness in (1e-4, 1e-2):
-            motion = search.keep(with_soft_goal(motion, softness))
-            if motion.limit_share[0] > 1.0:
+            motion = _keep_within(search, with_soft_goal(motion, softness))
+            if motion.plan.broken:
                 break
-            # The motion satisfies limits in the search's steps, but its plan may violate them between these.
-            stricter = replace(model, problem=_stricter(problem, motion.plan.broken))
-            motion = linearise(stricter, motion.p, LAST_WEIGHTS)
+
+
+def _keep_within(search: Search, motion: Candidates) -> Candidates:
+    """Keep a motion, and return it, after corrections if only its plan violates a limit.
+
+    A motion may satisfy the limits in the search's steps, but its plan may violate them between these steps.
+    Then the motion is corrected with larger margins, up to twice.
+    """
+    motion = search.keep(motion)
+    for _ in range(2):
+        if not motion.plan.broken or motion.limit_share[0] > 1.0:
+            break
+        stricter = replace(motion.model, problem=_stricter(motion.model.problem, motion.plan.broken))
+        motion = search.keep(with_soft_goal(linearise(stricter, motion.p, LAST_WEIGHTS), 0.1))
+    return motion
 
 
 def step_rollouts(search: Search) -> None:
