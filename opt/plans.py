@@ -13,7 +13,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from ffsms_pin.checks import common_length, one_of, optional_callable
+from ffsms_pin.checks import common_length, one_of, optional_callable, positive
 from ffsms_pin.errors import InvalidValue, UnknownOption, numerical_errors
 from ffsms_pin.geometry.obstacle import Obstacle
 from ffsms_pin.opt.costs import Coupling
@@ -131,6 +131,11 @@ def plan(
             raise InvalidValue(name, value, f"is not an option of method '{method}'; use method 'horizon'")
     goal = as_goal(target, "target")
     terms = default_terms(kappa, options.get("effort"), options.get("base", 0.0), goal.coupled)
+    waypoints = _waypoints(via)
+    for waypoint in waypoints:
+        if waypoint.time is not None and waypoint.time > positive("duration", duration, "s"):
+            remedy = f"of waypoint '{waypoint.name}' must not be after the deadline at {duration:g} s"
+            raise InvalidValue("time", waypoint.time, remedy)
     limits = default_limits(
         options.get("clearance", Clearance.clearance),
         options.get("collision", Clearance.collision),
@@ -144,7 +149,7 @@ def plan(
         duration,
         dt,
         terms,
-        [*limits, *_other_goals(options.get("also")), *_waypoints(via)],
+        [*limits, *_other_goals(options.get("also")), *waypoints],
         options.get("joint_rates"),
         options.get("momentum"),
         options.get("locked", ()),

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from ffsms_pin.checks import FloatArray, frozen
+from ffsms_pin.checks import FloatArray, frozen, number
 from ffsms_pin.errors import InvalidValue, ResultError
 from ffsms_pin.files import check_shapes, check_times, load_arrays, numbers_by_name, save_arrays
 from ffsms_pin.opt.costs import propellant, wheel_energy
@@ -267,6 +267,7 @@ class Trajectory:
     def sample(self, t: float) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return joint positions, rates and accelerations, each (n,), at t [s]; at rest beyond the ends."""
         positions, rates = self.joint_positions, self.joint_rates
+        t = number("t", t)
         rounding = 1e-6 * self.dt  # rounding errors may let a sum of times exceed the duration
         if not -rounding <= t <= self.duration + rounding:
             end = positions[0 if t < 0.0 else -1]

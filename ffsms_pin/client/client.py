@@ -178,7 +178,7 @@ class Client:
 
     def pose(self, t: float) -> Any:
         """Return the pose (pinocchio.SE3) of the body frame at a time t [s], which may be negative."""
-        positions, rotations = self.poses([t])
+        positions, rotations = self.poses([checks.number("t", t)])
         return pin.SE3(rotations[0], positions[0])
 
     def poses(self, times: ArrayLike) -> tuple[FloatArray, FloatArray]:
@@ -196,7 +196,7 @@ class Client:
 
         The twist is the velocity of the centre of mass [m/s] and the angular velocity [rad/s].
         """
-        return np.asarray(self.twists([t])[0])
+        return np.asarray(self.twists([checks.number("t", t)])[0])
 
     def twists(self, times: ArrayLike) -> FloatArray:
         """Return the twists (K, 6) at times (K,) [s]; see `twist`."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ffsms_pin.checks import FloatArray, number
+from ffsms_pin.checks import FloatArray, at_least_zero
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.geometry.bodies import clearance_stack
 from ffsms_pin.geometry.distances import Poses
@@ -23,7 +23,7 @@ def clear_postures(sms: ShapedMechanism, count: int, seed: int, clearance: float
         Fewer than one posture per 64 blocks has the clearance, or the range of a joint is unbounded or empty.
     """
     block, blocks = 256, 64
-    number("clearance", clearance)
+    at_least_zero("clearance", clearance, "m")
     turn = np.where(sms.layout.turns, np.pi, np.inf)
     low, high = np.maximum(sms.limits.lower, -turn), np.minimum(sms.limits.upper, turn)
     wrong = ~(np.isfinite(low) & np.isfinite(high) & (low < high))

@@ -194,7 +194,10 @@ class SpaceManipulator(ShapedMechanism):
         return State(self, self.checked_configuration("q", q), rates)
 
     def batch(self, joints: ArrayLike) -> Batch:
-        """Return coupling, Jacobians and inertia at joint positions (N, n) [rad or m], in base axes."""
+        """Return coupling, Jacobians and inertia at joint positions (N, n) [rad or m], in base axes.
+
+        `AmbiguousEndEffector` is raised if no end effector is chosen; see `with_end_effector`.
+        """
         return Batch(self, joints)
 
     def configuration(self, joints: ArrayLike, base: Any = None) -> FloatArray:
@@ -260,6 +263,8 @@ class SpaceManipulator(ShapedMechanism):
             A prismatic joint has no limits, a revolute joint has no position within half a turn of zero, no
             posture with this clearance was drawn, or the base has no box although the clearance is measured
             between points (see `opt.Clearance`).
+        AmbiguousEndEffector
+            No end effector is chosen.
         """
         joints = clear_postures(self, 1, 0, clearance, 0.5)
         return self.configuration(joints[int(np.argmax(self.batch(joints).manipulability))])

@@ -21,6 +21,7 @@ from ffsms_pin.opt.goals.goal import ORIENTATION_REACH, REACH
 from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.replan.replanning import Replanning
 from ffsms_pin.opt.rollouts import ARRIVAL_SHARE, angles_from_start
+from ffsms_pin.opt.trajectory import Trajectory
 from ffsms_pin.references import Reference, Sample
 from ffsms_pin.robot import SpaceManipulator
 from ffsms_pin.simulation.world import World
@@ -387,7 +388,8 @@ def judged(tracking: Tracking, reference: Reference, plant: SpaceManipulator) ->
 
     A reference with a problem, such as a `Trajectory` or an `opt.Replanning`, is judged by every goal and
     limit of its problem. Another reference is judged by the final error to its target only. The tolerances
-    are then 20 mm (the paper's r_th) and, if the target is a pose, 0.02 rad.
+    are then 20 mm (the paper's r_th) and, if the target is a pose, 0.02 rad. A loaded `Trajectory` has no
+    problem, so the note lists what is not checked; if it was not reached as a plan, it has not arrived.
     """
     if not len(tracking.t):
         return replace(
@@ -400,11 +402,17 @@ def judged(tracking: Tracking, reference: Reference, plant: SpaceManipulator) ->
         verdict = judge(problem, plant, *motion)
     else:
         verdict = _by_target(tracking, reference, plant)
+    unchecked = ""
+    if problem is None and isinstance(reference, Trajectory):
+        unchecked = "limits, waypoints and clearance are not checked, because the plan has no problem"
+        if not reference.reached:
+            failed = "the plan does not reach its goal" + (f" ({reference.note})" if reference.note else "")
+            verdict = replace(verdict, misses=(*verdict.misses, failed))
     if tracking.stopped:
         verdict = replace(verdict, misses=(tracking.stopped, *verdict.misses))
     missed = f"not arrived: {'; '.join(verdict.misses)}" if verdict.misses else ""
     reason = reference.note if verdict.misses and isinstance(reference, Replanning) else ""
-    note = "; ".join(filter(None, [missed, reason, *verdict.breaches, tracking.note]))
+    note = "; ".join(filter(None, [missed, reason, *verdict.breaches, unchecked, tracking.note]))
     rows = len(tracking.t)
     errors = [np.zeros((rows, 0, 2)), *(error[:, None] for error in verdict.frame_errors.values())]
     return replace(

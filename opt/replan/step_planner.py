@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ffsms_pin.checks import positive
+from ffsms_pin.checks import instance, positive
 from ffsms_pin.opt.costs import Coupling, Term
 from ffsms_pin.opt.evaluation import checked_parts
 from ffsms_pin.opt.goals.goal import as_goal
@@ -63,6 +63,7 @@ class StepPlanner(Stepper):
         mode: str = "floating",
         wheel_momentum: ArrayLike | None = None,
     ) -> None:
+        instance("sms", sms, SpaceManipulator)
         if limits is None:
             limits = step_limits(default_limits(clearance, collision, base=base_limits), mode)
         limits = checked_parts("limits", limits, Limit)

@@ -356,9 +356,10 @@ def follow_fastest(
     path = problem.goal
     assert isinstance(path, Path)
     check_timing(problem)
+    at_constant_speed = replace(problem, goal=replace(path, timing="given"))
     motion = _joint_path(problem, path)
     if motion is None:
-        return plan_along(problem, options, progress)
+        return plan_along(at_constant_speed, options, progress)
     bounds = [bound for limit in problem.limits if (bound := limit.speed_bound(motion)) is not None]
     check_bounded(problem, bounds)
     best: Trajectory | None = None
@@ -368,7 +369,7 @@ def follow_fastest(
             break
         duration = path.approach_time + float(law.times[-1])
         if duration > problem.duration * (1.0 + 1e-9):
-            plan = plan_along(problem, options, progress)
+            plan = plan_along(at_constant_speed, options, progress)
             note = f"the fastest time law that was found for the path takes {duration:.2f} s"
             return noted(plan, plan.note, note, shortest_duration=duration)
         steps = max(round(duration / problem.dt), 1)
@@ -378,7 +379,7 @@ def follow_fastest(
         if plan.reached:
             return noted(plan, plan.note, shortest_duration=plan.duration)
         best = best or plan
-    return best or plan_along(problem, options, progress)
+    return best or plan_along(at_constant_speed, options, progress)
 
 
 def _joint_path(problem: Problem, path: Path) -> Rollouts | None:
@@ -470,8 +471,8 @@ def explain_path(problem: Problem, nodes: PathNodes, plan: Trajectory) -> Trajec
         )
     elif not out_of_reach:
         shortest = _sufficient_duration(problem, nodes)
-        slower = "" if path.geometric else ", if the curve is slowed down to this duration,"
-        slower = " at constant speed" if path.timing == "fastest" else slower
+        slower = ", if the curve is slowed down to this duration,"
+        slower = " at constant speed" if path.geometric else slower
         sufficient = f"a duration of {shortest:.2f} s{slower} would suffice"
         reasons.append(sufficient if shortest else "no sufficient duration is known")
     return noted(plan, plan.note, *reasons, shortest_duration=shortest)

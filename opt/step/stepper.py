@@ -361,7 +361,8 @@ class Stepper:
         """Return the next step from a configuration q (nq,) and joint rates (n,) [rad/s].
 
         `target` is a position (3,) of the end effector or a pinocchio.SE3, inertial axes, or a fixed goal.
-        `time_left` is the time to the deadline [s].
+        `time_left` is the time to the deadline [s]. After the deadline it is zero or negative, and the step
+        is the same as for a deadline at its end.
         """
         return self.advance(*self._checked(q, joint_rates, target, time_left))
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pickle
 from pathlib import Path
+from typing import Any
 
 import coal
 import numpy as np
@@ -116,3 +117,11 @@ def test_cached_poses_are_not_shared_with_callers() -> None:
     assert len(client._cache) < 20
     np.testing.assert_array_equal(client.poses(times)[1], first[1])
     assert len(pickle.loads(pickle.dumps(client)).poses(times)[0]) == 50
+
+
+@pytest.mark.parametrize("t", ["1", [1.0, 2.0], np.nan, np.inf])
+def test_a_time_must_be_a_finite_number(t: Any) -> None:
+    client = ffsms.Client(10.0, np.eye(3))
+    for call in (client.pose, client.twist):
+        with pytest.raises(InvalidValue, match=r"^t "):
+            call(t)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import coal
@@ -309,3 +310,17 @@ def test_the_note_of_a_plan_reports_violations_without_a_note(
     weak = measure(replace(problem, limits=[ThirdOfTorque()]), 20.0 * plan.joint_rates)
     assert not weak.reached
     assert "the limit 'a third' is violated by " in weak.note
+
+
+@pytest.mark.parametrize("target", [[0.75, 0.5, 0.0], [1.75, 0.5, 0.0]])
+def test_a_loaded_plan_is_not_judged_better_than_it_was_planned(
+    planar: ffsms.SpaceManipulator, tmp_path: Path, target: list[float]
+) -> None:
+    """The file has no problem, so the note says what is not checked."""
+    q0 = planar.configuration([0.4, 0.7, -0.5])
+    opt.plan(planar, q0, target, 6.0, 0.05).save(tmp_path / "plan.npz")
+    plan = opt.Trajectory.load(tmp_path / "plan.npz")
+    flight = ffsms.simulate(planar, plan, ffsms.ComputedTorque(planar), dt=0.02)
+    assert flight.arrived == plan.reached == (target[0] < 1.0)
+    assert "limits, waypoints and clearance are not checked" in flight.note
+    assert ("the plan does not reach its goal" in flight.note) == (not plan.reached)

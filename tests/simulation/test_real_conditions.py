@@ -242,6 +242,7 @@ def test_initial_momentum(planar: ffsms.SpaceManipulator, law: ComputedTorque, r
         ({"disturbances": Wrench(lambda t: np.zeros(5))}, ("wrench at t = 0",)),
         ({"disturbances": Wrench(np.zeros(6), on="link_2")}, ("wrench.on",)),  # type: ignore[arg-type]
         ({"disturbances": Wrench(np.zeros(6), start=2.0, end=1.0)}, ("wrench.end", "after its start at 2 s")),
+        ({"disturbances": Wrench(np.zeros(6), start=2.5)}, ("wrench.start", "2 s")),
         ({"disturbances": Wrench(np.zeros(6), end="5")}, ("wrench.end", "numbers")),  # type: ignore[arg-type]
         ({"events": JointFault(0.5, "joint_9")}, ("fault.joint", "joint_9", "joint_1, joint_2, joint_3")),
         ({"events": JointFault(0.5, 0, "stuck")}, ("fault.kind",)),  # type: ignore[arg-type]
@@ -258,6 +259,11 @@ def test_bad_conditions_are_refused(
     refused: Refused,
 ) -> None:
     refused(lambda: simulate(planar, Swing(planar), law, **options), InvalidValue, *fragments)
+
+
+def test_a_law_for_another_robot_is_refused(planar: ffsms.SpaceManipulator, refused: Refused) -> None:
+    law = ffsms.ComputedTorque(ffsms.load("space_arm_7"))
+    refused(lambda: simulate(planar, Swing(planar), law), InvalidValue, "controller", "3 joints", "7 joints")
 
 
 @pytest.mark.parametrize(

@@ -106,5 +106,7 @@ def test_wrong_waypoints_are_refused(planar: ffsms.SpaceManipulator, q0: Any) ->
     for arguments in wrong:
         with pytest.raises(InvalidValue):
             opt.Waypoint(*arguments)
+    with pytest.raises(InvalidValue, match="time of waypoint 'late' must not be after the deadline at 8 s"):
+        opt.plan(planar, q0, GOAL, 8.0, via=[opt.Waypoint(GOAL, 9.0, name="late")])
     with pytest.raises(InvalidValue, match="must have different names"):
         problem_with(planar, q0, opt.Waypoint(GOAL), opt.Waypoint(GOAL))

@@ -163,6 +163,8 @@ def test_the_note_gives_the_duration_of_the_fastest_path(planar: Any, q0: Any) -
         in plan.note
     )
     assert opt.plan(planar, q0, path, duration=plan.shortest_duration).reached
+    assert plan.problem is not None
+    assert not opt.Replanning(plan.problem, plan=plan).sample(0.0)[1].any()  # re-planned at constant speed
 
 
 def test_shortest_refuses_paths(planar: Any, q0: Any) -> None:
