@@ -195,8 +195,8 @@ def test_numbers_by_name(refused: Refused) -> None:
     rows = files.numbers_by_name("x", "binding", '{"a": [1, 2.5], "b": []}', rows=True)
     assert {name: row.tolist() for name, row in rows.items()} == {"a": [1.0, 2.5], "b": []}
     for text in ("", "[]", "3", '{"a": "b"}', '{"a": [[1]]}', '{"a": true}', "[" * 100_000, "{" * 9):
-        for rows in (False, True):
-            read = lambda text=text, rows=rows: files.numbers_by_name("x", "shares", text, rows)  # noqa: E731
+        for in_rows in (False, True):
+            read = lambda text=text, rows=in_rows: files.numbers_by_name("x", "shares", text, rows)  # noqa: E731
             refused(read, ResultError, "x: holds no JSON object of numbers in shares")
     refused(lambda: files.numbers_by_name("x", "shares", '{"a": [1.0]}'), ResultError, "shares")
     refused(lambda: files.numbers_by_name("x", "binding", '{"a": 1.0}', rows=True), ResultError, "binding")
