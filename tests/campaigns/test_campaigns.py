@@ -100,6 +100,7 @@ def test_a_repeated_run_equals_its_row(folder: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_processes_give_the_same_table(folder: Path, file: Path, tmp_path: Path) -> None:
     reports: list[tuple[int, int]] = []
     campaign(Campaign.read(file, RUNS), tmp_path, jobs=2, progress=lambda *done: reports.append(done))

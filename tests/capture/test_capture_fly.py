@@ -188,6 +188,7 @@ def test_after_an_abort_the_joints_brake_before_their_stops() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_a_compliant_capture_with_a_camera_equals_that_of_a_file(tmp_path: Path) -> None:
     """The client is measured late and noisily, its body is an obstacle, and the motion is re-planned."""
     text = CAPTURE.replace("= 4.0", '= 1.0\nkind = "compliant"\nstiffness = 400.0').replace(

@@ -17,6 +17,7 @@ TABLES = re.compile(r"^```toml\n(.*?)^```$", re.S | re.M)
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_the_examples_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Run all blocks in order, because the second block uses names of the first."""
     names = run_page(PAGE, tmp_path)

@@ -76,6 +76,7 @@ def test_a_slower_motion_is_compared_with_the_plan_at_the_same_share_of_its_dura
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_derivatives_of_the_excitation_term(
     planar: ffsms.SpaceManipulator, problem: opt.Problem, plan: opt.Trajectory
 ) -> None:

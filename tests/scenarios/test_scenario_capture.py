@@ -16,6 +16,7 @@ from ffsms_pin.capture.estimate import ClientEstimate
 from ffsms_pin.client import AfterCapture
 from ffsms_pin.errors import InvalidScenario
 from ffsms_pin.opt import Meet, Problem
+from ffsms_pin.opt.search import search
 from ffsms_pin.scenarios.definition import packaged_path, save_scenario
 from ffsms_pin.simulation import Phase, Tracking
 from ffsms_pin.simulation.client_motion import client_motion
@@ -125,8 +126,10 @@ def test_a_results_folder_shows_the_client(outcome: Any, tmp_path: Path) -> None
     np.testing.assert_allclose(rows[-1], outcome.capture.client.pose(6.0).translation, atol=1e-9)
 
 
-def test_a_plan_in_collision_is_not_flown(tmp_path: Path) -> None:
-    """The plan to a client out of reach stretches the arm and collides with the robot itself."""
+def test_a_plan_in_collision_is_not_flown(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Without the strategy for limits, a plan to a client out of reach collides with the robot itself."""
+    strategies = [strategy for strategy in search.STRATEGIES if strategy.name != "within limits"]
+    monkeypatch.setattr(search, "STRATEGIES", strategies)
     text = SHORT.replace(JOINTS, "position = [3.0, 0.5, 0.0]").replace("after = 4.0", "after = 0.5")
     outcome = scenarios.run(_written(tmp_path, text))
     capture = outcome.capture
@@ -313,6 +316,7 @@ def test_the_packaged_capture_meets_its_client(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_after_a_miss_the_arm_retreats_and_tries_again(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -46,6 +46,7 @@ def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_a_run_in_space_saves_its_results(
     file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

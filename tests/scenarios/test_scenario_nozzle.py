@@ -40,6 +40,7 @@ def _plain(tmp_path: Path, text: str) -> Path:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_a_plant_that_is_off_by_a_tenth_is_guided_into_the_throat(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -90,6 +90,7 @@ def test_momentum_of_arm_base_and_wheels_is_constant(
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_the_note_gives_a_sufficient_wheel_momentum() -> None:
     """With 1.1 times the reported wheel momentum the plan is reached."""
     plan = planned(robot(momentum=0.001))

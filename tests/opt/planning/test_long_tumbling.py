@@ -88,6 +88,7 @@ def test_an_arm_that_cannot_stay_arrives_at_the_deadline_and_the_note_gives_the_
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_an_arm_that_stays_by_moving_is_reported() -> None:
     """If no posture stays at the target with joints at rest, the plan reports moving joints."""
     problem = problem_of(0.5, reach=0.02)

@@ -156,6 +156,7 @@ def test_wrong_arguments_are_refused_before_any_process_starts(
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_simulate_many_gives_the_bits_of_simulate(
     planar: ffsms.SpaceManipulator, stepped: list[opt.Trajectory]
 ) -> None:

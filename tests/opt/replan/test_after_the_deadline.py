@@ -63,6 +63,7 @@ def test_commands_wait_for_delayed_joints(
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_diverging_corrections_end_at_the_best_posture(
     problem: opt.Problem, plan: opt.Trajectory, monkeypatch: pytest.MonkeyPatch
 ) -> None:

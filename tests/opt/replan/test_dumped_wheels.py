@@ -68,6 +68,7 @@ def total(sms: ffsms.SpaceManipulator, run: Tracking, k: int) -> FloatArray:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_replanning_uses_the_measured_wheel_momentum_after_a_dump(
     problem: opt.Problem, plan: opt.Trajectory
 ) -> None:

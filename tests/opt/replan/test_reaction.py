@@ -123,6 +123,7 @@ def test_noisy_estimates_stay_within_their_bounds(planar: ffsms.SpaceManipulator
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_replanning_uses_the_momentum_after_a_push(planar: ffsms.SpaceManipulator) -> None:
     """A wrench pushes the base for 5 s; planning with the old momentum misses by more than 0.1 m."""
     q0, final_errors = planar.configuration(np.radians([10.0, 30.0, 30.0])), []

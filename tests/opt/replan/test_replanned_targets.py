@@ -81,6 +81,7 @@ def test_wrong_targets_and_times_are_refused(
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_base_limits_are_kept_in_the_closed_loop() -> None:
     """The plant is wrong; the limit counts from the initial base pose."""
     sms, limit = ffsms.load("satellite_xarm7"), 1.0 * DEGREE
