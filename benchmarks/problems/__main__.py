@@ -66,7 +66,8 @@ def run(solver: str, problem: Problem, seconds: float) -> dict[str, Any]:
         signal.setitimer(signal.ITIMER_VIRTUAL, 0.0)
     row["seconds"] = time.process_time() - begin
     if solution is not None:
-        row |= {key: solution[key] for key in ("claimed", "note") if key in solution} | judge(problem, solution)
+        row |= {key: solution[key] for key in ("claimed", "note") if key in solution}
+        row |= judge(problem, solution)
     return {"solved": False, "exact": False, **row}
 
 
@@ -112,7 +113,8 @@ def table(rows: list[dict[str, Any]]) -> str:
         )
         lines.append(
             f"\nThe library and the judge agree on {agree} of {len(sure)} plans: reached, exact, limits kept."
-            f" For {len(claimed) - len(sure)} more, the library could not prove the clearance between instants."
+            f" For {len(claimed) - len(sure)} more, the library could not prove the clearance between"
+            " instants."
         )
     return "\n".join(lines)
 
