@@ -370,7 +370,7 @@ def follow_fastest(
         duration = path.approach_time + float(law.times[-1])
         if duration > problem.duration * (1.0 + 1e-9):
             plan = plan_along(at_constant_speed, options, progress)
-            note = f"the fastest time law that was found for the path takes {duration:.2f} s"
+            note = f"with the fastest time law that was found for the path, {duration:.2f} s would suffice"
             return noted(plan, plan.note, note, shortest_duration=duration)
         steps = max(round(duration / problem.dt), 1)
         timed = replace(path, law=law)
@@ -471,8 +471,7 @@ def explain_path(problem: Problem, nodes: PathNodes, plan: Trajectory) -> Trajec
         )
     elif not out_of_reach:
         shortest = _sufficient_duration(problem, nodes)
-        slower = ", if the curve is slowed down to this duration,"
-        slower = " at constant speed" if path.geometric else slower
+        slower = "" if path.geometric else ", if the curve is slowed down to this duration,"
         sufficient = f"a duration of {shortest:.2f} s{slower} would suffice"
         reasons.append(sufficient if shortest else "no sufficient duration is known")
     return noted(plan, plan.note, *reasons, shortest_duration=shortest)
