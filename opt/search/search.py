@@ -364,6 +364,8 @@ def within_limits(search: Search) -> None:
     for share in (0.7, 0.4, 0.2, 0.0):
         motion = search.keep(linearise(model, share * nearest.p, LAST_WEIGHTS))
         for softness in (1e-4, 1e-2):
+            if search.out_of_time():
+                return
             motion = _keep_within(search, with_soft_goal(motion, softness))
             if motion.plan.broken:
                 break
