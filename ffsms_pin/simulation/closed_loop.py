@@ -11,10 +11,9 @@ from typing import Any, Unpack
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ffsms_pin.checks import FloatArray, instance, number
+from ffsms_pin.checks import FloatArray, instance
 from ffsms_pin.client import Client
 from ffsms_pin.control.base_command import BaseLaw, BaseView
-from ffsms_pin.control.laws import JointLaw
 from ffsms_pin.control.stopping import StoppingLaw
 from ffsms_pin.errors import InvalidValue, SimulationDiverged, UnknownOption, numerical_errors
 from ffsms_pin.references import Reference, Resettable, observers
@@ -35,6 +34,7 @@ from ffsms_pin.simulation.setup import (
     Conditions,
     HasBaseMode,
     check_kinds,
+    check_law,
     estimator_of,
     first_sample,
     set_up,
@@ -153,14 +153,9 @@ def simulate(
         client=client,
         loads=loads,
     )
-    for wrench in conditions.wrenches:
-        if supervisor is None and number("wrench.start", wrench.start) > setup.t[-1]:
-            raise InvalidValue("wrench.start", wrench.start, f"must be within the run's {setup.t[-1]:g} s")
     dt, t, q, v, world = setup.dt, setup.t, setup.q, setup.v, setup.world
     steps, plant, base, body = len(t) - 1, world.plant, world.base, world.client
-    if isinstance(controller, JointLaw) and controller.sms.n != sms.n:
-        message = f"must be made for the robot's {sms.n} joints, but is made for {controller.sms.n} joints"
-        raise InvalidValue("controller", controller, message)
+    check_law(sms, controller)
     if conditions.friction is None:
         warn_of_friction(plant, controller)
     if isinstance(reference, HasBaseMode):

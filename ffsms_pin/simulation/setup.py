@@ -245,6 +245,9 @@ def set_up(
     base = BaseActuators(sms, plant, base_controller, dt, conditions.wheel_momentum)
     body = client_body(client, loads)
     integrate = INTEGRATORS[conditions.integrator]
+    for wrench in conditions.wrenches:
+        if number("wrench.start", wrench.start) > duration:
+            raise InvalidValue("wrench.start", wrench.start, f"must be within the run's {duration:g} s")
     friction = conditions.friction
     if friction is None and (plant.joint_damping.any() or plant.joint_friction.any()):
         friction = JointFriction(plant.joint_damping, plant.joint_friction)
@@ -322,6 +325,13 @@ def check_kinds(
             "must derive from simulation.Supervisor, or have model, decide(now) and guard_tripped(now, trip)"
         )
         raise InvalidValue("supervisor", supervisor, message)
+
+
+def check_law(sms: SpaceManipulator, controller: Any) -> None:
+    """Raise `InvalidValue` for a `JointLaw` of a robot with another number of joints."""
+    if isinstance(controller, JointLaw) and controller.sms.n != sms.n:
+        message = f"must be made for the robot's {sms.n} joints, but is made for {controller.sms.n} joints"
+        raise InvalidValue("controller", controller, message)
 
 
 def warn_of_friction(plant: SpaceManipulator, controller: Any) -> None:
