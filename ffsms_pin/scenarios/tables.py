@@ -86,8 +86,9 @@ class PlaceTable(FileKeys):
     rpy: Annotated[Vector3, Angle("rad", "any attitude")] = None
     """desired attitude of the frame: roll, pitch and yaw about the axes of `relative_to`"""
     relative_to: Annotated[Literal["inertial", "base", "start"], Unit()] = "inertial"
-    """axes of `position` and `rpy`: "inertial"; "base" (the base link's frame at the start of the motion); or
-    "start" (the pose of the goal's frame at the start). The desired pose does not move with the base"""
+    """axes of `position`, `rpy` and, in [target], the velocities: "inertial"; "base" (the base link's frame
+    at the start of the motion); or "start" (the pose of the goal's frame at the start). The axes do not move
+    with the base"""
 
 
 class TargetTable(PlaceTable):
@@ -95,10 +96,6 @@ class TargetTable(PlaceTable):
 
     position: Annotated[Vector3, Unit("m")] = None
     """desired position of the end effector"""
-    relative_to: Annotated[Literal["inertial", "base", "start"], Unit()] = "inertial"
-    """axes of `position`, `rpy` and the velocities of this table: "inertial"; "base" (the base link's frame
-    at the start of the motion); or "start" (the end effector's pose at the start). The axes do not move with
-    the base"""
     velocity: Annotated[Vector3, Unit("m/s", "0")] = None
     """velocity of a moving target, which is at `position` at the start; the end effector meets it at the
     deadline with this velocity"""

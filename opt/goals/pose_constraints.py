@@ -188,8 +188,8 @@ class Waypoint(PoseTolerance):
     place: Any
     """The fixed position (3,) [m] or pose, inertial axes."""
     time: Annotated[NotNegative | None, Unit("s", "any")] = None
-    """The time of the waypoint from the start of the motion. Single steps ignore a waypoint without a time,
-    because a step cannot determine whether the waypoint was passed."""
+    """The time of the waypoint from the start of the motion, at most the duration. Single steps ignore a
+    waypoint without a time, because a step cannot determine whether the waypoint was passed."""
     reach: Annotated[Positive, Unit("m")] = 0.01  # half of the paper's r_th
     """The position tolerance."""
     orientation_reach: Annotated[Positive, Angle("rad")] = ORIENTATION_REACH
