@@ -131,11 +131,6 @@ def plan(
             raise InvalidValue(name, value, f"is not an option of method '{method}'; use method 'horizon'")
     goal = as_goal(target, "target")
     terms = default_terms(kappa, options.get("effort"), options.get("base", 0.0), goal.coupled)
-    waypoints = _waypoints(via)
-    for waypoint in waypoints:
-        if waypoint.time is not None and waypoint.time > positive("duration", duration, "s"):
-            remedy = f"of waypoint '{waypoint.name}' must not be after the deadline at {duration:g} s"
-            raise InvalidValue("time", waypoint.time, remedy)
     limits = default_limits(
         options.get("clearance", Clearance.clearance),
         options.get("collision", Clearance.collision),
@@ -149,7 +144,7 @@ def plan(
         duration,
         dt,
         terms,
-        [*limits, *_other_goals(options.get("also")), *waypoints],
+        [*limits, *_other_goals(options.get("also")), *_waypoints(via, positive("duration", duration, "s"))],
         options.get("joint_rates"),
         options.get("momentum"),
         options.get("locked", ()),
@@ -182,7 +177,7 @@ def _other_goals(also: Mapping[str, Any] | None) -> list[FrameGoal]:
     return [FrameGoal(frame, standing_goal(goal, f"also[{frame!r}]")) for frame, goal in (also or {}).items()]
 
 
-def _waypoints(via: Sequence[Any]) -> list[Waypoint]:
+def _waypoints(via: Sequence[Any], duration: float) -> list[Waypoint]:
     """Return the waypoints from `plan(via=...)`; positions and poses get names with their number."""
     kinds = "a position (3,) [m], a pinocchio.SE3, a homogeneous matrix (4, 4) or an opt.Waypoint"
     if isinstance(via, str) or not isinstance(via, Sequence | np.ndarray):
@@ -193,6 +188,9 @@ def _waypoints(via: Sequence[Any]) -> list[Waypoint]:
     for i, waypoint in enumerate(via):
         place = None if isinstance(waypoint, Waypoint) else inertial_place(waypoint, f"via[{i}]", kinds)
         waypoints.append(waypoint if place is None else Waypoint(place, name=f"via {i + 1}"))
+        if (time := waypoints[-1].time) is not None and time > duration:
+            name = f"time of waypoint '{waypoints[-1].name}'"
+            raise InvalidValue(name, time, f"must not be after the deadline at {duration:g} s")
     return waypoints
 
 
