@@ -91,8 +91,8 @@ def _in_pool(
     with ProcessPoolExecutor(jobs, context, _begin) as pool:
         # If workers die while tasks wait, old versions of Python 3.11 would wait forever for the thread that
         # sends tasks (CPython, issue gh-94777).
-        queues = cast(Any, pool)
-        queues._call_queue.cancel_join_thread()
+        internals = cast(Any, pool)
+        internals._call_queue.cancel_join_thread()
         try:
             for future in [pool.submit(attempt, chunk) for chunk in chunks]:
                 yield future.result()
@@ -107,7 +107,7 @@ def _in_pool(
             for process in pool._processes.values():
                 process.kill()
             # Otherwise the pool waits forever for the rest of a result that a killed process sent in part.
-            queues._result_queue._writer.close()
+            internals._result_queue._writer.close()
             raise
 
 

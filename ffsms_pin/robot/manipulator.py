@@ -261,8 +261,8 @@ class SpaceManipulator(ShapedMechanism):
         ------
         InvalidValue
             A prismatic joint has no limits, a revolute joint has no position within half a turn of zero, no
-            posture with this clearance was drawn, or the base has no box although the clearance is measured
-            between points (see `opt.Clearance`).
+            posture with this clearance was drawn, the clearance is negative, or the base has no box although
+            the clearance is measured between points (see `opt.Clearance`).
         AmbiguousEndEffector
             No end effector is chosen.
         """
