@@ -389,7 +389,7 @@ def judged(tracking: Tracking, reference: Reference, plant: SpaceManipulator) ->
     A reference with a problem, such as a `Trajectory` or an `opt.Replanning`, is judged by every goal and
     limit of its problem. Another reference is judged by the final error to its target only. The tolerances
     are then 20 mm (the paper's r_th) and, if the target is a pose, 0.02 rad. A loaded `Trajectory` has no
-    problem, so the note lists what is not checked. If the plan does not reach its goal, its flight has not
+    `Problem`, so the note lists what is not checked. If the plan does not reach its goal, its flight has not
     arrived.
     """
     if not len(tracking.t):
@@ -405,7 +405,7 @@ def judged(tracking: Tracking, reference: Reference, plant: SpaceManipulator) ->
         verdict = _by_target(tracking, reference, plant)
     unchecked = ""
     if problem is None and isinstance(reference, Trajectory):
-        unchecked = "limits, waypoints and clearance are not checked, because a loaded plan has no problem"
+        unchecked = "limits, waypoints and clearance are not checked, because the file has no opt.Problem"
         if not reference.reached:
             failed = "the plan does not reach its goal" + (f" ({reference.note})" if reference.note else "")
             verdict = replace(verdict, misses=(*verdict.misses, failed))
